@@ -1,13 +1,18 @@
 """Critical points of velocities: none missed and none invented, beside brute force; kinds; walls; index sums."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elvis.core.critical_points import critical_points
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
+from elvis.core.wall_points import wall_points
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
 
@@ -155,3 +160,80 @@ def test_momenta_and_components_that_are_given():
         )
     with pytest.raises(ElvisError, match="expected a component that is zero where a polynomial"):
         critical_points(dataset, ["sin(rhou)", "rhov"])
+
+
+def hill(points):
+    """The floor z = b(x, y) of the flows below, and its gradient (n, 2)."""
+    x, y = points[:, 0] - 0.4, points[:, 1] - 0.7
+    return 0.3 * x * x - 0.2 * x * y, np.stack([0.6 * x - 0.2 * y, -0.2 * x], axis=1)
+
+
+def above_floor(shape, functions, bend):
+    """A flow at rest on the floor z = bend b, whose shear there is (q1, q2) for functions q seen from above."""
+
+    def lifted(points):
+        return points + np.outer(bend * hill(points)[0], [0, 0, 1])
+
+    def component(k):
+        def along(p):
+            if k < 2:
+                return functions[k](p)
+            return bend * sum(own(p) * slope for own, slope in zip(functions, hill(p)[1].T, strict=True))
+
+        return lambda p: (p[:, 2] - bend * hill(p)[0]) * along(p)
+
+    flat = grid(shape, 1)
+    parts = []
+    for side in (Shape.TRIANGLE, Shape.QUADRILATERAL):
+        if len(flat.of(side)):
+            low = (flat.vertices[local_vertices(flat, side), 2] == 0).all(axis=1)
+            parts.append(("F", flat.of(side).ids[low]))
+    floor = Composite(7, tuple(parts), "floor")
+    mesh = replace(curved(flat, lifted, 3) if bend else flat, composites=(*flat.composites, floor))
+    return data(mesh, [component(k) for k in range(3)], 5)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("bend", [0.0, 1.0])
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.sampled(least=6, free=("seed",))
+def test_on_walls_none_is_missed_and_none_invented(shape, bend, seed):
+    functions = random_field(2, 2, seed)
+    found = wall_points(above_floor(shape, functions, bend), "floor")
+    truth = brute_force(functions, 2)
+    places = np.array([point.place for point in found.points]).reshape(-1, 3)
+    assert found.undecided == ()
+    assert len(places) == len(truth)
+    for point in found.points:
+        place = np.array(point.place)
+        assert np.abs(truth - place[:2]).max(axis=1).min() < 1e-10
+        height, slope = hill(place[None])
+        assert abs(place[2] - bend * height[0]) < 1e-12
+        gradient = [[own(place[None] + 1e-30j * axis).imag[0] / 1e-30 for axis in np.eye(3)[:2]] for own in functions]
+        rates = np.linalg.eigvals(gradient) * np.sqrt(1 + bend * (slope**2).sum())
+        assert sorted(point.eigenvalues, key=lambda z: (z.real, z.imag)) == pytest.approx(
+            sorted(rates, key=lambda z: (z.real, z.imag)), rel=1e-8
+        )
+        assert point.kind.split()[0] == ("attachment" if np.trace(gradient) > 0 else "separation")
+        assert point.index == np.sign(np.linalg.det(gradient))
+
+
+def test_a_cavity_has_one_point_on_its_floor():
+    """Shear x(1-x) y(1-y) times a focus: along the edges of the floor, where walls meet, it is zero, too."""
+    functions = [
+        lambda p: p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1]) * (0.4 - p[:, 0] - 2 * (p[:, 1] - 0.6)),
+        lambda p: p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1]) * (0.6 - p[:, 1] + 2 * (p[:, 0] - 0.4)),
+    ]
+    dataset = above_floor(Shape.HEXAHEDRON, functions, 0.0)
+    fields = [lambda p, own=own: p[:, 2] * own(p) for own in functions] + [lambda p: 0 * p[:, 0]]
+    (point,) = wall_points(data(dataset.mesh, fields, 5), "floor").points
+    assert (point.kind, point.index) == ("separation focus", 1)
+    assert point.place == pytest.approx((0.4, 0.6, 0), abs=1e-10)
+
+
+def test_a_fluid_that_slides_is_told():
+    dataset = data(grid(Shape.PRISM, 1), [lambda p: 1 + p[:, 0], lambda p: p[:, 1], lambda p: p[:, 2]])
+    with pytest.raises(ElvisError, match="zero on the wall all, found"):
+        wall_points(dataset, "all")
+    with pytest.raises(ElvisError, match="expected 3D data"):
+        wall_points(data(mixed_plane(1), [lambda p: p[:, 0], lambda p: p[:, 1]]), "all")

@@ -8,7 +8,7 @@ distances                        distances to curved boundaries and triangle mes
 validity                         whether the map of an element folds, proved
 describing                       what these show of themselves at a prompt and in a notebook
 integrals                        over elements and boundaries, exact or with a stated error
-critical_points                  where a velocity is zero, all places
+critical_points, wall_points     where a velocity is zero, and the shear on a wall, all places
 streamlines                      lines along a velocity
 extrema                          the least and greatest value of a field, certified
 norms, sampling, queries         numbers that are asked of a dataset

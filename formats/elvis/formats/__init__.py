@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import Streamlines, trace
+    from elvis.core.wall_points import wall_points
     from elvis.formats.writing import write
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.data import read
@@ -66,6 +67,7 @@ __all__ = [
     "to_pyvista",
     "to_xarray",
     "trace",
+    "wall_points",
     "write",
 ]
 
@@ -87,6 +89,7 @@ __getattr__ = lazy_names(
         "elvis.core.sampling": ("Samples", "line", "sample"),
         "elvis.core.shapes": ("Shape",),
         "elvis.core.streamlines": ("Streamlines", "trace"),
+        "elvis.core.wall_points": ("wall_points",),
         "elvis.formats.writing": ("write",),
         "elvis.plugins.arrays": ("from_arrays",),
         "elvis.plugins.data": ("read",),

@@ -209,3 +209,25 @@ def test_extremes_have_places(nektar, elvis, elvis_json):
     assert found["u"]["greatest"]["place"][2] == pytest.approx(0, abs=1e-5)
     assert abs(found["u"]["least"]["place"][2]) == pytest.approx(1)
     assert elvis("info", *channel, "--extrema", "--field", "p").splitlines()[0].split()[:2] == ["field", "value"]
+
+
+def test_points_of_walls_have_kinds(tmp_path, elvis, elvis_json):
+    """A fluid that flows to (0.4, 0.6, 0.3) and is at rest on all walls: shear meets on each of them."""
+    from elvis.core.testing import approximated, grid
+
+    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
+    fields = [
+        approximated(bare, name, lambda p, k=k, c=c: (p * (1 - p)).prod(axis=1) * (c - p[:, k]), 4)
+        for k, (name, c) in enumerate(zip("uvw", (0.4, 0.6, 0.3), strict=True))
+    ]
+    files = tmp_path / "box.xml", tmp_path / "box.fld"
+    write(Dataset(bare.mesh, tuple(fields)), *files)
+    found = elvis_json("info", *files, "--critical", "--wall", "all")
+    assert [point["kind"] for point in found["points"]] == ["separation node"] * 6
+    places = sorted(point["place"] for point in found["points"])
+    assert places[0] == pytest.approx([0, 0.6, 0.3], abs=1e-10)
+    assert places[-1] == pytest.approx([1, 0.6, 0.3], abs=1e-10)
+    assert found["undecided"] == []
+    assert "separation node" in elvis("info", *files, "--critical", "--wall", "all")
+    (point,) = elvis_json("info", *files, "--critical")["points"]
+    assert (point["kind"], point["index"]) == ("node in", -1)

@@ -64,14 +64,18 @@ def corners_of(dataset: Dataset, piece: Piece) -> Ints:
     return np.asarray(local_vertices(dataset.mesh, shape)[entities][:, list(shape.faces[piece.number])])
 
 
-def outward(piece: Piece, jacobians: Floats) -> Floats:
-    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, 3) of the elements there."""
+def facet_slope(piece: Piece) -> Floats:
+    """(3,) the reference gradient of the height over a side, which is 0 on it and 1 at the far end of the element."""
     normals, offsets = facets(piece.patch.shape)
     assert piece.number is not None
     corners = piece.patch.shape.vertices[list(piece.patch.shape.faces[piece.number])]
-    slope = normals[np.abs(corners @ normals.T + offsets).sum(axis=0).argmin()]
+    return np.asarray(normals[np.abs(corners @ normals.T + offsets).sum(axis=0).argmin()])
+
+
+def outward(piece: Piece, jacobians: Floats) -> Floats:
+    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, 3) of the elements there."""
     with np.errstate(all="ignore"):
-        gradients = tangents.duals(jacobians) @ slope
+        gradients = tangents.duals(jacobians) @ facet_slope(piece)
         return np.asarray(-gradients / np.linalg.norm(gradients, axis=1, keepdims=True))
 
 

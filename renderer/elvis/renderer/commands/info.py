@@ -34,6 +34,7 @@ Examples:
   elvis info wing.xml wing.fld --quantities
   elvis info wing.xml wing.fld --extrema --field p
   elvis info wing.xml wing.fld --critical
+  elvis info wing.xml wing.fld --critical --wall wing
   elvis info wing.xml wing_*.chk
   elvis info wing.xml wing_*.chk --time 0.25
 """
@@ -60,6 +61,7 @@ Examples:
     is_flag=True,
     help="Find all points inside where the velocity is zero, with their kinds; --field, repeated, gives components.",
 )
+@click.option("--wall", metavar="NAME", help="With --critical: points of this boundary where the wall shear is zero.")
 @data_options
 def info(
     data: Data,
@@ -71,13 +73,15 @@ def info(
     predefined: bool,
     extremes: bool,
     critical: bool,
+    wall: str | None,
 ) -> None:
     """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
 
     Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
     tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
     with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
-    --critical misses no point, but for elements that it lists as undecided.
+    --critical misses no point, but for elements that it lists as undecided; with --wall it tells attachment from
+    separation.
     --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
     Of a series all steps are listed with their times, and the last is told of, or that of --step or --time.
     """
@@ -86,6 +90,8 @@ def info(
     many = None if everything else _MANY
     if strict + jacobian + predefined + extremes + critical > 1:
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
+    if wall is not None and not critical:
+        raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
     if strict:
         _check(data.paths, as_json)
         return
@@ -94,7 +100,7 @@ def info(
     tasks = (
         (jacobian, "--jacobian proves", partial(_prove, as_json=as_json, many=many)),
         (extremes, "--extrema bounds", partial(_bound, names=quantities, as_json=as_json)),
-        (critical, "--critical searches", partial(_isolate, names=quantities, as_json=as_json)),
+        (critical, "--critical searches", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
     )
     for is_asked, what, task in tasks:
         if is_asked:
@@ -134,13 +140,14 @@ def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
     print_table(("field", "", "value", "certain to", "place", "element"), rows)
 
 
-def _isolate(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
-    """Print where a velocity is zero inside of the data, what kind each place is, and where that is undecided."""
+def _isolate(dataset: Dataset, names: Sequence[str], wall: str | None, as_json: bool) -> None:
+    """Print where a velocity is zero inside of the data, or its shear on a wall, with kinds, and what is undecided."""
     from elvis.core.critical_points import critical_points
     from elvis.core.terminal import note, print_json, print_table, stage, warn
+    from elvis.core.wall_points import wall_points
 
     with stage("searching"):
-        found = critical_points(dataset, names or None)
+        found = critical_points(dataset, names or None) if wall is None else wall_points(dataset, wall, names or None)
     if as_json:
         print_json(found.facts())
     else:

@@ -1,0 +1,161 @@
+"""Critical points of the wall shear: all places of a wall where it is zero, isolated by Bernstein bounds on its faces.
+
+Where a fluid is at rest on a wall, with lambda the height over the face in its element, the velocity's gradient there
+is that of lambda times du/dlambda, a polynomial.  The shear is zero where both its parts along the tangents of the face
+are, t_i . du/dlambda, which are polynomials in (r, s) even where the face is curved.  Lines on the wall leave such a
+point where fluid comes to the wall, at attachments: there the trace of the shear's gradient is positive, as by
+continuity the velocity across the wall is -h^2/2 times it (Delery 2013, Three-dimensional separated flow topology).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.critical_points import CriticalPoint, CriticalPoints, classified, degree_of, distinct, numerator, size
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.mapping import pointwise, tangents
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.expansion import values, values_and_gradients
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import AXES, world_derivative
+from elvis.core.streamlines.velocity import velocity_expressions
+from elvis.core.streamlines.walls import facet_slope, wall_pieces
+from elvis.core.zero_search import ZeroSearch
+
+#: a velocity on the wall, in parts of what it grows to across an element, that is none
+_AT_REST = 1e-9
+#: how far the shear's parts may be from the polynomials that they are, in parts of the greatest value on the face
+_NO_POLYNOMIAL = 1e-10
+#: part of the greatest eigenvalue that the trace must have to tell attachment from separation
+_NEUTRAL = 1e-9
+
+
+def wall_points(dataset: Dataset, wall: str, velocity: Sequence[str] | None = None) -> CriticalPoints:
+    """All points of a boundary of 3D data where the wall shear is zero, by kind: attachment node, separation focus, ….
+
+    velocity  its components, zero on the wall; None: what is customary in the data
+    Eigenvalues are those of the shear's gradient for a viscosity of one, of momenta where these are what data have.
+    Points on edges along which all shear is zero, as between two walls, are left out.  ElvisError as
+    `critical_points`, for data that aren't 3D, unknown boundaries, and where the velocity isn't zero on the wall.
+    """
+    zeros = [numerator(each) for each in velocity_expressions(dataset, velocity)]
+    slopes = [
+        Expression(f"{each.text}_{x}", world_derivative(each.root, k)) for each in zeros for k, x in enumerate(AXES)
+    ]
+    evaluator = Evaluator(dataset, [*zeros, *slopes])
+    found: list[CriticalPoint] = []
+    undecided: set[int] = set()
+    for piece in wall_pieces(dataset, evaluator.patches, wall):
+        search = _OnFaces(evaluator, piece, zeros, slopes, wall)
+        search.run(search.sound)
+        found += search.points()
+        open_rows = sorted(search.undecided | search.unsound)
+        undecided |= set(piece.patch.element_ids[piece.rows[open_rows]].tolist())
+    return CriticalPoints(tuple(distinct(found, size(evaluator.patches))), tuple(sorted(undecided)), ())
+
+
+class _OnFaces(ZeroSearch):
+    """The zeros of shear on sides of elements; rows are those of the piece.
+
+    sound, unsound  faces on which the parts of the shear are polynomials, and on which they aren't
+    """
+
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        piece: Piece,
+        zeros: Sequence[Expression],
+        slopes: Sequence[Expression],
+        wall: str,
+    ) -> None:
+        patch = piece.patch
+        curved = max(box_degrees(bernstein_space(patch.geometry)))
+        super().__init__(piece.shape, curved + max(degree_of(each, evaluator, patch) for each in zeros))
+        self.evaluator, self.piece, self.zeros, self.slopes, self.wall = evaluator, piece, zeros, slopes, wall
+        self._expansion = modified(piece.shape, (self.degree + 1,) * 2)
+        self._coefficients = self._interpolated()
+
+    def _interpolated(self) -> Floats:
+        """(n, 2, m) coefficients of the shear's parts on each face; what is sound is seen at other points."""
+        every = np.arange(len(self.piece))
+        tables = []
+        for count in (self.degree + 1, self.degree + 2):
+            nodes = gauss(count)[0]
+            lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+            points = uncollapse(self.shape, lattice)
+            tables.append((values(self._expansion, points), self.values(every, points).reshape(len(every), -1, 2)))
+        (modes, shear), (others, more) = tables
+        found = np.einsum("mq,nqi->nim", np.linalg.pinv(modes), shear)
+        apart = np.abs(np.einsum("nim,qm->nqi", found, others) - more).max(axis=(1, 2))
+        is_sound = apart <= _NO_POLYNOMIAL * np.abs(shear).max(axis=(1, 2))
+        self.sound, self.unsound = np.flatnonzero(is_sound), set(np.flatnonzero(~is_sound).tolist())
+        return np.asarray(found)
+
+    def values(self, rows: Ints, lattice: Floats) -> Floats:
+        """As in `ZeroSearch`: t_i . du/dlambda; ElvisError where the velocity isn't zero."""
+        piece = self.piece
+        places = Lattice(piece.patch, piece.rows[rows], piece.places(lattice))
+        found = [
+            np.broadcast_to(own, len(places)) for own in self.evaluator.values_at([*self.zeros, *self.slopes], places)
+        ]
+        velocity, gradient = np.stack(found[:3], axis=1), np.stack(found[3:], axis=1).reshape(-1, 3, 3)
+
+        # across the face along any step that lambda grows by one on: along the face the velocity doesn't change
+        slope = facet_slope(piece)
+        across = np.einsum("nck,nki,i->nc", gradient, places.jacobians, slope / (slope @ slope))
+        moving = np.abs(velocity).max(axis=1) > _AT_REST * np.abs(across).max(initial=0.0)
+        if moving.any():
+            x, y, z = places.positions[moving.argmax()]
+            expected = f"expected a velocity that is zero on the wall {self.wall}"
+            raise ElvisError(
+                f"{expected}, found {np.linalg.norm(velocity[moving.argmax()]):.3g} at {x:.6g}, {y:.6g}, {z:.6g}"
+            )
+        return np.asarray(np.einsum("nci,nc->ni", piece.along(places.jacobians), across))
+
+    def is_outer(self, rows: Ints, touched: Bools) -> Bools:
+        """As in `ZeroSearch`: nowhere."""
+        return np.zeros(len(rows), bool)
+
+    def points(self) -> Iterator[CriticalPoint]:
+        """What was found, with its kind."""
+        if not self.rows:
+            return
+        rows, xi, piece = np.array(self.rows), np.array(self.xi), self.piece
+        inner, elements = piece.places(xi), piece.rows[rows]
+        positions, jacobians = pointwise.positions_and_jacobians(piece.patch, elements, inner)
+        derivatives = values_and_gradients(self._expansion, xi)[1]
+        changes = np.einsum("nim,njm->nij", self._coefficients[rows], derivatives)
+
+        # from parts along the tangents to rates of (r, s), by the metric; lambda by height
+        along = piece.along(jacobians)
+        metric = np.einsum("nci,ncj->nij", along, along)
+        steep = np.linalg.norm(tangents.duals(jacobians) @ facet_slope(piece), axis=1)
+        gradients = np.linalg.solve(metric, changes) * steep[:, None, None]
+        greatest = np.abs(self._coefficients[rows]).max(axis=(1, 2))
+        for number, row in enumerate(elements):
+            if np.abs(changes[number]).max() <= _NEUTRAL * greatest[number]:
+                continue
+            point = classified(gradients[number], positions[number], int(piece.patch.element_ids[row]))
+            yield _on_wall(point)
+
+
+def _on_wall(point: CriticalPoint) -> CriticalPoint:
+    """The point with the words for kinds on walls."""
+    rates = np.array(point.eigenvalues)
+    trace = rates.sum().real
+    if point.kind in ("centre", "degenerate") or abs(trace) <= _NEUTRAL * np.abs(rates).max():
+        return point
+    word = point.kind.split()[0].replace("spiral", "focus")
+    side = "attachment" if trace > 0 else "separation"
+    return CriticalPoint(f"{side} {word}", point.index, point.place, point.element, point.eigenvalues)
