@@ -109,6 +109,14 @@ def test_where_the_second_has_nothing_is_left_out_and_told():
     assert "has no value on 0.5 of domain" in whole.remarks[0]
 
 
+def test_the_covered_part_has_an_error_that_holds():
+    """The second fills x < 0.45, inside elements of the first."""
+    small = grid(Shape.TRIANGLE, 2)
+    small = replace(small, vertices=small.vertices * [0.45, 1, 1])
+    row = diff(with_p(grid(Shape.QUADRILATERAL, 2)), with_p(small), error=0.1)[0]
+    assert abs(row.covered - 0.45) < row.covered_error < 0.1
+
+
 def test_what_cannot_be_compared_or_named():
     own = with_p(grid(Shape.TRIANGLE, 1))
     with pytest.raises(ElvisError, match="expected fields of the same names in both datasets, found p and none"):

@@ -137,6 +137,8 @@ def test_lift_is_that_of_kutta_and_joukowski():
     assert abs(divided[1].value) == pytest.approx(circulation, abs=1e-7)
     about = integrate(dataset, "moment(x_ref=2)", "wall")
     assert about.value == pytest.approx(-2 * found.of("force_y").value, abs=1e-6)
+    divided = integrate(dataset, [], "wall", coefficients="1,1,2,x,4,2,0,0")
+    assert divided.of("moment_coefficient_z").value == pytest.approx(about.value / 4, rel=1e-12)
 
 
 def test_forces_in_a_channel_are_in_balance(nektar):
@@ -161,7 +163,7 @@ def test_coefficients_by_pressure_and_friction(nektar):
     assert found.of("lift_coefficient").value == pytest.approx(-8 / 6 * np.sin(np.pi / 6), rel=1e-12)
     assert found.of("drag_coefficient (pressure)").value == pytest.approx(0, abs=1e-12)
     assert found.of("lift_coefficient (friction)").value == pytest.approx(-8 / 6 / 2, rel=1e-12)
-    for text in ("1,2,3", "1,2,3,q", "1,2,0,x", "1,2,3,x:up", "1,2,3,xx"):
+    for text in ("1,2,3", "1,2,3,q", "1,2,0,x", "1,2,3,x:up", "1,2,3,xx", "1,2,3,x,1,0", "1,2,3,x,1,0,0,nan"):
         with pytest.raises(ElvisError, match="expected RHO,U,AREA,AXIS"):
             integrate(dataset, [], "1", coefficients=text)
 

@@ -44,7 +44,7 @@ def test_the_contract_of_scripts(files):
     found = json.loads(run(files["b"], files["same"], "--json"))
     assert list(found) == ["p"]
     names = ["L1", "L2", "H1", "Linf", "Linf_bound", "where", "element", "relative", "covered"]
-    assert list(found["p"]) == [*names, "L1_error", "L2_error", "H1_error"]
+    assert list(found["p"]) == [*names, "L1_error", "L2_error", "H1_error", "covered_error"]
     assert found["p"]["Linf"] <= found["p"]["Linf_bound"] <= found["p"]["Linf"] * (1 + 1e-6)
     elsewhere = json.loads(run(files["b"], files["t"], "--json"))["p"]
     assert elsewhere["Linf"] <= elsewhere["Linf_bound"] <= elsewhere["Linf"] * 1.1

@@ -54,7 +54,7 @@ class Difference:
     element    id of the element of the first dataset there
     relative   ``l2`` in parts of the norm of the second dataset's field
     covered    part of the first dataset's volume (area, length) that the second covers, 0 to 1
-    l1_error, l2_error, h1_error  by which these may differ from the truth
+    l1_error, l2_error, h1_error, covered_error  by which these may differ from the truth
     """
 
     field: str
@@ -70,6 +70,7 @@ class Difference:
     l1_error: float
     l2_error: float
     h1_error: float
+    covered_error: float
 
     def facts(self) -> dict[str, Any]:
         """Plain data, by the names of the contract; None for a bound that is not known."""
@@ -86,6 +87,7 @@ class Difference:
             "L1_error": self.l1_error,
             "L2_error": self.l2_error,
             "H1_error": self.h1_error,
+            "covered_error": self.covered_error,
         }
 
 
@@ -235,6 +237,7 @@ def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
         l1_error=float(sums.error[0] + noise * np.sqrt(sums.measure[4])),
         l2_error=float(_of_root(squares, sums.error[1]) + noise),
         h1_error=float(_of_root(squares + slopes, sums.error[1] + sums.error[2]) + noise),
+        covered_error=float((sums.error[4] + sums.error[5]) / sums.measure[5]),
     )
 
 

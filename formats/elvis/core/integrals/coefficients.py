@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, inf, radians, sin
+from math import cos, inf, isfinite, radians, sin
 
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.integrands import Integrand
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 
-_FORM = "RHO,U,AREA,AXIS[,LENGTH], such as 1.2,30,0.5,x or 1,1,1,xy:4"
+_FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0"
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Coefficients:
     drag      axis of the flow at no angle of attack, "x", "y" or "z"
     lift      axis of lift then; None for y in 2D and z in 3D, x where the flow goes along these
     angle     of attack, degrees, which turns drag towards lift
+    about     (x, y, z) of the point that moments are about; None for that of the data, the origin where they tell none
     """
 
     pressure: float
@@ -35,14 +36,16 @@ class Coefficients:
     drag: str
     lift: str | None = None
     angle: float = 0.0
+    about: tuple[float, float, float] | None = None
 
     @staticmethod
     def parse(text: str) -> Coefficients:
-        """``RHO,U,AREA,AXIS[,LENGTH]``, where AXIS is x, xy or xy:4; ElvisError for others."""
+        """``RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]``, where AXIS is x, xy or xy:4; ElvisError for others."""
         parts = [part.strip() for part in text.split(",")]
         axes, _, angle = (parts[3] if len(parts) > 3 else "").partition(":")
         try:
-            density, speed, area, length = (float(part) for part in (*parts[:3], *(parts[4:] or ["1"])))
+            density, speed, area, length = (float(part) for part in (*parts[:3], *(parts[4:5] or ["1"])))
+            about = tuple(float(part) for part in parts[5:])
             attack = float(angle or 0.0)
         except ValueError:
             raise ElvisError(f"expected {_FORM}, found {text!r}") from None
@@ -51,9 +54,12 @@ class Coefficients:
             not is_axes
             or not all(0 < abs(value) < inf for value in (density, speed, area, length))
             or abs(attack) > 360
+            or len(about) not in (0, 3)
+            or not all(map(isfinite, about))
         ):
             raise ElvisError(f"expected {_FORM}, found {text!r}")
-        return Coefficients(0.5 * density * speed**2, area, length, axes[0], axes[1:] or None, attack)
+        point = (about[0], about[1], about[2]) if about else None
+        return Coefficients(0.5 * density * speed**2, area, length, axes[0], axes[1:] or None, attack, point)
 
     def integrands(self, names: Names) -> Iterator[Integrand]:
         """Drag, lift and moments, whole, by pressure and by friction; by pressure alone where no viscosity is known.
@@ -70,8 +76,15 @@ class Coefficients:
                 text = f"({a!r}*{part}_{self.drag} + {b!r}*{part}_{lift})/{self.pressure * self.area!r}"
                 yield Integrand(f"{name}_coefficient{suffix}", Expression.parse(text, names))
         for axis in {2: "z", 3: "xyz"}.get(names.dimension, ""):
-            text = f"moment_{axis}/{self.pressure * self.area * self.length!r}"
+            text = f"moment_{axis}{self._point(axis)}/{self.pressure * self.area * self.length!r}"
             yield Integrand(f"moment_coefficient_{axis}", Expression.parse(text, names))
+
+    def _point(self, axis: str) -> str:
+        """The parameters of a moment about an axis: coordinates of the point across it."""
+        if self.about is None:
+            return ""
+        across = [f"{own}_ref={value!r}" for own, value in zip("xyz", self.about, strict=True) if own != axis]
+        return f"({', '.join(across)})"
 
     @staticmethod
     def _parts(names: Names) -> list[tuple[str, str]]:

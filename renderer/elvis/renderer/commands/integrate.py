@@ -49,9 +49,10 @@ Examples:
 )
 @click.option(
     "--coefficients",
-    metavar="RHO,U,AREA,AXIS[,LENGTH]",
+    metavar="RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]",
     help="Also drag, lift and moment coefficients of walls: density, speed, area and, for moments, length of "
-    "reference; AXIS is that of the flow, as x, with that of lift, as xy, or an angle of attack in degrees, as xy:4.",
+    "reference and the point that they are about; AXIS is that of the flow, as x, with that of lift, as xy, or an "
+    "angle of attack in degrees, as xy:4.",
 )
 @click.option(
     "--clip",
