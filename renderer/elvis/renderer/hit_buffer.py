@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from dataclasses import field as default
@@ -18,6 +18,7 @@ from elvis.scene.frame import Status
 if TYPE_CHECKING:
     from elvis.renderer.device import Device
     from elvis.renderer.memory import Buffer
+    from elvis.renderer.passes.faces.faces import SquarePatches
 
 #: the arrays as a device holds them: kind of number, how many of a pixel, and what stands where nothing is hit
 CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
@@ -48,6 +49,7 @@ class HitBuffer:
     held       buffers of a device that hold some of these arrays, by name
     sections   of a plane cut: where elements may be seen, by index, as cut_cull lists them
     offset     of a plane cut: normal · x
+    near_squares  of the nearest hits on faces: finds what may be in the squares of pixels (FaceDrawer.near_squares)
     uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
                  proved and NaN where nothing is hit; None: those of a surface that is given analytically
     doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
@@ -64,6 +66,7 @@ class HitBuffer:
     held: Mapping[str, Buffer] = default(default_factory=dict)
     sections: NDArray[Any] | None = default(default_factory=lambda: None)
     offset: float = 0.0
+    near_squares: Callable[[], Iterator[SquarePatches]] | None = default(default_factory=lambda: None)
     uncertainty: Floats | None = default(default_factory=lambda: None)
     doubt: Floats | None = default(default_factory=lambda: None)
 
@@ -85,7 +88,8 @@ class HitBuffer:
         known  arrays and facts that are known already
         """
         hits = object.__new__(HitBuffer)
-        absent = {"side": None, "flat": None, "sections": None, "offset": 0.0, "uncertainty": None, "doubt": None}
+        absent = {"side": None, "flat": None, "sections": None, "offset": 0.0}
+        absent |= {"near_squares": None, "uncertainty": None, "doubt": None}
         made = made or {}
         vars(hits).update({name: value for name, value in absent.items() if name not in {**held, **made}})
         vars(hits).update(known, held=held, _made=made, _device=device)

@@ -67,7 +67,7 @@ def bent(
         parts = np.einsum("nci,ncm->nim", duals(jacobians), nets)
         if space.shape is Shape.PYRAMID:
             return np.asarray(~(_pyramid_change(space, parts) <= _AFFINE))
-        change, derivative = _rational(space, parts, weights) if weights is not None else changes(space, parts)
+        change, derivative = rational_changes(space, parts, weights) if weights is not None else changes(space, parts)
         return np.asarray(~(change + unit * derivative / 2 <= 1))
 
 
@@ -80,26 +80,28 @@ def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tup
     return change.max(axis=(1, 2)), derivative.max(axis=(1, 2))
 
 
-def _rational(space: BernsteinSpace, parts: Floats, weights: Floats) -> tuple[Floats, Floats]:
+def rational_changes(
+    space: BernsteinSpace, parts: Floats, weights: Floats, beyond: float = BEYOND
+) -> tuple[Floats, Floats]:
     """As `changes`, of maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
     axes = range(space.shape.dimension)
     middle = parts[..., parts.shape[-1] // 2] / weights[:, weights.shape[-1] // 2, None]
     parts, weights = parts - middle[..., None] * weights[:, None], weights[:, None]
-    least = derived(space, weights, ()).min(axis=(1, 2))
+    least = derived(space, weights, (), beyond).min(axis=(1, 2))
     least = np.where(least > 0.0, least, 0.0)[:, None]
-    size = np.abs(derived(space, parts, ())).max(axis=2) / least
-    first = [np.abs(derived(space, weights, (j,))).max(axis=2) for j in axes]
+    size = np.abs(derived(space, parts, (), beyond)).max(axis=2) / least
+    first = [np.abs(derived(space, weights, (j,), beyond)).max(axis=2) for j in axes]
 
     # changes (n, d) of the columns of the Jacobian, then how fast the columns change
     changes = []
     for j in axes:
-        own = derived(space, parts, (j,))
-        own[:, j] -= derived(space, weights, ())[:, 0]
+        own = derived(space, parts, (j,), beyond)
+        own[:, j] -= derived(space, weights, (), beyond)[:, 0]
         changes.append((np.abs(own).max(axis=2) + size * first[j]) / least)
     derivatives = [change + np.eye(len(axes))[j] for j, change in zip(axes, changes, strict=True)]
     derivative = np.zeros_like(size)
     for j, k in product(axes, axes):
-        own, second = (np.abs(derived(space, some, (j, k))).max(axis=2) for some in (parts, weights))
+        own, second = (np.abs(derived(space, some, (j, k), beyond)).max(axis=2) for some in (parts, weights))
         derivative += (own + derivatives[j] * first[k] + derivatives[k] * first[j] + size * second) / least
     return np.sum(changes, axis=0).max(axis=1), derivative.max(axis=1)
 

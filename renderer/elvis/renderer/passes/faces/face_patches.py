@@ -24,6 +24,8 @@ TAME = 0.25
 THIN = 1e-6
 #: how often a face is halved at most
 _LEVELS = 96
+#: part of the reach below which a patch counts as a line: folds are not followed farther for what is beside them
+_THIN_BESIDE = 0.25
 #: columns of pixels up to which thin patches are looked at closely
 _COLUMNS = 8
 #: patches worked on at once
@@ -47,6 +49,11 @@ class FacePatches:
     near: Floats
     noise: Floats
 
+    def some(self, chosen: Ints) -> FacePatches:
+        """Some of the patches."""
+        bounds = self.bounds[:, chosen]
+        return FacePatches(self.face[chosen], self.place[chosen], bounds, self.near[chosen], self.noise[chosen])
+
 
 @dataclass(frozen=True, eq=False)
 class Edges:
@@ -62,16 +69,19 @@ class Edges:
     radius: Floats
 
 
-def face_patches(space: FaceSpace, nets: Floats, view: View) -> tuple[FacePatches, Edges]:
-    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view."""
+def face_patches(space: FaceSpace, nets: Floats, view: View, reach: float = 0.0) -> tuple[FacePatches, Edges]:
+    """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view.
+
+    reach  or come as near to it as this, in columns and in rows
+    """
     rounding = _rounding(nets, view)
-    found = _Batch.concatenate(space, _batches(space, nets, view, rounding))
+    found = _Batch.concatenate(space, _batches(space, nets, view, rounding, reach))
     patches = found.some(np.flatnonzero(~found.line))
     lines = found.some(np.flatnonzero(found.line))
     return _surfaces(patches, rounding), _edges(lines, view, rounding)
 
 
-def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float) -> Iterator[_Batch]:
+def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
     """The patches of all faces, some faces at a time."""
     # column, row and weight, depth and w are linear in homogeneous coordinates
     depth = np.append(view.camera.basis()[2], view.depth_of(np.zeros(3)))
@@ -82,7 +92,7 @@ def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float) -> Ite
     for some in chunks(len(nets), _CHUNK):
         screen = np.tensordot(rows, nets[some].T, 1)
         faces = _Batch.of(space, numbers[some], screen)
-        for batch in _divide(space, faces, view, rounding):
+        for batch in _divide(space, faces, view, rounding, reach):
             yield batch
             check_time()
 
@@ -179,16 +189,17 @@ def _extent(view: View) -> float:
     return 2.0 * (view.width + view.height)
 
 
-def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float) -> Iterator[_Batch]:
+def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
     """Patches that are tame, and those that are points or lines.
 
     What is neither is halved where it looks longest, unless it covers no centre.
     rounding  see _rounding
+    reach     see face_patches
     """
     stack = [(0, batch)]
     while stack:
         level, batch = stack.pop()
-        batch, front = _visible_patches(batch, view, rounding)
+        batch, front = _visible_patches(batch, view, rounding, reach)
         tame, direction, batch.spread = _linearity(space, batch, front, view)
         done = front & (tame | batch.line | (level == _LEVELS))
         batch.line |= ~tame
@@ -222,13 +233,13 @@ def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
     return halves
 
 
-def _visible_patches(batch: _Batch, view: View, rounding: float) -> tuple[_Batch, Bools]:
+def _visible_patches(batch: _Batch, view: View, rounding: float, reach: float) -> tuple[_Batch, Bools]:
     """The patches that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
     """
     size = np.array([view.width - 1.0, view.height - 1.0])
-    batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, size, rounding)))
+    batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, size, rounding, reach)))
 
     # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
     least = rounding / _extent(view)
@@ -238,27 +249,28 @@ def _visible_patches(batch: _Batch, view: View, rounding: float) -> tuple[_Batch
     weight = batch.screen[2].compress(front, axis=-1)
     flat = batch.screen[:2].compress(front, axis=-1) / weight
     slack = _slack(weight, rounding, view)
-    pixels = _pixels(flat, slack, view)
+    pixels = _pixels(flat, slack, view, reach)
     batch.pixels[..., front] = pixels
     ends, width = _ends(flat, slack)
     batch.line[:] = False
-    batch.line[front] = width < slack
+    batch.line[front] = width < np.maximum(slack, _THIN_BESIDE * reach)
 
     # those in front of the eye are left out where they cover no centre of a pixel
     has_pixels = (pixels[1] >= pixels[0]).all(axis=0)
     kept = ~front
-    kept[front] = has_pixels & _may_hold(flat, ends, width, slack)
+    kept[front] = has_pixels & ((reach > 0.0) | _may_hold(flat, ends, width, slack))
     return batch.some(np.flatnonzero(kept)), front[kept]
 
 
-def _is_in_picture(screen: Floats, size: Floats, rounding: float) -> Bools:
+def _is_in_picture(screen: Floats, size: Floats, rounding: float, reach: float) -> Bools:
     """(n,) whether nets (5, count, n) may reach into the picture and before the eye.
 
-    size  greatest column and row
+    size   greatest column and row
+    reach  pixels that the picture goes on beyond them
     """
     x, y, w, depth = screen[:4]
     seen = np.isfinite(screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
-    beside = np.maximum(THIN * w, rounding)
+    beside = np.maximum(THIN * w, rounding) + reach * np.abs(w)
     for side, far in zip((x, y), size, strict=True):
         after_first = (side + beside).max(axis=0) > 0.0
         before_last = (far * w + beside - side).max(axis=0) > 0.0
@@ -293,9 +305,10 @@ def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Boo
     return np.asarray(held.any(axis=0) | is_long)
 
 
-def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
+def _pixels(points: Floats, slack: Floats, view: View, reach: float) -> Ints:
     """(2, 4, n) least and greatest x, y, x + y and x - y of the pixels of the view that hulls (2, count, n) may cover.
 
+    reach  see face_patches
     None where the least ones exceed the greatest.
     """
     extent = _extent(view)
@@ -305,6 +318,7 @@ def _pixels(points: Floats, slack: Floats, view: View) -> Ints:
     high = np.stack([side.max(axis=0) for side in every]).clip(-extent, extent)
 
     # whole pixels, those of the picture
+    slack = slack + reach * np.array([[1.0], [1.0], [2.0], [2.0]])
     least = np.ceil(low - slack)
     most = np.floor(high + slack)
     least[:2] = least[:2].clip(0.0, None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
+from elvis.core.shapes import Shape
 from elvis.plugins.faces import FaceBlock, Faces
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel
@@ -29,6 +31,8 @@ from elvis.scene.view import View
 _TIE = 1e-11
 #: pixels near edges that are looked at together
 _AT_ONCE = 1 << 20
+#: half the side of a pixel's square
+_SQUARE = 0.5
 #: what of the hit buffer the device holds
 _HELD = ("owner", "side", "status", "field", "reference", "depth", "normal")
 
@@ -59,6 +63,20 @@ class _PartTiles:
     def run(self, output: dict[str, Buffer]) -> None:
         """Run the kernel, a group for each tile."""
         self.kernel(len(self.counts), {**self.buffers, **output}, groups=True, work=self.counts)
+
+
+@dataclass(frozen=True, eq=False)
+class SquarePatches:
+    """Patches of faces of one part and shape that may reach into the squares of pixels.
+
+    records  (n,) FacePatch (face.slang)
+    edges    what is seen as points and lines
+    """
+
+    number: int
+    shape: Shape
+    records: NDArray[Any]
+    edges: Edges
 
 
 @dataclass
@@ -104,6 +122,7 @@ class FaceDrawer:
                 image = {**arrays_to_write(device, arrays), "after": device.buffer(after)}
             part.run(image)
         hits = HitBuffer.on_device(device, arrays) if arrays else HitBuffer.empty(view.count)
+        hits.near_squares = partial(self.near_squares, view, tuple(select)) if beyond is None else None
 
         for _, edges in self._patches(view, select):
             _mark_edges(view, hits, edges, np.broadcast_to(after, view.count))
@@ -132,6 +151,23 @@ class FaceDrawer:
         wanted: NDArray[Any] = hits[(pixel >= first * view.width) & (pixel < last * view.width)]
         return wanted
 
+    def near_squares(self, view: View, select: Sequence[str]) -> Iterator[SquarePatches]:
+        """What of the faces that ``select`` names may be in the squares of pixels; of two sides of a face one."""
+        for index, (block, rows) in enumerate(zip(self.faces.blocks, self._chosen_rows(tuple(select)), strict=True)):
+            own = _choose(block, rows)
+            patches, edges = face_patches(block.space, own.nets, view, _SQUARE)
+            patches = own.sides.both(patches)
+
+            # at one place the element with the lowest number is shown
+            pair = np.stack([own.sides.alone[own.sides.first], own.sides.other])
+            element = block.element[rows[pair]]
+            hidden = np.where(element[0] < element[1], pair[1], pair[0])
+            patches = patches.some(np.flatnonzero(~np.isin(patches.face, hidden)))
+
+            kernel = self.loaded.device.kernel("face_draw", self.loaded.parts[block.part])
+            records = self._patch_records(index, rows, patches, kernel.dtype("patches"))
+            yield SquarePatches(block.part, block.space.shape, records, edges)
+
     def visible_patches(
         self, view: View, chosen: Bools, number: int, kernel: Kernel
     ) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -158,7 +194,7 @@ class FaceDrawer:
         for index, block in enumerate(self.faces.blocks):
             if block.part == number:
                 patches, _ = in_view[index]
-                found.append(self._patch_records(index, patches, dtype))
+                found.append(self._patch_records(index, self._last.chosen[index].rows, patches, dtype))
         return np.concatenate(found, dtype=dtype)
 
     def _tie(self, view: View) -> float:
@@ -234,10 +270,10 @@ class FaceDrawer:
         first = self.loaded.first
         return [np.flatnonzero(choice[first[block.part] + block.element]) for block in self.faces.blocks]
 
-    def _patch_records(self, number: int, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """FacePatch records (face.slang) of a block's patches."""
+    def _patch_records(self, number: int, chosen: Ints, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """FacePatch records (face.slang) of patches of a block's faces in the rows ``chosen``."""
         block = self.faces.blocks[number]
-        rows = self._last.chosen[number].rows[patches.face]
+        rows = chosen[patches.face]
         faces_before = sum(map(len, self.faces.blocks[:number]))
         record = np.zeros(len(rows), dtype)
         record["element"] = block.element[rows]
@@ -293,6 +329,15 @@ def _without_repeats(hits: NDArray[Any], tie: float) -> NDArray[Any]:
 
 def _mark_edges(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
     """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
+    for own, pixel in pixels_near(view, edges):
+        near, far = edges.depth[:, own]
+        in_front = (near <= hits.depth[pixel]) & (far >= after[pixel])
+        in_front &= hits.status[pixel] != Status.FAILED
+        hits.status[pixel[in_front]] = Status.AMBIGUOUS
+
+
+def pixels_near(view: View, edges: Edges, reach: float = 0.0) -> Iterator[tuple[Ints, Ints]]:
+    """Edges (n,) by number and pixels (n,) whose centres are near them, or nearer than ``reach`` pixels to that."""
     # x runs along the longer direction of each edge, rows of the picture where it is steep, and y across it
     extent = np.abs(edges.ends[1] - edges.ends[0])
     steep = extent[:, 1] > extent[:, 0]
@@ -301,16 +346,17 @@ def _mark_edges(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> Non
     x1, y1 = end.T
     last_x = np.where(steep, view.height, view.width) - 1
     last_y = np.where(steep, view.width, view.height) - 1
+    every_radius = edges.radius + reach
 
     # steps of one pixel along each edge, within the picture
-    first = np.ceil(np.minimum(x0, x1) - edges.radius).clip(0, None)
-    last = np.minimum(np.floor(np.maximum(x0, x1) + edges.radius), last_x)
+    first = np.ceil(np.minimum(x0, x1) - every_radius).clip(0, None)
+    last = np.minimum(np.floor(np.maximum(x0, x1) + every_radius), last_x)
     edge, x = _integers_between(first, last)
 
     # at each step all pixels whose centres are near the edge
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     y = y0[edge] + slope[edge] * (x - x0[edge])
-    radius = edges.radius[edge]
+    radius = every_radius[edge]
     first = np.ceil(y - radius).clip(0, None)
     last = np.minimum(np.floor(y + radius), last_y[edge])
     for some in chunks(len(edge), max(1, _AT_ONCE // max(view.width, view.height))):
@@ -318,11 +364,7 @@ def _mark_edges(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> Non
         along = x[some][step]
         own = edge[some][step]
         column, row = np.where(steep[own], [across, along], [along, across]).astype(np.int64)
-        pixel = row * view.width + column
-        near, far = edges.depth[:, own]
-        in_front = (near <= hits.depth[pixel]) & (far >= after[pixel])
-        in_front &= hits.status[pixel] != Status.FAILED
-        hits.status[pixel[in_front]] = Status.AMBIGUOUS
+        yield own, row * view.width + column
 
 
 def _integers_between(first: Floats, last: Floats) -> tuple[Ints, Floats]:

@@ -23,6 +23,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.passes.lines.contour_faces import FaceContours
 from elvis.renderer.passes.lines.contour_squares import (
     AT_ONCE,
     ROUNDING,
@@ -30,7 +31,7 @@ from elvis.renderer.passes.lines.contour_squares import (
     Items,
     Squares,
     facet_distances,
-    steepest,
+    is_nearby,
 )
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
@@ -71,7 +72,7 @@ class ContourProof:
         self._levels = levels
         self._quantity = quantity
         self.width = view.width
-        self._centers: dict[int, Floats] = {}
+        self._charts: dict[int, CutChart] = {}
         is_hit = hits.owner != NOBODY
         self.taken = np.zeros(view.count, bool)
         self.status = np.where(is_hit, np.uint8(Status.CERTAIN), np.uint8(Status.MISS))
@@ -88,6 +89,11 @@ class ContourProof:
         hits = self._hits
         shape = (self._view.height, self._view.width)
         is_hit = hits.owner != NOBODY
+        if hits.near_squares is not None:
+            faces = FaceContours(self._loaded, self._view, hits, self._levels, self._quantity)
+            self.status[faces.is_open] = Status.AMBIGUOUS
+            self.taken |= faces.taken
+            return
         if hits.sections is None or hits.flat is None:
             owner = np.minimum(hits.owner, len(self._holds))
             holds = np.append(self._holds, False)[owner]
@@ -138,7 +144,8 @@ class ContourProof:
             for some in chunks(len(rows), _SQUARES):
                 chosen = items.part(rows[some])
                 own_bounds = bounds.part(np.searchsorted(elements, chosen.element))
-                squares = Squares(self, part, chosen, own_bounds)
+                line, column = np.divmod(chosen.pixel, self._view.width)
+                squares = Squares(self._chart(part), column.astype(float), line.astype(float), chosen, own_bounds)
                 is_alone[rows[some]] = squares.is_inside
                 self._decide_squares(squares, chosen)
         return is_alone
@@ -146,9 +153,9 @@ class ContourProof:
     def _decide_squares(self, squares: Squares, items: Items) -> None:
         """Statuses of the pixels of some items with their squares."""
         is_due = self._holds[items.element] & ~squares.is_outside
-        is_decided = squares.decide(self._levels)
-        self.taken[items.pixel[is_due & squares.taken]] = True
-        self.status[items.pixel[is_due & ~is_decided]] = Status.AMBIGUOUS
+        squares.decide(self._levels)
+        self.taken[items.pixel[is_due & squares.takes(self._levels)]] = True
+        self.status[items.pixel[is_due & squares.in_doubt(self._levels)]] = Status.AMBIGUOUS
 
     def _is_known(self, number: int) -> bool:
         """Whether the map of a part is a polynomial in reference coordinates from -1 to 1, and its slopes are known."""
@@ -160,7 +167,7 @@ class ContourProof:
         """The derivatives of some elements of a part."""
         space = self._space(number)
         nodes, fit = _nodes(space)
-        local = nodes - self.center(number)
+        local = nodes - self._chart(number).center
         found = []
         for some in chunks(len(elements), _ELEMENTS):
             own = elements[some] - self._loaded.first[number]
@@ -191,41 +198,53 @@ class ContourProof:
                 return BernsteinSpace(shape, degrees)
         return BernsteinSpace(Shape.HEXAHEDRON, (degree,) * 3)
 
-    def reaches(self, number: int, places: Floats, slack: Floats) -> Bools:
+    def _chart(self, number: int) -> CutChart:
+        """The plane in a part's elements."""
+        if number not in self._charts:
+            space = self._space(number)
+            self._charts[number] = CutChart(
+                self._loaded, number, self._quantity, self._lines, self._view, self._hits, space
+            )
+        return self._charts[number]
+
+
+class CutChart:
+    """A plane in a part's elements, in their reference coordinates (see `contour_squares.Chart`)."""
+
+    def __init__(
+        self,
+        loaded: DeviceVolume,
+        number: int,
+        quantity: str | None,
+        lines: Lines,
+        view: View,
+        hits: HitBuffer,
+        space: BernsteinSpace,
+    ) -> None:
+        self._loaded = loaded
+        self._number = number
+        self._quantity = quantity
+        self._view = view
+        self._hits = hits
+        self._space = space
+        self.facets = lines.facets(number)
+        if loaded.dimension == 2:
+            # those that are not parallel to the plane z = 0 of 2D data
+            self.facets = self.facets[np.abs(self.facets[:, :2]).max(axis=1) > 0.0]
+        one = sample_elements(loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), quantity)
+        self.center: Floats = one.center[0]
+
+    def reaches(self, elements: Ints, places: Floats, slack: Floats) -> Bools:
         """(n,) whether derivatives are bounded within ``slack`` (n,) of all k reference points (k, n, 3)."""
-        space = self._space(number)
-        if space.shape is Shape.HEXAHEDRON:
-            return np.asarray(np.abs(places).max(axis=(0, 2)) + slack < _BEYOND[space.shape])
-        # in the shape, drawn together around its centre as much as its neighbourhood is larger
-        facets = self.facets(number)
-        centre = space.shape.vertices.mean(axis=0)
-        drawn_together = centre + (places - centre) / _BEYOND[space.shape]
-        margins = facet_distances(facets, drawn_together)
-        return np.asarray(margins.min(axis=(0, 2)) > steepest(facets) * slack)
+        shape = self._space.shape
+        return is_nearby(shape, self.facets, _BEYOND[shape], places, slack)
 
-    def center(self, number: int) -> Floats:
-        """(3,) the centre of a part's type, from which places are counted."""
-        if number not in self._centers:
-            one = sample_elements(self._loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), self._quantity)
-            self._centers[number] = one.center[0]
-        return self._centers[number]
+    def sample(self, elements: Ints, places: Floats) -> Samples:
+        """What elements (n,), by index, have at reference points (n, 3)."""
+        own = elements - self._loaded.first[self._number]
+        return sample_elements(self._loaded, self._number, own, places - self.center, self._quantity)
 
-    def sample(self, number: int, elements: Ints, places: Floats) -> Samples:
-        """What elements (n,) of a part, by index, have at reference points (n, 3)."""
-        own = elements - self._loaded.first[number]
-        local = places - self.center(number)
-        return sample_elements(self._loaded, number, own, local, self._quantity)
-
-    def facets(self, number: int) -> Floats:
-        """(k, 4) facets of a part's shape that are not parallel to the plane z = 0 of 2D data."""
-        facets = self._lines.facets(number)
-        if self._loaded.dimension != 2:
-            return facets
-        is_upright = np.abs(facets[:, :2]).max(axis=1) > 0.0
-        kept: Floats = facets[is_upright]
-        return kept
-
-    def points(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
+    def targets(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
         """(n, 3) places of the plane under points of the picture, and how much nearer they make the plane seem."""
         assert self._hits.flat is not None
         origins, directions = self._view.rays(columns, rows)

@@ -17,15 +17,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
-
-if TYPE_CHECKING:
-    from elvis.renderer.passes.lines.contour_proof import ContourProof
+from elvis.core.shapes import Shape
 
 #: cells of a square's side, one after the other
 _CELLS = (1, 4, 16)
@@ -81,36 +79,80 @@ class Items:
         return Items(self.pixel[chosen], self.element[chosen], self.start[chosen])
 
 
+class Chart(Protocol):
+    """What squares need of a surface in the elements of a part: places (n, d), in coordinates of d dimensions.
+
+    facets  (k, d + 1) of the shape that elements have in these coordinates, see `facet_distances`
+    center  (d,) where the shape's map was taken apart
+    """
+
+    facets: Floats
+    center: Floats
+
+    def targets(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
+        """Where the surface is under points of the picture (n, d), and how much nearer it seems there (n,)."""
+
+    def sample(self, elements: Ints, places: Floats) -> ChartSamples:
+        """What elements (n,) have at places (n, d)."""
+
+    def reaches(self, elements: Ints, places: Floats, slack: Floats) -> Bools:
+        """(n,) whether derivatives are bounded within ``slack`` (n,) of all k places (k, n, d)."""
+
+
+class ChartSamples(Protocol):
+    """What elements have at n places: images (n, d), their Jacobians (n, d, d), values (n,) and gradients (n, d)."""
+
+    @property
+    def position(self) -> Floats:
+        """(n, d) images."""
+
+    @property
+    def jacobian(self) -> Floats:
+        """(n, d, d) their derivatives: of image i in column j."""
+
+    @property
+    def value(self) -> Floats:
+        """(n,) values."""
+
+    @property
+    def gradient(self) -> Floats:
+        """(n, d) their derivatives."""
+
+
 class Squares:
     """Squares of pixels in elements: their extent, whether they lie inside, and which decisions are proved.
 
     is_outside, is_inside  (n,) whether no, or every, point of the square is proved to be in the element
-    taken                  (n,) after `decide`: whether a level is proved to be taken
+    is_good                (n,) for which the bounds of derivatives hold
+    at_centre              what the elements have at the centres
+    radius                 (n,) how far squares reach from their centres in coordinates of the element
+    bulge                  (n,) by how much distances from facets differ from linear ones in the square
+    may_be                 (2, n) after `decide`: least and greatest value that the element may have in the square
+    certain                (2, n) values that are taken there, and all between; infinite and the wrong way round: none
     """
 
-    def __init__(self, proof: ContourProof, number: int, items: Items, bounds: Derivatives) -> None:
-        self._proof = proof
-        self._number = number
+    def __init__(self, chart: Chart, column: Floats, line: Floats, items: Items, bounds: Derivatives) -> None:
+        """Of pixels (n,) by column and line, with an element and its bounds each."""
+        self._chart = chart
         self._element = items.element
         self._bounds = bounds
-        self._facets = proof.facets(number)
-        width = proof.width
-        self._column = (items.pixel % width).astype(float)
-        self._line = (items.pixel // width).astype(float)
+        self._facets = chart.facets
+        self._column = column
+        self._line = line
 
-        # places of the plane at the middles and the corners, and how unlike the corners see it
-        self._middle, slant = proof.points(self._column, self._line)
+        # places of the surface at the middles and the corners, and how unlike the corners see it
+        self._middle, slant = chart.targets(column, line)
         self._corners = []
         slants = [slant]
         for x, y in product((-0.5, 0.5), repeat=2):
-            corner, slant = proof.points(self._column + x, self._line + y)
+            corner, slant = chart.targets(column + x, line + y)
             self._corners.append(corner)
             slants.append(slant)
         self._warp = np.max(slants, axis=0) / np.min(slants, axis=0) - 1
 
         # the centre's reference coordinates were the map linear
         parts = np.einsum("nij,nj->ni", bounds.inverse, self._middle - bounds.centre)
-        straight = proof.center(number) + parts
+        straight = chart.center + parts
         self.is_outside = self._prove_outside(straight)
         self._locate_centres(np.where(np.isnan(items.start), straight, items.start))
         self._bound_extent()
@@ -129,13 +171,14 @@ class Squares:
         """The centres' reference coordinates, by Newton's method, and the samples there."""
         centre = start
         for _ in range(4):
-            found = self._proof.sample(self._number, self._element, centre)
+            found = self._chart.sample(self._element, centre)
             self._inverse = np.asarray(np.linalg.inv(found.jacobian), np.float64)
             step = np.einsum("nij,nj->ni", self._inverse, self._middle - found.position)
             centre = centre + step
-        found = self._proof.sample(self._number, self._element, centre)
+        found = self._chart.sample(self._element, centre)
         residual = np.einsum("nij,nj->ni", self._inverse, self._middle - found.position)
         self._centre = centre
+        self.at_centre = found
         self._value = found.value
         self._missed = 2 * np.abs(residual).max(axis=1)
 
@@ -149,16 +192,17 @@ class Squares:
         growth = self._turn * rho
         self._rho = rho * (1 + growth)
         curved = self._turn * self._rho**2
+        self.radius = self._rho + self._missed
 
         is_good = (growth < 0.1) & (bend < 0.9) & (self._warp < 0.1) & (self._missed < 1e-9)
-        is_good &= self._proof.reaches(self._number, self._centre + steps, curved)
+        is_good &= self._chart.reaches(self._element, self._centre + steps, curved)
         is_good &= np.isfinite(self._bounds.gradient) & np.isfinite(self._bounds.curvature)
-        self._is_good = is_good & np.isfinite(self._value)
+        self.is_good = is_good & np.isfinite(self._value)
 
         # a square lies inside where its corners do, by more than its sides bulge
         margins = [facet_distances(self._facets, self._centre + step).min(axis=1) for step in steps]
-        self._bulge = steepest(self._facets) * self._turn * self._rho**2 + 1e-9
-        self.is_inside = self._is_good & (np.min(margins, axis=0) > self._bulge)
+        self.bulge = steepest(self._facets) * self._turn * self._rho**2 + 1e-9
+        self.is_inside = self.is_good & (np.min(margins, axis=0) > self.bulge)
 
     def _steps(self, inverse: Floats) -> Floats:
         """(4, n, 3) reference coordinates of the corners less those of the middle, by inverse Jacobians (n, 3, 3)."""
@@ -169,51 +213,82 @@ class Squares:
         bounds = self._bounds
         return np.asarray(bounds.curvature[some] + bounds.gradient[some] * self._turn[some])
 
-    def decide(self, levels: Floats) -> Bools:
-        """(n,) squares in each of which every level is proved to be taken, or proved not to be."""
+    @property
+    def margins(self) -> Floats:
+        """(n, k, 3): a point (x, y), in targets from the centre, is about a x + b y + c from facets."""
+        normals = self._facets[:, :-1]
+        along = np.einsum("kj,njd->nkd", normals, self._inverse)
+        return np.concatenate([along, facet_distances(self._facets, self._centre)[..., None]], axis=2)
+
+    def decide(self, levels: Floats, walls: Floats | None = None, limits: Floats | None = None) -> None:
+        """Enclose the values in each square, closer and closer until no level is in doubt, as far as that goes.
+
+        walls   (n, m, 3): only places (x, y) from the square's centre, in pixels, where a x + b y + c < 0 for all m are
+                known to show the element; None: all are
+        limits  (2, n) values that the element has nowhere else than between; None where none are known
+        """
         # what the gradient alone decides
-        noise = self._bounds.noise
         with np.errstate(invalid="ignore"):
-            spread = self._bounds.gradient * (self._rho + self._missed) + noise
-        is_near = _any_between(levels, self._value - spread, self._value + spread)
-        is_decided = self._is_good & ~is_near
-        self.taken = np.zeros(len(spread), bool)
+            spread = self._bounds.gradient * (self._rho + self._missed) + self._bounds.noise
+            self.may_be = np.stack([self._value - spread, self._value + spread])
+        endless = np.array([[-np.inf], [np.inf]])
+        self.may_be = np.where(self.is_good, self.may_be, endless)
+        if limits is not None:
+            self.may_be[0] = np.maximum(self.may_be[0], limits[0])
+            self.may_be[1] = np.minimum(self.may_be[1], limits[1])
+        self.certain = np.repeat([[np.inf], [-np.inf]], len(spread), axis=1)
 
         # finer and finer lattices for the rest
         for cells in _CELLS:
-            left = np.flatnonzero(self._is_good & ~is_decided)
+            left = np.flatnonzero(self.is_good & self.in_doubt(levels))
             for part in chunks(len(left), max(1, AT_ONCE // (cells + 1) ** 2)):
-                some = left[part]
-                is_decided[some] = self._decide_by_lattice(cells, some, levels)
-        return np.asarray(is_decided)
+                self._refine(cells, left[part], walls)
 
-    def _decide_by_lattice(self, cells: int, some: Ints, levels: Floats) -> Bools:
-        """The same of some squares, by a lattice of n cells a side."""
+    def in_doubt(self, levels: Floats) -> Bools:
+        """(n,) squares in which a level may be taken, but is not proved to be."""
+        below, above = self.doubtful
+        return np.asarray(any_between(levels, *below) | any_between(levels, *above))
+
+    @property
+    def doubtful(self) -> tuple[Floats, Floats]:
+        """Two ranges (2, n): values that may be taken, below and above those that certainly are."""
+        is_empty = ~(self.certain[0] < self.certain[1])
+        first, last = np.where(is_empty, self.may_be[1], self.certain)
+        return np.stack([self.may_be[0], first]), np.stack([last, self.may_be[1]])
+
+    def takes(self, levels: Floats) -> Bools:
+        """(n,) squares in which a level is proved to be taken."""
+        is_any = self.certain[0] < self.certain[1]
+        return np.asarray(is_any & any_between(levels, *self.certain))
+
+    def _refine(self, cells: int, some: Ints, walls: Floats | None) -> None:
+        """Closer ranges for some squares, by a lattice of n cells a side."""
         values, places, noise = self._lattice(cells, some)
-        low = values.min(axis=(1, 2))
-        high = values.max(axis=(1, 2))
+        margins = facet_distances(self._facets, places)
+        bulge = self.bulge[some]
 
-        # what the field may go beyond its values at the corners (see the head of this module), on a plane seen aslant
+        # what the field may go beyond its values at the corners (see the head of this module), on a surface seen aslant
         rho = self._rho[some]
         warp = self._warp[some]
         rest = self._curvature(some) * rho**2 + warp * self._bounds.gradient[some] * rho
-        rest = rest * (1 + 3 * warp) ** 2 * 1.1 / cells**2
+        rest = rest * (1 + 3 * warp) ** 2 * 1.1 / cells**2 + noise
+
+        # corners of cells that are not all on the outer side of a facet
+        may_hold = _beside_element(margins > -bulge[:, None, None, None])
+        low = np.where(may_hold, values, np.inf).min(axis=(1, 2)) - rest
+        high = np.where(may_hold, values, -np.inf).max(axis=(1, 2)) + rest
+        is_known = np.isfinite(values).all(axis=(1, 2)) & np.isfinite(rest)
+        self.may_be[0, some[is_known]] = np.maximum(self.may_be[0, some], low)[is_known]
+        self.may_be[1, some[is_known]] = np.minimum(self.may_be[1, some], high)[is_known]
 
         # of a square that is not all inside, only what the element certainly has there counts as taken
-        is_inside = self.is_inside[some]
-        certain_low, certain_high = self._certain_range(some, values, places)
-        taken_low = np.where(is_inside, low + noise, certain_low + noise)
-        taken_high = np.where(is_inside, high - noise, certain_high - noise)
-        is_empty = ~(taken_low < taken_high)
-        taken_low = np.where(is_empty, high, taken_low)
-        taken_high = np.where(is_empty, high, taken_high)
-        self.taken[some] |= ~is_empty & _any_between(levels, taken_low, taken_high)
-
-        # a level is in doubt between what is taken and what may be
-        may_be_low = _any_between(levels, low - rest - noise, taken_low)
-        may_be_high = _any_between(levels, taken_high, high + rest + noise)
-        is_known = np.isfinite(low) & np.isfinite(high)
-        return np.asarray(is_known & ~(may_be_low | may_be_high))
+        is_seen = (margins.min(axis=3) > bulge[:, None, None]) | self.is_inside[some][:, None, None]
+        if walls is not None:
+            is_seen &= _is_before(walls[some], cells)
+        certain_low, certain_high = _certain_range(is_seen, values)
+        own = np.stack([certain_low + noise, certain_high - noise])
+        is_wider = is_known & (own[1] - own[0] > self.certain[1, some] - self.certain[0, some])
+        self.certain[:, some[is_wider]] = own[:, is_wider]
 
     def _lattice(self, cells: int, some: Ints) -> tuple[Floats, Floats, Floats]:
         """Values (n, s + 1, s + 1) and places (…, 3) of the lattices, and bounds (n,) of how far values may be off."""
@@ -223,37 +298,54 @@ class Squares:
         y = np.repeat(steps, cells + 1)
         columns = (self._column[some, None] + x).reshape(-1)
         lines = (self._line[some, None] + y).reshape(-1)
-        target, _ = self._proof.points(columns, lines)
-        away = target.reshape(count, -1, 3) - self._middle[some, None]
+        target, _ = self._chart.targets(columns, lines)
+        away = target.reshape(count, len(x), -1) - self._middle[some, None]
         places = self._centre[some, None] + np.einsum("nij,nkj->nki", self._inverse[some], away)
 
         # a Newton step from there, which is left out of the place but not of the value
         elements = np.repeat(self._element[some], len(x))
-        found = self._proof.sample(self._number, elements, places.reshape(-1, 3))
+        found = self._chart.sample(elements, places.reshape(-1, places.shape[-1]))
         gap = target - found.position
         step = np.linalg.solve(found.jacobian, gap[..., None])[..., 0]
         values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(count, -1).max(axis=1)
         noise = self._bounds.noise[some] + self._curvature(some) * length**2
         shape = (count, cells + 1, cells + 1)
-        return values.reshape(shape), places.reshape(*shape, 3), noise
+        return values.reshape(shape), places.reshape(*shape, -1), noise
 
-    def _certain_range(self, some: Ints, values: Floats, places: Floats) -> tuple[Floats, Floats]:
-        """Least and greatest value (n,) at corners in the element that hang together in it; infinite where none do."""
-        inside = facet_distances(self._facets, places).min(axis=3) > self._bulge[some, None, None]
 
-        # one run in every row at most, rows one after another that share a column, and one run of rows
-        has_one_run = _has_one_run(inside).all(axis=1)
-        rows = inside.any(axis=2)
-        shares_column = (inside[:, 1:] & inside[:, :-1]).any(axis=2)
-        is_pair = rows[:, 1:] & rows[:, :-1]
-        is_joined = (shares_column | ~is_pair).all(axis=1)
-        is_whole = has_one_run & is_joined & _has_one_run(rows)
+def _certain_range(inside: Bools, values: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest value (n,) at corners of a mask (n, s, s) that hang together in it; infinite where none do."""
+    # one run in every row at most, rows one after another that share a column, and one run of rows
+    has_one_run = _has_one_run(inside).all(axis=1)
+    rows = inside.any(axis=2)
+    shares_column = (inside[:, 1:] & inside[:, :-1]).any(axis=2)
+    is_pair = rows[:, 1:] & rows[:, :-1]
+    is_joined = (shares_column | ~is_pair).all(axis=1)
+    is_whole = has_one_run & is_joined & _has_one_run(rows)
 
-        inside &= is_whole[:, None, None]
-        low = np.where(inside, values, np.inf).min(axis=(1, 2))
-        high = np.where(inside, values, -np.inf).max(axis=(1, 2))
-        return low, high
+    chosen = inside & is_whole[:, None, None]
+    low = np.where(chosen, values, np.inf).min(axis=(1, 2))
+    high = np.where(chosen, values, -np.inf).max(axis=(1, 2))
+    return low, high
+
+
+def _beside_element(within: Bools) -> Bools:
+    """(n, s, s) corners of cells that may hold points of an element, by whether corners are within its k facets
+
+    (n, s, s, k): a cell all of whose corners are on the outer side of one facet holds none.
+    """
+    cells = within[:, 1:, 1:] | within[:, 1:, :-1] | within[:, :-1, 1:] | within[:, :-1, :-1]
+    held = np.pad(cells.all(axis=3), ((0, 0), (1, 1), (1, 1)))
+    return np.asarray(held[:, 1:, 1:] | held[:, 1:, :-1] | held[:, :-1, 1:] | held[:, :-1, :-1])
+
+
+def _is_before(walls: Floats, cells: int) -> Bools:
+    """(n, s, s) corners of lattices that are before all walls (n, m, 3), see `Squares.decide`."""
+    steps = np.arange(cells + 1) / cells - 0.5
+    a, b, c = np.moveaxis(walls, 2, 0)[..., None, None]
+    before = a * steps + b * steps[:, None] + c < 0.0
+    return np.asarray(before.all(axis=1))
 
 
 def _has_one_run(mask: Bools) -> Bools:
@@ -261,16 +353,31 @@ def _has_one_run(mask: Bools) -> Bools:
     return np.asarray(np.diff(mask, axis=-1, prepend=False).sum(axis=-1) <= 2)
 
 
+def is_nearby(shape: Shape, facets: Floats, beyond: Floats | float, places: Floats, slack: Floats) -> Bools:
+    """(n,) whether all k points (k, n, d), and what is within ``slack`` (n,) of them, are in a shape's neighbourhood.
+
+    facets  of the shape
+    beyond  how many times as large as the shape the neighbourhoods are, one or (n,)
+    """
+    if shape in (Shape.HEXAHEDRON, Shape.QUADRILATERAL):
+        return np.asarray(np.abs(places).max(axis=(0, 2)) + slack < beyond)
+    # in the shape, drawn together around its centre as much as its neighbourhood is larger
+    centre = shape.vertices.mean(axis=0)
+    drawn_together = centre + (places - centre) / np.reshape(beyond, (-1, 1))
+    margins = facet_distances(facets, drawn_together)
+    return np.asarray(margins.min(axis=(0, 2)) > steepest(facets) * slack)
+
+
 def facet_distances(facets: Floats, places: Floats) -> Floats:
-    """(..., k) signed distances of places (..., 3) to facets (k, 4)."""
-    return np.asarray(places @ facets[:, :3].T + facets[:, 3])
+    """(..., k) signed distances of places (..., d) to facets (k, d + 1)."""
+    return np.asarray(places @ facets[:, :-1].T + facets[:, -1])
 
 
 def steepest(facets: Floats) -> float:
     """By how much a distance to a facet changes at most where no coordinate changes by more than 1."""
-    return float(np.abs(facets[:, :3]).sum(axis=1).max())
+    return float(np.abs(facets[:, :-1]).sum(axis=1).max())
 
 
-def _any_between(levels: Floats, low: Floats, high: Floats) -> Bools:
+def any_between(levels: Floats, low: Floats, high: Floats) -> Bools:
     """(n,) whether one of the ascending levels lies in [low, high]."""
     return np.asarray(np.searchsorted(levels, low) < np.searchsorted(levels, high, "right"))
