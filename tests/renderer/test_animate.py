@@ -18,7 +18,7 @@ from elvis.core.testing.meshes import grid
 from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Scene, film_workers, render
+from elvis.renderer import Camera, Scene, film_workers, render, series_range
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.scene.errors import SceneError
 
@@ -137,6 +137,25 @@ def test_every_step_is_a_frame_of_a_film_in_one_range(files, tmp_path):
     assert found[1] == still(files, tmp_path / "1.png", step=1, range="series", device="reference")
     with Image.open(tmp_path / "film.webp") as film:
         assert (film.n_frames, film.size) == (3, (8, 6))
+
+
+def test_a_range_over_all_steps_is_remembered(files, tmp_path, drawn, monkeypatch):
+    """As long as the data are what they were."""
+    searched, whole = [], series_range.range_over
+    monkeypatch.setattr(series_range, "range_over", lambda *given: searched.append(given[0]) or whole(*given))
+
+    def film(*more):
+        run("animate", *files, "--range", "series", "-o", tmp_path / "frames", *more)
+        return len(searched), drawn[-1].range
+
+    first = film("--field", "u")
+    (tmp_path / "frames" / "frame-00001.png").unlink()
+    assert film("--field", "u") == (1, first[1])
+    assert [scene.step for scene in drawn] == [0, 1, 2, 1]
+    (tmp_path / "frames" / "frame-00001.png").unlink()
+    assert film("--field", "2*u")[0] == 2
+    os.utime(files[1], (2e9, 2e9))
+    assert film("--field", "2*u")[0] == 3
 
 
 def test_frames_that_are_good_are_kept(files, tmp_path, drawn):

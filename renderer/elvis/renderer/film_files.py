@@ -7,7 +7,7 @@ it and it is newer than the data: so a run that was killed goes on where it was.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -35,12 +35,15 @@ def check_film(path: Path) -> None:
 class FrameFolder:
     """The frames of a film in a folder, by number.
 
-    scenes  plain data of the scene of each frame
+    scenes    plain data of the scene of each frame
+    coloured  the range over all steps and what it is of, as `known_range` has it; None for another
     """
 
-    def __init__(self, folder: Path, scenes: Sequence[Any], inputs: Sequence[Path]) -> None:
+    def __init__(
+        self, folder: Path, scenes: Sequence[Any], inputs: Sequence[Path], coloured: Mapping[str, Any] | None = None
+    ) -> None:
         self.folder, self.scenes = folder, json.loads(json.dumps(list(scenes)))
-        self._newest = max((path.stat().st_mtime_ns for path in inputs if path.exists()), default=0)
+        self._coloured, self._newest = coloured, _newest(inputs)
 
     def path(self, number: int) -> Path:
         """The file of a frame."""
@@ -65,15 +68,13 @@ class FrameFolder:
             if path not in names:
                 path.unlink()
         with Outputs() as outputs:
-            write_text(self.folder / RECORD, json.dumps({"frames": self.scenes}, indent=1) + "\n", outputs)
+            record = {"frames": self.scenes, **({"series": self._coloured} if self._coloured else {})}
+            write_text(self.folder / RECORD, json.dumps(record, indent=1) + "\n", outputs)
         return [number for number in range(len(self.scenes)) if number not in kept]
 
     def _known(self) -> list[Any] | None:
         """What the record says of the frames; None where there is none."""
-        try:
-            found = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))["frames"]
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+        found = _record(self.folder).get("frames")
         return found if isinstance(found, list) else None
 
     def _is_good(self, number: int, scene: Any, known: Sequence[Any]) -> bool:
@@ -94,6 +95,34 @@ class FrameFolder:
                 page = Image.new("RGB", (width, height), "white")
                 page.paste(image, (0, 0), image if image.mode == "RGBA" else None)
             yield page
+
+
+def known_range(folder: Path, of: Mapping[str, Any], inputs: Sequence[Path]) -> tuple[float, float] | None:
+    """The range over all steps that a film in a folder has, where it is of the same and no data have changed since.
+
+    of  what it is of, as plain data
+    """
+    record = folder / RECORD
+    if not record.is_file() or record.stat().st_mtime_ns <= _newest(inputs):
+        return None
+    match _record(folder).get("series"):
+        case {"of": found, "range": [float(low), float(high)]} if found == of:
+            return low, high
+    return None
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    """What the record in a folder says; nothing where there is none."""
+    try:
+        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _newest(inputs: Sequence[Path]) -> int:
+    """When the last of the files that are there was changed, in ns."""
+    return max((path.stat().st_mtime_ns for path in inputs if path.exists()), default=0)
 
 
 def write_film(frames: FrameFolder, path: Path, rate: float) -> None:

@@ -110,10 +110,10 @@ def animate(
     """
     from elvis.core.terminal import say
     from elvis.renderer.animation import Film, Key, scenes_of
-    from elvis.renderer.film_files import write_film
+    from elvis.renderer.film_files import FrameFolder, write_film
     from elvis.renderer.film_workers import Workers
-    from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
+    from elvis.scene.tables import table_of
 
     if orbit and path:
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
@@ -126,11 +126,12 @@ def animate(
     folder, films = _places(outputs, data, overwrite)
     with Film(scene, not no_cache) as film:
         moments = _moments(film, times, frames, bool(moving or orbit or path))
-        scene = with_range(scene, not no_cache, film.series)
-        scenes = scenes_of(scene, moments, moving)
-        found = _draw(film, _filmed(film, scenes, orbit, path), folder, crew, not no_cache)
-    for place in films:
-        write_film(found, place, rate)
+        scene, coloured = _coloured(film, scene, folder, not no_cache)
+        scenes = _filmed(film, scenes_of(scene, moments, moving), orbit, path)
+        place = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files, coloured)
+        found = _draw(film, scenes, place, crew, not no_cache)
+    for path_of_film in films:
+        write_film(found, path_of_film, rate)
     say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
 
 
@@ -196,15 +197,28 @@ def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Ca
     return [replace(scene, camera=camera) for scene, camera in zip(scenes, cameras, strict=True)]
 
 
-def _draw(film: Film, scenes: list[Scene], folder: Path, crew: Workers | None, is_kept: bool) -> FrameFolder:
+def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Scene, dict[str, Any] | None]:
+    """The scene with its range, and what the record of its frames says of one over all steps: that is found once."""
+    from dataclasses import replace
+
+    from elvis.renderer.film_files import known_range
+    from elvis.renderer.series_range import with_range
+
+    if scene.range != "series":
+        return scene, None
+    files = [[str(path), path.stat().st_mtime_ns] for path in film.files if path.exists()]
+    of = {"field": scene.field, "files": files, "reader": list(scene.reader), "others": list(scene.others)}
+    known = known_range(folder, of, film.files)
+    found = with_range(scene, is_kept, film.series) if known is None else replace(scene, range=known)
+    return found, {"of": of, "range": found.range}
+
+
+def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, crew: Workers | None, is_kept: bool) -> FrameFolder:
     """Draw the frames that are missing, and tell what the series told."""
     from dataclasses import replace
 
     from elvis.core.terminal import note, track
-    from elvis.renderer.film_files import FrameFolder
-    from elvis.scene.tables import table_of
 
-    frames = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files)
     missing = frames.begin()
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
