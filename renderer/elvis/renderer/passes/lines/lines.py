@@ -33,6 +33,10 @@ UNITS = 1 << 26
 NOTHING = NOBODY
 #: lanes of a wave where lanes share what they read (native_data.slang)
 WAVE = 8
+#: what line_draw tells of squares, as in line.slang
+_MANY, _POSSIBLE = 1, 2
+#: squares that several elements have, above which it is told first which of them may have a contour
+_SIFTED = 1 << 12
 #: lines from the centre of a reference shape that look for its facets
 _DIRECTIONS = 512
 
@@ -237,11 +241,20 @@ class Lines:
 
     def _draw_first(self, work: _Work, own: WorkItems) -> WorkItems:
         """Draws contours in squares that take few cells; returns the items of the rest, which keep others waiting."""
-        deferred = self._device.empty(np.uint32, len(own.pixel))
-        work.buffers["deferred"] = deferred
-        self._run_part(replace(work, size={**work.size, "deferring": 1}), own)
-        left = np.flatnonzero(self._device.read(deferred, np.uint32, len(own.pixel)))
-        return own[left]
+        unsure = np.flatnonzero(own.whole != 1)
+        if len(unsure) > _SIFTED:
+            # most of the squares that several elements have hold no contour
+            possible = np.ones(len(own.pixel), bool)
+            possible[unsure] = self._tell(work, own[unsure], _POSSIBLE)
+            own = own[possible]
+        return own[np.flatnonzero(self._tell(work, own, _MANY))]
+
+    def _tell(self, work: _Work, own: WorkItems, what: int) -> NDArray[np.uint32]:
+        """(n,) what line_draw tells of the items' squares, 1 for yes."""
+        count = len(own.pixel)
+        work.buffers["told"] = self._device.empty(np.uint32, count)
+        self._run_part(replace(work, size={**work.size, "telling": what}), own)
+        return self._device.read(work.buffers["told"], np.uint32, count)
 
     def _run_part(self, work: _Work, own: WorkItems) -> None:
         """A stage over items of a part."""
