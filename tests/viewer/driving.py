@@ -4,6 +4,9 @@ import asyncio
 import struct
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from elvis.viewer.drawing_process import Source
 
 #: whether the page is about to send something, or waits for an answer
 BUSY = """() => {
@@ -55,6 +58,30 @@ def picture(viewer):
 def setting(page, name):
     """The control of a setting of the whole scene."""
     return page.locator(".elvis-panel > .elvis-row").filter(has_text=name).locator("input").first
+
+
+class Fragile:
+    """In place of a source: the process that reads it loses its device as long as a file is there."""
+
+    def __init__(self, files, lost):
+        self.files, self.lost = files, lost
+
+    def __reduce__(self):
+        return _source_of_lost_devices, (self.files, str(self.lost))
+
+
+def _source_of_lost_devices(files, lost):
+    from elvis.renderer.device import Kernel
+
+    dispatch = Kernel._dispatch
+
+    def run(*arguments):
+        if Path(lost).exists():
+            raise RuntimeError("ERROR_DEVICE_LOST")
+        dispatch(*arguments)
+
+    Kernel._dispatch = run
+    return Source(files)
 
 
 def canvas_place(page, column, row):

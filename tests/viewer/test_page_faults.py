@@ -5,7 +5,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
-from driving import PATIENCE, picture, setting, settled
+from driving import PATIENCE, Fragile, picture, setting, settled
 
 from elvis.viewer.session import Session
 
@@ -104,10 +104,25 @@ def test_a_file_that_changes_on_disk_is_told_and_read_again(page, viewer):
     settled(page, viewer)
 
 
-def test_a_killed_drawing_process_is_started_again(page, viewer):
+def test_a_killed_drawing_process_is_started_again(page, viewer, tmp_path):
+    """Then its device is lost, for good as it seems: the page says one sentence, keeps its view, and goes on."""
+    lost = tmp_path / "lost"
+    viewer.session._drawer.source = Fragile(viewer.session.scene.data, lost)
     os.kill(viewer.session._drawer.pid, signal.SIGKILL)
     page.get_by_title("View +y").click()
     settled(page, viewer)
     assert isinstance(viewer.session, Session)
     assert viewer.session.table["camera"] == "+y"
     assert np.frombuffer(picture(viewer)[:4], np.uint8)[1:].tobytes() == b"PNG"
+
+    lost.touch()
+    page.get_by_title("View -z").click()
+    told = page.locator(".elvis-error")
+    told.get_by_text("the device failed: ERROR_DEVICE_LOST").wait_for()
+    assert told.inner_text().count("\n") == 0
+    assert viewer.session.table["camera"] == page.evaluate("window.elvis.table.camera") == "-z"
+    lost.unlink()
+    page.get_by_title("View +x").click()
+    settled(page, viewer)
+    assert viewer.session.table["camera"] == "+x"
+    assert not told.is_visible()

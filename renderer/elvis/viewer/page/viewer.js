@@ -356,13 +356,25 @@ class Controls {
   }
 
   fold(key, summary, children, open) {
-    const details = make("details", { open: Controls.open.get(key) ?? open },
+    const details = make("details", { open },
       make("summary", {}, `${words(key)}${summary ? `: ${summary}` : ""}`), make("div", {}, ...children));
-    details.addEventListener("toggle", () => Controls.open.set(key, details.open));
+    details.addEventListener("toggle", () => Controls.open.set(foldsAround(details).join("/"), details.open));
     return details;
+  }
+
+  // folds of a panel are open as they were left, or as they were made
+  static restore(panel) {
+    for (const one of panel.querySelectorAll("details")) one.open = Controls.open.get(foldsAround(one).join("/")) ?? one.open;
   }
 }
 Controls.open = new Map();
+
+// names of the folds that an element is in, its own first: several objects have folds of one name
+function foldsAround(element) {
+  const names = [];
+  for (let at = element.closest("details"); at; at = at.parentElement?.closest("details")) names.push(at.firstChild.textContent.split(":")[0]);
+  return names;
+}
 
 // ---------------------------------------------------------------- handles: planes, spheres, cylinders and cones are dragged in the picture
 
@@ -1620,6 +1632,7 @@ class Viewer {
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
     const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.nameOf(document.activeElement) : null;
     this.panel.replaceChildren(...this.objects(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
+    Controls.restore(this.panel);
     this.panel.scrollTop = scroll;
     if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
   }
@@ -1648,9 +1661,7 @@ class Viewer {
   // of a control, by the folds that it is in, so that it is found again once controls are made anew
   nameOf(element) {
     const own = (one) => `${one.tagName} ${one.getAttribute("aria-label") ?? one.labels?.[0]?.textContent ?? one.textContent}`;
-    const folds = [];
-    for (let at = element.closest("details"); at; at = at.parentElement.closest("details")) folds.push(at.firstChild.textContent.split(":")[0]);
-    const name = [own(element), ...folds].join("/");
+    const name = [own(element), ...foldsAround(element)].join("/");
     const twins = [...(element.closest("details") ?? this.panel).querySelectorAll(element.tagName)].filter((one) => own(one) === own(element));
     return `${name}/${twins.indexOf(element)}`;
   }
