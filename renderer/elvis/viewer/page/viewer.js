@@ -295,7 +295,7 @@ class Controls {
     const read = (text) => text.split(/[\s,;]+/).filter(Boolean).map((one) => (isText ? one : Number(one)));
     const field = make("input", { id, type: "text", value: value.map(short).join(", "), spellcheck: false,
       onchange: (e) => set(read(e.target.value)) });
-    if (!isText || !this.facts?.boundaries?.length) return field;
+    if (key !== "select" || !this.facts?.boundaries?.length) return field;
     const boxes = ["all", ...this.facts.boundaries].map((name) => make("label", {}, make("input", { type: "checkbox", checked: value.includes(name),
       onchange: (e) => set(ticked(value, name, e.target.checked)) }), ` ${name} `));
     return make("div", {}, field, ...boxes);
