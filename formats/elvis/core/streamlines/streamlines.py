@@ -17,6 +17,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.core.streamlines.course import Course, Flow, MakeTracer, positive
 from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Piece, Tracer, points_within
 from elvis.core.streamlines.velocity import Velocity
 
@@ -32,6 +33,7 @@ _TAKEN = (
     "offsets",
     "end",
     "ends",
+    "ftle",
     "points",
     *(f"velocity_{axis}" for axis in "xyz"),
     *"xyz",
@@ -54,6 +56,7 @@ class Streamlines:
     element   (m,)    ids of elements in the file
     velocity  (m, 3)
     values    further quantities (m,) by name
+    ftle      (n,)    finite-time Lyapunov exponents (`stretching`) over the time that lines last, None if not asked for
     """
 
     offsets: Ints
@@ -66,6 +69,7 @@ class Streamlines:
     element: Ints
     velocity: Floats
     values: Mapping[str, Floats]
+    ftle: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.seed)
@@ -102,7 +106,8 @@ class Streamlines:
         places = dict(zip("xyz", self.points.T, strict=True))
         parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
         along = {"time": self.time, "length": self.length, "element": self.element}
-        return {"line": line, "seed": self.seed[line], **places, **along, **parts, **self.values}
+        stretched = {} if self.ftle is None else {"ftle": self.ftle[line]}
+        return {"line": line, "seed": self.seed[line], **places, **along, **parts, **stretched, **self.values}
 
     def at_points(self) -> Columns:
         """Arrays (m,) and (m, 3) by name: time, length, element, velocity, quantities."""
@@ -111,7 +116,8 @@ class Streamlines:
     def arrays(self) -> Columns:
         """What an archive holds: all arrays by name, the words for ends, and quantities by their names."""
         own = {name: getattr(self, name) for name in ("offsets", "seed", "end", "points")}
-        return {**own, **self.at_points(), "ends": np.array(self.ends)}
+        stretched = {} if self.ftle is None else {"ftle": self.ftle}
+        return {**own, **stretched, **self.at_points(), "ends": np.array(self.ends)}
 
 
 def trace(
@@ -129,6 +135,7 @@ def trace(
     fields: Sequence[str] = (),
     random: int = 0,
     wall: str | None = None,
+    ftle: bool = False,
     make: MakeTracer = Tracer,
 ) -> Streamlines:
     """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
@@ -145,6 +152,7 @@ def trace(
     fields     further quantities at the points
     random     number that random seeds are drawn with
     wall       a boundary of 3D data: lines follow the shear on it, or the velocity along it where one is given
+    ftle       whether each line's finite-time Lyapunov exponent is wanted; the velocity must be continuous
     make       of what follows the lines, as `Flow.tracers`
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
@@ -157,11 +165,16 @@ def trace(
         raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
     components = None if texts is None else tuple(texts)
     course = Course(seeds, components, direction, length, duration, speed, steps, tolerance, random, wall)
-    flow = Flow.of(dataset, course, others)
+    slopes = slope_expressions(dataset, course) if ftle else []
+    flow = Flow.of(dataset, course, [*others, *slopes])
     positive("spacing", spacing)
     apart = SPACING * flow.size if spacing is None else float(spacing)
-    parts = [_collected(tracer, apart) for tracer in flow.tracers(make)]
-    return _joined(parts, flow.velocity, (*(WORDS[end][0] for end in End), *flow.neighbours.names))
+    stretched, parts = [], []
+    for tracer in flow.tracers(make):
+        stretched.append(Stretching(flow.velocity, slopes, len(tracer.end), tracer.sign))
+        parts.append(_collected(tracer, apart, stretched[-1] if ftle else None))
+    exponents = np.concatenate([own.exponents() for own in stretched]) if ftle else None
+    return _joined(parts, flow.velocity, others, exponents, (*(WORDS[end][0] for end in End), *flow.neighbours.names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,13 +189,15 @@ class _Points:
     end: Ints
 
 
-def _collected(tracer: Tracer, spacing: float) -> _Points:
+def _collected(tracer: Tracer, spacing: float, stretching: Stretching | None) -> _Points:
     """Run lines to their ends; ElvisError where that makes too many points."""
     inside = np.flatnonzero(tracer.end != End.OUTSIDE)
     parts = [(inside, tracer.patch[inside], tracer.row[inside], np.zeros(len(inside)), tracer.state[inside])]
     count = len(inside)
     for piece in tracer.run():
         parts.append(_points_of(piece, spacing, tracer.sign))
+        if stretching is not None:
+            stretching.follow(piece)
         count += len(parts[-1][0])
         if count > _MOST_POINTS:
             raise ElvisError(f"expected lines of {_MOST_POINTS} points in all at most; a greater spacing makes fewer")
@@ -198,7 +213,13 @@ def _points_of(piece: Piece, spacing: float, sign: int) -> tuple[Ints, Ints, Int
     return piece.line[which], piece.patch[which], piece.row[which], time, states
 
 
-def _joined(parts: Sequence[_Points], moving: Velocity, ends: tuple[str, ...]) -> Streamlines:
+def _joined(
+    parts: Sequence[_Points],
+    moving: Velocity,
+    others: Sequence[Expression],
+    exponents: Floats | None,
+    ends: tuple[str, ...],
+) -> Streamlines:
     """Lines of all directions, one direction after the other, with what is known at their points."""
     seeds = [np.arange(len(part.end)) for part in parts]
     counts = np.concatenate([np.bincount(part.line, minlength=len(part.end)) for part in parts])
@@ -217,5 +238,6 @@ def _joined(parts: Sequence[_Points], moving: Velocity, ends: tuple[str, ...]) -
         state[:, -1],
         ids[starts[patch] + row],
         moving.motion(patch, row, reference).velocity,
-        {each.text: moving.values(each, patch, row, reference) for each in moving.others},
+        {each.text: moving.values(each, patch, row, reference) for each in others},
+        exponents,
     )

@@ -32,6 +32,7 @@ Examples:
 @click.option(
     "--device", default="auto", show_default=True, help="What follows many lines, see elvis devices; reference: NumPy."
 )
+@click.option("--ftle", is_flag=True, help="Also each line's finite-time Lyapunov exponent, by the exact gradient.")
 @field_option
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .vtp (ParaView).")
@@ -40,6 +41,7 @@ Examples:
 def trace(
     data: Data,
     spacing: float | None,
+    ftle: bool,
     device: str,
     quantities: tuple[str, ...],
     as_json: bool,
@@ -71,7 +73,7 @@ def trace(
             [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
         )
     source = data.source()
-    asked |= {"spacing": spacing, "fields": quantities}
+    asked |= {"ftle": ftle, "spacing": spacing, "fields": quantities}
     velocity = texts_of(followed.velocity)
     found: Streamlines
     with stage("following lines"):
@@ -103,9 +105,15 @@ def _write(output: Path, found: Streamlines) -> None:
 
     suffix = output.suffix.lower()
     if suffix == ".vtp":
-        write_polylines(output, found.points, found.offsets, found.at_points(), {"seed": found.seed, "end": found.end})
+        write_polylines(output, found.points, found.offsets, found.at_points(), _of_lines(found))
     else:
         write_columns(output, found.arrays() if suffix == ".npz" else found.columns())
+
+
+def _of_lines(found: Streamlines) -> dict[str, Any]:
+    """What is known of each line: its seed, how it ends and, where it was asked for, its exponent."""
+    own = {"seed": found.seed, "end": found.end}
+    return own if found.ftle is None else {**own, "ftle": found.ftle}
 
 
 def _warn_of_seeds(found: Streamlines) -> None:

@@ -1,0 +1,91 @@
+"""How much a flow stretches along streamlines: finite-time Lyapunov exponents, from the variational equation.
+
+The gradient F of the place of a particle by that of its seed follows dF/dt = grad v F (Shadden, Lekien and Marsden,
+Physica D 212, 2005).  Along each step of a line, whose dense output tells where grad v is taken, it is integrated by
+Gauss's collocation of order 12 (Hairer, Norsett and Wanner, Solving ordinary differential equations I, II.7): the
+equation is linear, so that is one linear system.  Nothing is taken from differences of neighbouring lines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import AXES, world_derivative
+from elvis.core.streamlines.course import Course
+from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.core.streamlines.tracer import Piece
+from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+
+_STAGES = 6
+_NODES = 0.5 * (1 + gauss(_STAGES)[0])
+_WEIGHTS = 0.5 * gauss(_STAGES)[1]
+
+
+def _collocation() -> Floats:
+    """(6, 6) integrals from 0 to node i of the Lagrange polynomial of node j."""
+    powers = np.arange(_STAGES)
+    integrals = _NODES[:, None] ** (powers + 1) / (powers + 1)
+    return np.asarray(integrals @ np.linalg.inv(_NODES[:, None] ** powers))
+
+
+_MATRIX = _collocation()
+
+
+def slope_expressions(dataset: Dataset, course: Course) -> list[Expression]:
+    """The derivatives of a velocity's components, a row of the gradient after the other.
+
+    ElvisError on walls, on surfaces in space, and for Fourier directions.
+    """
+    components = velocity_expressions(dataset, course.velocity)
+    if course.wall is not None or len(components) != dataset.mesh.dimension:
+        raise ElvisError("FTLE: expected 2D data in the plane or 3D data, without walls and Fourier directions")
+    axes = range(len(components))
+    return [Expression(f"{own.text}_{AXES[k]}", world_derivative(own.root, k)) for own in components for k in axes]
+
+
+class Stretching:
+    """Gradients (n, d, d) of places of n lines by their seeds, under way; ``time`` (n,) that lines have lasted."""
+
+    def __init__(self, velocity: Velocity, slopes: list[Expression], count: int, sign: int) -> None:
+        d = max(1, round(len(slopes) ** 0.5))
+        self.velocity, self.slopes, self.sign = velocity, slopes, sign
+        self.gradients = np.tile(np.eye(d), (count, 1, 1))
+        self.time = np.zeros(count)
+
+    def follow(self, piece: Piece) -> None:
+        """Go along steps of some lines."""
+        d, count = self.gradients.shape[1], len(piece.line)
+        rates = np.stack([self._rates(piece, node) for node in _NODES], axis=1)
+
+        # K_i = A_i (F + h sum_j a_ij K_j): of order 12 in the step
+        lasts = piece.lasts[:, None, None]
+        blocks = np.einsum("kiab,ij->kiajb", rates, _MATRIX).reshape(count, _STAGES * d, _STAGES * d)
+        start = self.gradients[piece.line]
+        known = np.einsum("kiab,kbc->kiac", rates, start).reshape(count, _STAGES * d, d)
+        changes = np.linalg.solve(np.eye(_STAGES * d) - lasts * blocks, known).reshape(count, _STAGES, d, d)
+        self.gradients[piece.line] = start + lasts * np.einsum("i,kiab->kab", _WEIGHTS, changes)
+        self.time[piece.line] += piece.lasts
+
+    def exponents(self) -> Floats:
+        """(n,) ln of the greatest stretching by the time that a line lasts; NaN where that is none."""
+        with np.errstate(all="ignore"):
+            greatest = np.linalg.norm(np.nan_to_num(self.gradients), ord=2, axis=(1, 2))
+            return np.asarray(np.where(self.time > 0, np.log(greatest) / self.time, np.nan))
+
+    def _rates(self, piece: Piece, node: float) -> Floats:
+        """(k, d, d) the velocity's gradients at a part of steps."""
+        d = self.gradients.shape[1]
+        points = bernstein_at(piece.nets, node * piece.part)[:, :-1]
+        found = np.empty((len(points), d * d))
+        for number in np.unique(piece.patch):
+            here = np.flatnonzero(piece.patch == number)
+            places = ElementPoints(self.velocity.patches[number], piece.row[here], points[here])
+            for column, value in enumerate(self.velocity.evaluator.values_at(self.slopes, places)):
+                found[here, column] = value
+        return self.sign * found.reshape(-1, d, d)
