@@ -6,24 +6,23 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pyfr.__main__ import main
-from pyfr.mpiutil import get_comm_rank_root
-from pyfr.plugins.base import BaseSolnPlugin
-from pyfr.quadrules import get_quadrule
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.needing import MissingPackageError, require_module
 from elvis.plugins.registry import load
 from elvis.plugins.run_states import NodalStates
 from elvis.renderer.in_situ import Session
 
 
-class ElVisPlugin(BaseSolnPlugin):  # type: ignore[misc]
-    """Pictures of the solution, drawn by the first rank, to which the others send theirs.
+class Host:
+    """What the plugin adds to PyFR's base of plugins: pictures, which the first rank draws of what all send.
 
     Its section has ``scene``, a scene file; ``output``, a picture with {step} or {time} in its name, in place of those
     of the scene; ``every`` and ``when``, as of `Session`.  What is wrong with these ends the run before its first step.
@@ -33,9 +32,14 @@ class ElVisPlugin(BaseSolnPlugin):  # type: ignore[misc]
     systems = ("*",)
     formulations = ("dual", "std")
     dimensions = (2, 3)
+    #: the configuration and the section of the plugin, set by PyFR's base
+    cfg: Any
+    cfgsect: str
 
     def __init__(self, intg: Any, cfgsect: str, suffix: str | None = None) -> None:
-        super().__init__(intg, cfgsect, suffix)
+        from pyfr.mpiutil import get_comm_rank_root
+
+        super().__init__(intg, cfgsect, suffix)  # type: ignore[call-arg]
         self._comm, rank, self._root = get_comm_rank_root()
         self._names = list(next(iter(intg.system.ele_map.values())).convars)
         self._every = self.cfg.getint(cfgsect, "every", 1)
@@ -52,7 +56,7 @@ class ElVisPlugin(BaseSolnPlugin):  # type: ignore[misc]
 
     def finalise(self, intg: Any) -> None:
         """Give the device back."""
-        super().finalise(intg)
+        super().finalise(intg)  # type: ignore[misc]
         if self._session is not None:
             self._session.close()
 
@@ -66,6 +70,8 @@ class ElVisPlugin(BaseSolnPlugin):  # type: ignore[misc]
 
     def _joined(self, parts: Sequence[Mapping[str, tuple[Ints, Floats]]]) -> Any:
         """The solution on all elements, in the order of the mesh file, from the parts of all ranks."""
+        from pyfr.quadrules import get_quadrule
+
         values: dict[str, tuple[Floats, Floats]] = {}
         for kind in sorted({kind for part in parts for kind in part}):
             own = [part[kind] for part in parts if kind in part]
@@ -82,5 +88,23 @@ def _part(intg: Any) -> dict[str, tuple[Ints, Floats]]:
     return {kind: (np.asarray(rows[kind]), np.array(own.T)) for kind, own in zip(kinds, intg.soln, strict=True)}
 
 
+@cache
+def plugin() -> type:
+    """The plugin's class, which PyFR finds among the subclasses of its own; kept, since it knows these weakly."""
+    from pyfr.plugins.base import BaseSolnPlugin
+
+    return type("ElVisPlugin", (Host, BaseSolnPlugin), {})
+
+
+def run() -> None:
+    """PyFR's command line, with the plugin."""
+    try:
+        solver = require_module("pyfr.__main__", "drawing while PyFR runs")
+    except MissingPackageError as error:
+        sys.exit(f"elvis: error: {error}")
+    plugin()
+    solver.main()
+
+
 if __name__ == "__main__":
-    main()
+    run()
