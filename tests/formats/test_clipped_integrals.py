@@ -51,6 +51,15 @@ def test_level_sets_through_the_apex_of_pyramids():
         assert abs(found.value - truth) <= found[0].error < 1e-3 * truth
 
 
+def test_the_error_of_an_integral_that_is_zero_is_told_as_it_is():
+    """Not in parts of a size that is rounding: p on a parabola p = 0 that touches the border of a square."""
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    level = approximated(bare, "p", lambda p: p[:, 1] - (p[:, 0] - 0.5) ** 2, 4)
+    found = integrate(Dataset(bare.mesh, (level,)), "p", over="p=0")
+    assert abs(found.value) <= found[0].error < 1e-6
+    assert "p over p=0 is known to be zero within" in found.remarks[0]
+
+
 def test_a_level_set_that_is_a_field():
     """A disc of radius 0.4 in the unit square, of a field on squares; several regions are added up."""
     bare = Dataset(grid(Shape.QUADRILATERAL, 3))

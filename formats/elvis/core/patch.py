@@ -72,6 +72,11 @@ class Patch:
         """Whether every coordinate beyond the dimension of the shape is zero throughout."""
         return not self.geometry_coefficients[:, self.shape.dimension :].any()
 
+    @cached_property
+    def is_linear(self) -> bool:
+        """Whether the maps are linear by their expansion: of straight simplices."""
+        return max(self.geometry.modes) == 2 and self.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
+
 
 def patches(
     dataset: Dataset, field_names: Sequence[str] = (), blocks: Sequence[GeometryBlock] | None = None

@@ -194,5 +194,10 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
             elif place is not None:
                 yield f"{each.text} has no value in {name} at {where}, so its integral has none"
             elif sums.error[number] - sums.rounding[number] > 2 * error * sums.magnitude[number]:
-                found = sums.error[number] / sums.magnitude[number]
-                yield f"{each.text} over {name} is known to {found:.2g} of its size only, {error:g} was asked for"
+                yield f"{each.text} over {name} is known {_precision(sums, number)} only, {error:g} was asked for"
+
+
+def _precision(sums: Sums, number: int) -> str:
+    """How well an integral is known: in parts of the integral of the absolute value, unless that may be zero."""
+    own, magnitude = sums.error[number], sums.magnitude[number]
+    return f"to {own / magnitude:.2g} of its size" if magnitude > own else f"to be zero within {own:.2g}"

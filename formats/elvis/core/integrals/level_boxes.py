@@ -23,6 +23,7 @@ from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.polynomials.boxnets import halves
+from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
 
 #: how often a box is halved until its signs must be known, and boxes that are looked at together
@@ -118,16 +119,30 @@ class LevelBoxes:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
         orders = sorted(set(map(tuple, self.order.tolist())))
         if self.is_filled:
-            inner = [self._below_graphs(order, counts) for order in orders]
+            is_whole = self.nets.max(axis=(1, 2, 3)) < 0
+            inner = [self._below_graphs(order, counts, ~is_whole) for order in orders]
+            inner.append(self._inside(np.flatnonzero(is_whole), counts))
             box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
             return ElementPoints(self.patch, self.rows[box], places), shares, box
         parts = [self._on_graphs(order, counts) for order in orders]
         box, places, shares, normals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
 
-    def _below_graphs(self, order: tuple[int, ...], counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
-        """Box, reference point and share of points where g < 0, of graphs whose axes have one order."""
-        here = np.flatnonzero((self.order == order).all(axis=1))
+    def _inside(self, whole: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
+        """Box, reference point and share of points of boxes (m,) that are whole below the surface."""
+        is_flat = np.array(self.nets.shape[1:]) == 1
+        rules = [(np.zeros(1), np.full(1, 2.0)) if flat else gauss(counts[-1]) for flat in is_flat]
+        nodes = np.stack(np.meshgrid(*[own for own, _ in rules], indexing="ij"), axis=-1).reshape(-1, 3)
+        weights = np.stack(np.meshgrid(*[own for _, own in rules], indexing="ij")).prod(axis=0).reshape(-1) / 8
+        box = np.repeat(whole, len(nodes))
+        reference, columns = self._map(box, np.tile((1 + nodes) / 2, (len(whole), 1)))
+        return box, reference, np.tile(weights, len(whole)) * np.abs(tangents.determinants(columns))
+
+    def _below_graphs(
+        self, order: tuple[int, ...], counts: tuple[int, ...], chosen: Bools
+    ) -> tuple[Ints, Floats, Floats]:
+        """Box, reference point and share of points where g < 0, of chosen graphs whose axes have one order."""
+        here = np.flatnonzero((self.order == order).all(axis=1) & chosen)
         number, points, weights = below_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
         box, local = here[number], np.empty_like(points)
         local[:, order] = points
@@ -139,8 +154,14 @@ class LevelBoxes:
         first, size = 3 - self.patch.shape.dimension, self.high[box] - self.low[box]
         coordinates = (self.low[box] + size * local)[:, first:]
         reference, derivatives = subcell_map(self.patch.shape, self.cell[box], coordinates)
-        jacobians = pointwise.jacobians(self.patch, self.rows[box], reference)
-        return reference, jacobians @ derivatives * size[:, None, first:]
+        return reference, self._jacobians(box, reference) @ derivatives * size[:, None, first:]
+
+    def _jacobians(self, box: Ints, reference: Floats) -> Floats:
+        """(n, 3, d) of the map at reference points (n, d) in boxes (n,): one an element where it is linear."""
+        if not self.patch.is_linear:
+            return pointwise.jacobians(self.patch, self.rows[box], reference)
+        rows, number = np.unique(self.rows[box], return_inverse=True)
+        return pointwise.jacobians(self.patch, rows, np.zeros((len(rows), reference.shape[1])))[number]
 
     def _on_graphs(self, order: tuple[int, ...], counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats]:
         """Box, reference point, share and normal of points on graphs whose axes have one order."""

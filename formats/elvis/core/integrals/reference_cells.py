@@ -115,7 +115,7 @@ class Piece:
     def is_affine(self) -> Bools:
         """(n,) whether the map's derivative is constant on the whole element, to rounding."""
         patch = self.patch
-        if max(patch.geometry.modes) == 2 and patch.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON):
+        if patch.is_linear:
             return np.ones(len(self), bool)
         # a polynomial that is constant at as many points as it has coefficients is constant
         counts = [degree + 1 for degree in box_degrees(bernstein_space(patch.geometry))]
