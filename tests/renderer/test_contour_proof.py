@@ -8,13 +8,13 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Plane
+from elvis.renderer import Camera, Plane, shading
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.scene import Contours, CutSurface, Style
+from elvis.scene import Clip, Contours, CutSurface, Implicit, Sphere, Style
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView, View
 
@@ -136,6 +136,45 @@ def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):
     assert sum(counts.values()) == frame.seen.sum()
     assert 0.9 * frame.seen.sum() < counts["certain"] < frame.seen.sum()
     assert "contours" not in draw(data, **scene).stats
+
+
+CLIPS = {
+    # through a row of squares in whose lower part, beyond the clip, the lowest point of a circle is
+    "lower part": (Clip(Plane((0.5, 0.2235, 0.5), (0.0, 1.0, 0.0))), lambda p: p[..., 1] < 0.2235),
+    "plane": (Clip(Plane((0.5, 0.5, 0.5), (0.1, 1.0, 0.2))), lambda p: (p - 0.5) @ [0.1, 1.0, 0.2] < 0),
+    "sphere": (Clip(Sphere((0.47, 0.52, 0.52), 0.16)), lambda p: ((p - [0.47, 0.52, 0.52]) ** 2).sum(-1) < 0.16**2),
+    "speck": (Clip(Sphere((0.77, 0.52, 0.52), 0.004)), lambda p: ((p - [0.77, 0.52, 0.52]) ** 2).sum(-1) < 0.004**2),
+    "implicit": (Clip(Implicit("x+0.9*y-0.91")), lambda p: p[..., 0] + 0.9 * p[..., 1] < 0.91),
+}
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("name", CLIPS)
+def test_contours_that_are_certain_in_a_square_are_in_the_part_that_clips_leave(draw, monkeypatch, name):
+    proofs = []
+
+    def kept(*args):
+        proofs.append((ContourProof(*args), args[2]))
+        return proofs[-1][0]
+
+    monkeypatch.setattr(shading, "ContourProof", kept)
+    clip, is_gone = CLIPS[name]
+    levels = (0.0225, 0.0256, 0.306**2, 0.16)
+    scene = {"objects": (CutSurface(PLANE, Style(contours=Contours(values=levels))),), "clip": (clip,)}
+    data = with_field(grid(Shape.HEXAHEDRON, 3), circles, 3)
+    draw(data, **scene, camera=CAMERAS["straight on"], size=SIZE, stats="counts.json")
+    [(proof, view)] = proofs
+
+    view = PlaneView.on(view, PLANE)
+    low, high = ranges(view, lambda points: np.where(is_gone(points), np.nan, circles(points)))
+    rise = 0.1 * (high - low)
+    certain, hit = proof.status == Status.CERTAIN, proof.status != Status.MISS
+    near = np.logical_or.reduce([(low - rise < level) & (level < high + rise) for level in levels])
+    holds = np.logical_or.reduce([(low < level) & (level < high) for level in levels])
+    assert hit.sum() > 500
+    assert not (hit & proof.taken & ~near).any()
+    assert not (certain & holds & ~proof.taken).any()
+    assert (certain & proof.taken).any() == (name in ("plane", "lower part"))
 
 
 def curvy(points):

@@ -53,6 +53,7 @@ class HitBuffer:
     uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
                  proved and NaN where nothing is hit; None: those of a surface that is given analytically
     doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
+    clear      (n,)    clips take nothing away that is nearer than this to the hit, in world units; None: there are none
     """
 
     owner: NDArray[np.uint32]
@@ -69,6 +70,7 @@ class HitBuffer:
     near_squares: Callable[[], Iterator[SquarePatches]] | None = default(default_factory=lambda: None)
     uncertainty: Floats | None = default(default_factory=lambda: None)
     doubt: Floats | None = default(default_factory=lambda: None)
+    clear: Floats | None = default(default_factory=lambda: None)
 
     @staticmethod
     def empty(count: int) -> HitBuffer:
@@ -89,7 +91,7 @@ class HitBuffer:
         """
         hits = object.__new__(HitBuffer)
         absent = {"side": None, "flat": None, "sections": None, "offset": 0.0}
-        absent |= {"near_squares": None, "uncertainty": None, "doubt": None}
+        absent |= {"near_squares": None, "uncertainty": None, "doubt": None, "clear": None}
         made = made or {}
         vars(hits).update({name: value for name, value in absent.items() if name not in {**held, **made}})
         vars(hits).update(known, held=held, _made=made, _device=device)
@@ -133,11 +135,16 @@ class HitBuffer:
             offset=self.offset,
             uncertainty=None if self.uncertainty is None else np.where(gone, np.nan, self.uncertainty),
             doubt=self.doubt,
+            clear=self.clear,
         )
 
-    def clip(self, gone: Bools, unsure: Bools) -> HitBuffer:
-        """The same without the hits in the pixels ``gone`` (n,); where that is ``unsure`` (n,), they may be there."""
+    def clip(self, gone: Bools, unsure: Bools, clear: Floats) -> HitBuffer:
+        """The same without the hits in the pixels ``gone`` (n,); where that is ``unsure`` (n,), they may be there.
+
+        clear  (n,) see above
+        """
         left = self.without(gone)
+        left.clear = clear
         doubt = np.full(len(gone), np.inf) if self.doubt is None else self.doubt
         left.doubt = np.where(unsure, np.minimum(doubt, self.depth), doubt)
         status = np.where(unsure & (left.status != Status.FAILED), np.uint8(Status.AMBIGUOUS), left.status)

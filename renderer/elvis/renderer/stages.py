@@ -365,20 +365,23 @@ class Stages:
         while through > FAINT:
             hits = draw_call.draw(view, beyond)
             hit = hits.owner != NOBODY
-            gone, unsure = self.hidden_by(hits, view, [clip for clip in clips if clip.surface != draw_call.surface])
-            yield hits.clip(gone, unsure) if gone.any() or unsure.any() else hits
+            others = [clip for clip in clips if clip.surface != draw_call.surface]
+            gone, unsure, clear = self.hidden_by(hits, view, others)
+            yield hits.clip(gone, unsure, clear) if np.isfinite(clear).any() else hits
             through *= 1.0 - draw_call.style.opacity if not gone.any() else 1.0
             further = hit if draw_call.style.opacity < 1.0 else gone
             if draw_call.once or not further.any():
                 return
             beyond = np.where(further, hits.depth + SAME * (self.loaded.extent + np.abs(hits.depth)), np.inf)
 
-    def hidden_by(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools]:
-        """(n,) hits that lie where nothing is to be shown, and (n,) those of which that is not certain."""
+    def hidden_by(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools, Floats]:
+        """(n,) hits that lie where nothing is to be shown, (n,) those of which that is not certain, and (n,) how near
+        to a hit nothing is taken away, zero where that is not known and infinite without clips."""
         gone, unsure = np.zeros((2, view.count), bool)
+        clear = np.full(view.count, np.inf)
         hit = np.flatnonzero(hits.owner != NOBODY)
         if not clips or not len(hit):
-            return gone, unsure
+            return gone, unsure, clear
         origins, directions = view.rays(hit % view.width, hit // view.width)
         points = origins + hits.depth[hit, None] * directions
         room = CLOSE * self.loaded.extent
@@ -392,9 +395,13 @@ class Stages:
                 distance, close = outside(clip.surface, points), np.full(len(hit), room)
                 away = -distance if clip.away == "inside" else distance
                 near = (away > 0.01 * room) & (away <= 2.0 * room) | (np.abs(distance) <= around) & (around > room)
-            gone[hit] |= (-distance if clip.away == "inside" else distance) > close
+            beyond = -distance if clip.away == "inside" else distance
+            gone[hit] |= beyond > close
             unsure[hit] |= near
-        return gone, unsure
+            # distances are true ones of planes alone
+            room_left = np.maximum(-beyond, 0.0) if isinstance(clip.surface, Plane) else 0.0
+            clear[hit] = np.minimum(clear[hit], room_left)
+        return gone, unsure, clear
 
     def _height(self, hits: HitBuffer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
         """(k,) the values of an expression at hits (k,), and what of them may be none: what is rounding, and what they

@@ -7,6 +7,7 @@ Each square is looked at with every element that may lie in it, by bounds of the
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,6 +83,8 @@ class ContourProof:
         self._holds = ~(np.searchsorted(levels, low) >= np.searchsorted(levels, high, "right"))
         self._holds |= np.isnan(low) | np.isnan(high)
         self._decide()
+        if hits.clear is not None:
+            self._doubt_beside_clips(hits.clear)
         self.status[~is_hit] = Status.MISS
 
     def _decide(self) -> None:
@@ -108,6 +111,22 @@ class ContourProof:
         is_shared = np.zeros(self._view.count, bool)
         is_shared[pixel[~is_alone]] = True
         self._decide_items(self._others(is_shared.reshape(shape)))
+
+    def _doubt_beside_clips(self, clear: Floats) -> None:
+        """Leave open what is taken in squares of which clips may take a part, since it may be taken in that part."""
+        pixel = np.flatnonzero(self.taken)
+        if not len(pixel):
+            return
+        chart = next(iter(self._charts.values()))
+        line, column = np.divmod(pixel, self.width)
+        middle, _ = chart.targets(column.astype(float), line.astype(float))
+        reach = np.zeros(len(pixel))
+        for x, y in product((-0.5, 0.5), repeat=2):
+            corner, _ = chart.targets(column + x, line + y)
+            reach = np.maximum(reach, np.linalg.norm(corner - middle, axis=1))
+        beside_clip = pixel[~(1.001 * reach < clear[pixel])]
+        self.taken[beside_clip] = False
+        self.status[beside_clip] = Status.AMBIGUOUS
 
     def _others(self, mask: Bools) -> Items:
         """The elements, other than the own ones, that may be in the squares of the pixels of a mask (h, w)."""
