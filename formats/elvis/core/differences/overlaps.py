@@ -1,9 +1,10 @@
-"""An upper bound of the difference of two fields on different meshes, proved over all pairs of elements that may meet.
+"""An upper bound of the difference of two fields on different meshes, over all pairs of elements that may meet.
 
 Where the map of one element of a pair is affine, its field is a polynomial in the other one's coordinates eta, also
 beyond the element: u2(M x1(eta) + c).  So the difference is a polynomial on boxes of eta, whose Bernstein net bounds
 it.  Boxes that lie on the far side of a facet of the affine element are left out; those whose bound exceeds what was
 found at points are halved.  Where no map is affine the ranges of both fields on their elements bound the difference.
+Rounding is allowed for by an estimate, _ROUNDING parts of what a value is added up from, not by intervals.
 """
 
 from __future__ import annotations
