@@ -56,8 +56,10 @@ class Drawer:
             with suppress(RuntimeError):  # the loop is closed: nobody waits for the answer
                 loop.call_soon_threadsafe(settle, found)
 
-        self._waiting = threading.Thread(target=wait, daemon=True)
-        self._waiting.start()
+        waiting = threading.Thread(target=wait, daemon=True)
+        waiting.start()
+        # only a thread that has started can be joined: Ctrl-C may come while it starts
+        self._waiting = waiting
         kind, _, found = await answer
         if kind == "died":
             self.close()
