@@ -18,9 +18,7 @@ from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
-from elvis.core.polynomials.net_zeros import (
-    BEYOND,
-)
+from elvis.core.polynomials.net_zeros import BEYOND
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
@@ -198,7 +196,8 @@ class _Search(ZeroSearch):
         """
         shape, count = self.patch.shape, len(self.outer.vertices)
         on_facet = heights(shape, shape.vertices) == 0
-        shared = ~(touched[:, None] & ~on_facet).any(axis=2) & touched.any(axis=1)[:, None]
+        is_missed = np.asarray((touched[:, None] & ~on_facet).any(axis=2))
+        shared = ~is_missed & touched.any(axis=1, keepdims=True)
         number, own = shared.sum(axis=1), self.vertices[rows]
         first = shared.argmax(axis=1)
         last = shared.shape[1] - 1 - shared[:, ::-1].argmax(axis=1)

@@ -193,4 +193,4 @@ class ZeroSearch(ABC):
         for bits in np.ndindex(*(2,) * d):
             places = np.stack([ends[bit][:, axis] for axis, bit in enumerate(bits)], axis=1)
             touched.append(heights(self.shape, reference(places)) <= BEYOND)
-        return np.any([self.is_outer(boxes.rows, corner) for corner in touched], axis=0)
+        return np.asarray(np.any([self.is_outer(boxes.rows, corner) for corner in touched], axis=0))

@@ -109,7 +109,7 @@ def _velocity(vectors: Floats, key: int) -> Floats:
     own = vectors[key]
     steps = [-_way(own, other) for other in vectors[max(key - 1, 0) : key]]
     steps += [_way(own, other) for other in vectors[key + 1 : key + 2]]
-    return np.mean(steps, axis=0)
+    return np.asarray(np.mean(steps, axis=0))
 
 
 def _way(one: Floats, other: Floats) -> Floats:

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.boxes import BoxTree, element_boxes
+from elvis.core.mapping.margins import heights
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
@@ -37,18 +39,8 @@ _MOST_DEGREE = 12
 _EPS = float(np.finfo(np.float64).eps)
 #: roundings of a value, in parts of what it is added up from
 _ROUNDING = 8 * _EPS
-#: what rounding may take an element away from a facet, in reference coordinates
-_MARGIN = 1e-9
-
-#: facets of shapes with affine maps: n and c of n . xi <= c
-_UPPER: dict[Shape, list[tuple[tuple[int, ...], float]]] = {
-    Shape.SEGMENT: [((1,), 1.0)],
-    Shape.TRIANGLE: [((1, 1), 0.0)],
-    Shape.QUADRILATERAL: [((1, 0), 1.0), ((0, 1), 1.0)],
-    Shape.TETRAHEDRON: [((1, 1, 1), -1.0)],
-    Shape.PRISM: [((1, 0, 1), 0.0), ((0, 1, 0), 1.0)],
-    Shape.HEXAHEDRON: [((1, 0, 0), 1.0), ((0, 1, 0), 1.0), ((0, 0, 1), 1.0)],
-}
+#: what rounding may take an element away from a facet, in the unit of `margins.facets`
+_MARGIN = 0.5e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +61,11 @@ class _Side:
     boxes: Floats
     matrix: Floats
     is_affine: Bools
+
+    @cached_property
+    def tree(self) -> BoxTree:
+        """Of ``boxes``."""
+        return BoxTree.build(self.boxes.astype(np.float32))
 
     @property
     def degree(self) -> int:
@@ -114,7 +111,7 @@ def _affine(shape: Shape, places: Floats) -> tuple[Floats, Bools]:
     """(n, 1 + d, d) the maps from (1, x) to xi of elements with nets of coordinates; whether they are those."""
     count, d = places.shape[:2]
     matrix, is_affine = np.zeros((count, 1 + d, d)), np.zeros(count, bool)
-    if shape not in _UPPER or max(places.shape[2:]) > 2:
+    if shape is Shape.PYRAMID or max(places.shape[2:]) > 2:
         return matrix, is_affine
 
     # x = a + B xi through the corners, and xi = B^-1 (x - a)
@@ -133,8 +130,7 @@ def _affine(shape: Shape, places: Floats) -> tuple[Floats, Bools]:
 
 def _between(one: _Side, two: _Side, found: float, budget: list[int]) -> float:
     """The bound over the elements of two patches that meet."""
-    tree = BoxTree.build(two.boxes.astype(np.float32))
-    rows, others = tree.overlaps(one.boxes[:, :3], one.boxes[:, 3:])
+    rows, others = two.tree.overlaps(one.boxes[:, :3], one.boxes[:, 3:])
     upper = _apart(one.net, two.net, rows, others)
     if not len(rows) or upper.max() <= found:
         return found
@@ -173,7 +169,7 @@ class _Pairs:
     def __init__(self, outer: _Side, inner: _Side, found: float, budget: list[int]) -> None:
         self._outer, self._inner, self._found, self._budget = outer, inner, found, budget
         d = outer.patch.dimension
-        self._degree, self._facets = _degree(outer, inner), _UPPER.get(inner.patch.shape, [])
+        self._degree = _degree(outer, inner)
         self._line = (1 - np.cos(np.linspace(0, np.pi, self._degree + 1))) / 2
         self._eta = 2 * np.stack(np.meshgrid(*[self._line] * d, indexing="ij"), axis=-1).reshape(-1, d) - 1
         self._growth = float(np.abs(np.linalg.inv(line_tables(self._degree, self._line)[0])).sum(axis=1).max()) ** d
@@ -237,20 +233,20 @@ class _Pairs:
     def _at_corners(self, nets: Floats, slack: Floats, places: Floats, others: Ints) -> float:
         """The greatest difference at corners of boxes that lie in the other element."""
         ends = np.stack([corners(np.ascontiguousarray(places[:, axis])) for axis in range(places.shape[1])], axis=1)
-        is_inside = self._heights(ends, others).min(axis=0) >= 0
+        is_inside = self._heights(ends, others).min(axis=2) >= 0
         return float(np.where(is_inside, np.abs(corners(nets)) - slack[:, None], 0.0).max(initial=0.0))
 
     def _meet(self, places: Floats, others: Ints) -> Bools:
         """(n,) whether boxes with nets of coordinates (n, d, D, …) may meet elements: no facet is between them."""
-        heights = self._heights(places.reshape(*places.shape[:2], -1), others)
-        return np.asarray((heights >= -_MARGIN).any(axis=2).all(axis=0))
+        is_within = self._heights(places.reshape(*places.shape[:2], -1), others) >= -_MARGIN
+        meets_facets = np.asarray(is_within.any(axis=1))
+        return np.asarray(meets_facets.all(axis=1))
 
     def _heights(self, places: Floats, others: Ints) -> Floats:
-        """(f, n, m) heights over the facets of elements, in reference coordinates, at places (n, d, m)."""
+        """(n, m, f) heights over the facets of elements at places (n, d, m)."""
         matrix = self._inner.matrix[others]
-        xi = matrix[:, 0, :, None] + np.einsum("ndk,ndm->nkm", matrix[:, 1:], places)
-        upper = [height - np.einsum("k,nkm->nm", np.array(n, float), xi) for n, height in self._facets]
-        return np.stack([*(1 + xi.swapaxes(0, 1)), *upper])
+        xi = matrix[:, None, 0] + np.einsum("ndm,ndk->nmk", places, matrix[:, 1:])
+        return heights(self._inner.patch.shape, xi)
 
 
 def box_values(sizes: Sequence[int], eta: Floats) -> Floats:

@@ -48,7 +48,8 @@ class Pair:
         In both the second dataset's field may be named as `theirs` does.  There is one at least.
         """
         own, others = self._first.field(name), {REFERENCE: self._second}
-        ids = _ids(self._common.field(self._second.field(name), name))
+        has_both = np.isin(self._common.others, _ids(self._second.field(name)))
+        ids = self._common.element_ids[has_both]
         held = _ids(own)
         shared, rest = np.intersect1d(held, ids), np.setdiff1d(held, ids)
         if len(shared):

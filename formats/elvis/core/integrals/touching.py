@@ -88,4 +88,4 @@ def _bounds(nets: Floats, within: Floats) -> tuple[Floats, Floats]:
 def _least(nets: Floats) -> Floats:
     """(n,) lower bounds of the magnitudes of polynomials; 0 where they may vanish."""
     axes = tuple(range(1, nets.ndim))
-    return np.maximum(np.maximum(nets.min(axis=axes), -nets.max(axis=axes)), 0.0)
+    return np.asarray(np.maximum(np.maximum(nets.min(axis=axes), -nets.max(axis=axes)), 0.0))

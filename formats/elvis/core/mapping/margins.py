@@ -38,7 +38,7 @@ def _candidates(dimension: int) -> list[Floats]:
 
 
 def heights(shape: Shape, points: Floats) -> Floats:
-    """(n, k) distances of reference points (n, d) from the facets, in the unit of `facets`."""
+    """(…, k) distances of reference points (…, d) from the facets, in the unit of `facets`."""
     normals, offsets = facets(shape)
     return np.asarray(points @ normals.T + offsets)
 

@@ -114,10 +114,11 @@ def _free_ends(mesh: Mesh, shape: Shape, part: slice) -> Ints:
     vertices: Ints = np.where(is_start_shared, end, start)
 
     # the shared end must then be the next vertex, or the edges run away from one another
-    meeting = np.where(is_start_shared, start, end)
-    closed: Bools = (is_start_shared != is_end_shared) & (meeting == np.roll(vertices, -1, axis=0))
+    meeting: Ints = np.where(is_start_shared, start, end)
+    meets_next = (is_start_shared != is_end_shared) & (meeting == np.roll(vertices, -1, axis=0))
+    is_closed = np.asarray(meets_next.all(axis=0))
     expected, found = "edges that form a closed polygon", "edges from and to vertices {}"
-    require(closed.all(axis=0), mesh, shape, part, expected, found, ends.transpose(1, 0, 2), mesh.vertex_ids)
+    require(is_closed, mesh, shape, part, expected, found, ends.transpose(1, 0, 2), mesh.vertex_ids)
     return vertices
 
 
@@ -140,7 +141,7 @@ def _corners(mesh: Mesh, shape: Shape, part: slice, faces: list[Ints]) -> Ints:
     result = np.empty((len(shape.vertices), faces[0].shape[1]), np.int64)
     for j in range(len(shape.vertices)):
         first, *others = (face for face, local in zip(faces, shape.faces, strict=True) if j in local)
-        common = np.ones(first.shape, bool)
+        common: Bools = np.ones(first.shape, bool)
         for face in others:
             common &= (first[:, None] == face[None]).any(axis=1)
         counts: Ints = common.sum(axis=0)
@@ -171,7 +172,7 @@ def _check_faces(mesh: Mesh, shape: Shape, part: slice, vertices: Ints, faces: l
         wanted = vertices[list(local)]
         same: Bools = sorted_columns(wanted) == sorted_columns(face)
         expected = f"local face {number} to hold local vertices {local}"
-        require(same.all(axis=0), mesh, shape, part, expected, "one with vertices {}", face.T, ids)
+        require(np.asarray(same.all(axis=0)), mesh, shape, part, expected, "one with vertices {}", face.T, ids)
         if len(local) == 3:
             collapsed = wanted[2] == face[2]
             expected = f"local face {number} to be collapsed at local vertex {local[2]}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -173,6 +174,7 @@ class Sides:
     offsets: Floats
 
     @staticmethod
+    @cache
     def of(shape: Shape) -> Sides:
         """Those of a shape of two or three dimensions."""
         sides = shape.edges if shape.dimension == 2 else shape.faces

@@ -18,7 +18,6 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.targets import Places
 from elvis.core.mapping import pointwise, tangents
-from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -32,6 +31,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.streamlines.neighbours import Sides
 from elvis.core.streamlines.velocity import Motion, Velocity, velocity_expressions
 
 
@@ -66,10 +66,8 @@ def corners_of(dataset: Dataset, piece: Piece) -> Ints:
 
 def facet_slope(piece: Piece) -> Floats:
     """(3,) the reference gradient of the height over a side, which is 0 on it and 1 at the far end of the element."""
-    normals, offsets = facets(piece.patch.shape)
     assert piece.number is not None
-    corners = piece.patch.shape.vertices[list(piece.patch.shape.faces[piece.number])]
-    return np.asarray(normals[np.abs(corners @ normals.T + offsets).sum(axis=0).argmin()])
+    return np.asarray(Sides.of(piece.patch.shape).normals[piece.number])
 
 
 def outward(piece: Piece, jacobians: Floats) -> Floats:

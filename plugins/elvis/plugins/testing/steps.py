@@ -48,7 +48,8 @@ def _at(function: Callable[[Floats, Any], Floats], time: float | None, points: F
 def polynomial(points: Floats, time: float, degree: int) -> Floats:
     """(n,) values at points (n, 3): quadratic in space, of a degree in time."""
     x, y = points[:, 0], points[:, 1]
-    return np.sum([(1 + k * x - x * y) * time**k / (1 + k) for k in range(degree + 1)], axis=0)
+    powers = [(1 + k * x - x * y) * time**k / (1 + k) for k in range(degree + 1)]
+    return np.asarray(np.sum(powers, axis=0))
 
 
 def waves(points: Floats, time: float) -> Floats:

@@ -267,6 +267,6 @@ def _wall(pieces: _Pieces, other: Ints) -> Floats:
     length = np.where(steepness > 0.0, steepness, 1.0)
     mean = np.einsum("nkp,np->nk", there, weight) / length
     chosen = np.argmin(mean, axis=1)
-    wall = margins[np.arange(len(other)), chosen].copy()
+    wall: Floats = margins[np.arange(len(other)), chosen].copy()
     wall[:, 2] += pieces.bulge[other]
     return wall

@@ -318,7 +318,7 @@ def _certain_range(inside: Bools, values: Floats) -> tuple[Floats, Floats]:
     """Least and greatest value (n,) at corners of a mask (n, s, s) that hang together in it; infinite where none do."""
     # one run in every row at most, rows one after another that share a column, and one run of rows
     has_one_run = _has_one_run(inside).all(axis=1)
-    rows = inside.any(axis=2)
+    rows = np.asarray(inside.any(axis=2))
     shares_column = (inside[:, 1:] & inside[:, :-1]).any(axis=2)
     is_pair = rows[:, 1:] & rows[:, :-1]
     is_joined = (shares_column | ~is_pair).all(axis=1)
