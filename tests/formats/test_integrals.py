@@ -279,3 +279,21 @@ def test_a_pole_leaves_no_value_and_says_where():
     assert np.isnan(found[0].value)
     assert found[1].value == pytest.approx(0.5)
     assert found.remarks[0].startswith("1/(x - x) has no value in domain at ")
+
+
+def test_boxes_that_matter_most_are_refined_where_not_all_can_be(monkeypatch):
+    """The root of (x - 0.31)^2 + 0.01^2 on a square, by its antiderivative; all boxes together want more points."""
+
+    def primitive(x):
+        return (x * np.hypot(x, 0.01) + 1e-4 * np.arcsinh(x / 0.01)) / 2
+
+    dataset, truth = Dataset(grid(Shape.QUADRILATERAL, 4), ()), primitive(0.69) - primitive(-0.31)
+    errors = []
+    for most in (0, 1000, 10000, 100000):
+        monkeypatch.setattr("elvis.core.integrals.refinement._MOST", most)
+        found = integrate(dataset, "sqrt((x - 0.31)^2 + 0.0001)", error=1e-13)[0]
+        assert abs(found.value - truth) <= found.error
+        errors.append(found.error)
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[2] < 0.3 * errors[1]
+    assert errors[3] < 1e-8

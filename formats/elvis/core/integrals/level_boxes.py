@@ -31,7 +31,7 @@ _DEPTH, _MANY = 16, 1 << 16
 #: halvings after which ends of graphs need not be proved, as where it touches a border: differences of rules tell
 _LOOSE = 5
 #: derivatives along the height of a graph, in parts of others
-_STEEP = 0.3
+_STEEP = 0.1
 #: what there is for each box
 _COLUMNS = ("rows", "cell", "low", "high", "nets", "rounding", "sizes", "order")
 

@@ -328,11 +328,13 @@ class Summation:
         while groups:
             goals = self._error * (magnitude + total.magnitude)
             scores = [group.scores(goals) for group in groups]
-            least = _threshold(np.concatenate(scores))
-            chosen = [own >= least for own in scores]
-            taken += sum(int(own.sum()) * group.cost for own, group in zip(chosen, groups, strict=True))
-            if least == np.inf or taken > self._most:
+            costs = np.repeat([group.cost for group in groups], list(map(len, scores)))
+            every = np.concatenate(scores)
+            least = max(_threshold(every), _affordable(every, costs, self._most - taken))
+            if not (every >= least).any():
                 break
+            taken += int(costs[every >= least].sum())
+            chosen = [own >= least for own in scores]
             parted = [(group.part(~own), group.part(own)) for own, group in zip(chosen, groups, strict=True)]
             groups = [rest for rest, _ in parted if len(rest.boxes)]
             groups += [self._improved(old) for _, old in parted if len(old.boxes)]
@@ -388,3 +390,12 @@ def _threshold(scores: Floats) -> float:
     ascending = np.sort(scores)
     kept = int(np.searchsorted(np.cumsum(ascending), 0.5, side="right"))
     return float(ascending[kept])
+
+
+def _affordable(scores: Floats, costs: Ints, budget: int) -> float:
+    """The least score of boxes, such that all that have it or more cost no more than the budget."""
+    descending = np.argsort(-scores, kind="stable")
+    first_left = int(np.searchsorted(np.cumsum(costs[descending]), budget, side="right"))
+    if first_left == len(scores):
+        return -np.inf
+    return float(np.nextafter(scores[descending[first_left]], np.inf))

@@ -45,21 +45,43 @@ def _of_simplex(vertices: Floats) -> Floats:
 
 def subcell_map(shape: Shape, cell: Ints, places: Floats) -> tuple[Floats, Floats]:
     """Reference points (n, d) at places (n, d) in [0, 1]^d of cells (n,), and their derivatives (n, d, d)."""
-    d = shape.dimension
-    own = corners(shape)[cell]
-    values, derivatives = own, [own] * d
-    for axis in range(d):
-        t = places[:, axis].reshape(-1, *(1,) * (d - axis))
-        low, high = values[:, 0], values[:, 1]
-        derivatives = [
-            part[:, 1] - part[:, 0] if number == axis else part[:, 0] * (1 - t) + part[:, 1] * t
-            for number, part in enumerate(derivatives)
-        ]
-        values = low * (1 - t) + high * t
-    columns = np.stack(derivatives, axis=2)
+    points, columns = np.empty_like(places), np.empty((*places.shape, places.shape[1]))
+    for number, own in enumerate(_coefficients(shape)):
+        here = slice(None) if (cell == number).all() else np.flatnonzero(cell == number)
+        products, derivatives = _products(places[here].T)
+        points[here] = (own.T @ products).T
+        for axis, derivative in enumerate(derivatives):
+            columns[here, :, axis] = (own.T @ derivative).T
     if shape is not Shape.PYRAMID:
-        return values, columns
-    return uncollapse(shape, values), _unfolding(values) @ columns
+        return points, columns
+    return uncollapse(shape, points), _unfolding(points) @ columns
+
+
+@cache
+def _coefficients(shape: Shape) -> Floats:
+    """(cells, 2^d, d) of the maps, by the products of the coordinates of a cell, the last one fastest."""
+    found, d = corners(shape), shape.dimension
+    for axis in range(1, d + 1):
+        low, high = np.take(found, 0, axis), np.take(found, 1, axis)
+        found = np.stack([low, high - low], axis)
+    return frozen_floats(found.reshape(len(found), -1, d))
+
+
+def _products(places: Floats) -> tuple[Floats, list[Floats]]:
+    """(2^d, n) products of coordinates (d, n), each taken or not, and d of their derivatives."""
+    products = np.ones((1, places.shape[1]))
+    derivatives = [np.zeros_like(products) for _ in places]
+    for axis, own in enumerate(places):
+        others = [derivative * own for derivative in derivatives]
+        others[axis] = products
+        derivatives = [_alternating(*pair) for pair in zip(derivatives, others, strict=True)]
+        products = _alternating(products, products * own)
+    return products, derivatives
+
+
+def _alternating(first: Floats, second: Floats) -> Floats:
+    """(2 m, n) rows of one and the other (m, n) in turn."""
+    return np.stack([first, second], axis=1).reshape(2 * len(first), first.shape[1])
 
 
 def _unfolding(eta: Floats) -> Floats:
