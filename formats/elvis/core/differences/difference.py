@@ -49,7 +49,8 @@ class Difference:
     l1, l2     integral of the magnitude; root of the integral of the square
     h1         root of the integral of the square and of the squared gradient
     linf       greatest magnitude that was found
-    bound      which the magnitude doesn't exceed anywhere, proved, on borders from either side; NaN where that can't be
+    bound      which the magnitude doesn't exceed anywhere, on borders from either side, by Bernstein coefficients
+               with an estimate of rounding; NaN where that can't be told
     where      (x, y, z) of ``linf``
     element    id of the element of the first dataset there
     relative   ``l2`` in parts of the norm of the second dataset's field

@@ -79,9 +79,10 @@ def diff(
     The files of one dataset stand together, with commas between them, of any format. On elements that both have,
     whatever their numbers and orientation, differences are taken by coefficients, exactly, and their maximum is
     proved. On others B is located exactly at every point of quadrature on the elements of A, which are halved where
-    borders of B's elements make kinks; every norm has an error in --json, and the maximum a proved bound. What B
-    doesn't cover is left out, and told. With several A, from coarse to fine, the order of convergence to B is told,
-    too. A report shows the fields of the last A, of B and their difference in one scene.
+    borders of B's elements make kinks; every norm has an error in --json, and the maximum a bound from Bernstein
+    coefficients, of which rounding is an estimate. What B doesn't cover is left out, and told. With several A, from
+    coarse to fine, the order of convergence to B is told, too. A report shows the fields of the last A, of B and their
+    difference in one scene.
     """
     from elvis.core.differences import family
     from elvis.core.terminal import print_json, stage, warn
