@@ -70,7 +70,7 @@ def test_a_level_set_that_is_a_field():
     assert integrate(dataset, "area", clip="g = 0.16", error=1e-8).value == pytest.approx(1 - 0.16 * np.pi, rel=1e-9)
     for clip, over, sentence in (
         ("sphere:0,0:0", "domain", "expected sphere:CENTRE:RADIUS"),
-        ("g", "domain", "--clip: expected plane:P:N, sphere:C:R or QUANTITY=VALUE"),
+        ("g", "domain", "--clip: expected plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE"),
         ("g=0.1", "all", "--clip: expected the domain or a region to be clipped, found all"),
     ):
         with pytest.raises(ElvisError) as error:

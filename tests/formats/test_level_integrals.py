@@ -70,6 +70,19 @@ def test_the_area_of_a_sphere(shape):
     assert abs(area - 4 * np.pi * 0.16) <= found[0].error < 2e-9
 
 
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_spheres_and_cylinders_by_name(shape):
+    """Area, and flux of what comes from the centre or the axis, whose length is that of the cube; normals point out."""
+    dataset = Dataset(grid(shape, 2))
+    surfaces = ["sphere:0.5,0.45,0.5:0.4", "cylinder:0.5,0.45,3:0,0,-2:0.4"]
+    flux = "(x-0.5)*nx + (y-0.45)*ny + (z-0.5)*nz"
+    found = integrate(dataset, ["area", flux], surfaces, error=1e-7)
+    areas = 4 * np.pi * 0.16, 2 * np.pi * 0.4
+    truth = [areas[0], 0.4 * areas[0], areas[1], 0.4 * areas[1]]
+    assert [row.value for row in found] == pytest.approx(truth, rel=1e-8)
+    assert all(abs(row.value - own) <= row.error for row, own in zip(found, truth, strict=True))
+
+
 def test_curves_in_a_plane():
     dataset = Dataset(grid(Shape.TRIANGLE, 3))
     found = integrate(dataset, "length", ["plane:0.5,0.5:1,1", "(x-0.5)^2 + (y-0.5)^2 = 0.16", "x*y = 0.25"])
@@ -137,6 +150,8 @@ def test_where_a_surface_touches_borders_its_error_covers_jumps_of_rounding(shap
         ("plane:0,0,0", "expected plane:POINT:NORMAL, such as plane:0,0,0.5:0,0,1, found 'plane:0,0,0'"),
         ("plane:0,0,0:0,0,0", "expected plane:POINT:NORMAL"),
         ("plane:0,a,0:0,0,1", "expected plane:POINT:NORMAL"),
+        ("cylinder:0,0,0:0,0,1", "expected cylinder:POINT:AXIS:RADIUS, such as cylinder:0,0,0:0,0,1:0.5, found"),
+        ("sphere:0,0,0:-1", "expected sphere:CENTRE:RADIUS"),
         ("x=half", "x=half: expected a number after =, found 'half'"),
         ("q=1", "there is no 'q'"),
         ("sin(x)*y=1", "sin(x)*y=1: expected a polynomial of fields and coordinates"),

@@ -116,12 +116,12 @@ def integrate(
     field  quantities: fields, expressions (on boundaries with the outward normal ``nx``, ``ny``, ``nz``), predefined
            ones, ``area``, ``volume``, ``length``, ``force``, ``moment``, ``average(f)``
     over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces,
-           ``plane:POINT:NORMAL``, ``EXPRESSION=VALUE`` (an isosurface), with normals towards greater values, and curves
-           (see `curves`), as ``line:0,0,0:1,0,0``
+           ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``, ``EXPRESSION=VALUE`` (an
+           isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``
     error  asked for where an integrand is no polynomial, in parts of the integral of its absolute value
     coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
-    clip   a surface, ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS`` or ``EXPRESSION=VALUE``, whose inside is left out
-           of the domain or of regions; with ``outside:`` before it its outside
+    clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
+           outside
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """

@@ -10,6 +10,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.level_boxes import LevelBoxes, joined
+from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.integrals.touching import touched
@@ -24,10 +25,10 @@ from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import Node, call, coordinate, number
+from elvis.core.quantities.tree import Node, call, number
 from elvis.core.shapes import Shape
 
-_PLANE, _SPHERE, _OUTSIDE = "plane:", "sphere:", "outside:"
+_OUTSIDE = "outside:"
 #: by how much of the size of its values a level is moved, so that surfaces along borders of elements count once: at
 #: least and at most, and of how far values of two elements differ
 _AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
@@ -77,9 +78,10 @@ class Level:
 
     @staticmethod
     def parse(dataset: Dataset, name: str) -> Level | None:
-        """What ``plane:POINT:NORMAL`` or ``EXPRESSION=VALUE`` mean; None for other names, ElvisError for wrong ones."""
-        if name.startswith(_PLANE):
-            return Level(name, Expression(name, _plane(name)))
+        """What a `quadric` or ``EXPRESSION=VALUE`` mean; None for other names, ElvisError for wrong ones."""
+        surface = quadric(name)
+        if surface is not None:
+            return Level(name, Expression(name, surface))
         text, equals, value = name.rpartition("=")
         if not equals:
             return None
@@ -97,16 +99,13 @@ class Level:
     def clip(dataset: Dataset, text: str) -> Level:
         """What is less than zero where ``SURFACE``, or ``outside:SURFACE``, leaves something; ElvisError for others.
 
-        A surface is ``sphere:CENTRE:RADIUS`` in addition to those of `parse`; inside is where its expression is less.
+        Surfaces are those of `parse`; inside is where their expression is less.
         """
         is_outside = text.startswith(_OUTSIDE)
-        surface = text.removeprefix(_OUTSIDE)
-        sphere = _sphere(surface)
-        level = Level.parse(dataset, surface) if sphere is None else Level(text, Expression(text, sphere))
+        level = Level.parse(dataset, text.removeprefix(_OUTSIDE))
         if level is None:
-            raise ElvisError(
-                f"--clip: expected plane:P:N, sphere:C:R or QUANTITY=VALUE, or outside: and one, found {text!r}"
-            )
+            forms = "plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE"
+            raise ElvisError(f"--clip: expected {forms}, or outside: and one, found {text!r}")
         root = level.expression.root
         return Level(text, Expression(text, root if is_outside else call("-", number(0.0), root)))
 
@@ -254,37 +253,3 @@ def _boxes(patch: Patch, rows: Ints, cell: int, nets: Floats, rounding: Floats, 
     order = np.tile(np.arange(3), (len(rows), 1))
     lost = np.zeros(sizes.shape[1])
     return LevelBoxes(patch, rows, np.full(len(rows), cell), low, low + 1, nets, rounding, sizes, order, lost)
-
-
-def _plane(name: str) -> Node:
-    """The height above a plane, of unit length: its normal's length is left out."""
-    parts = name.removeprefix(_PLANE).split(":")
-    try:
-        point, normal = ([*map(float, part.split(",")), 0.0][:3] for part in parts)
-        size = float(np.linalg.norm(normal))
-        if len(point) != 3 or len(normal) != 3 or not 0 < size < np.inf or not np.isfinite(point).all():
-            raise ValueError
-    except ValueError:
-        raise ElvisError(f"expected plane:POINT:NORMAL, such as plane:0,0,0.5:0,0,1, found {name!r}") from None
-    total = number(-float(np.dot(point, normal)) / size)
-    for axis, part in enumerate(normal):
-        total = call("+", total, call("*", number(part / size), coordinate(axis)))
-    return total
-
-
-def _sphere(name: str) -> Node | None:
-    """The squared distance from a centre less the squared radius; None for other names."""
-    if not name.startswith(_SPHERE):
-        return None
-    try:
-        centre, radius = name.removeprefix(_SPHERE).split(":")
-        places, size = [*map(float, centre.split(",")), 0.0][:3], float(radius)
-        if len(places) != 3 or not 0 < size < np.inf or not np.isfinite(places).all():
-            raise ValueError
-    except ValueError:
-        raise ElvisError(f"expected sphere:CENTRE:RADIUS, such as sphere:0,0,0:0.5, found {name!r}") from None
-    total = number(-(size**2))
-    for axis, place in enumerate(places):
-        away = call("-", coordinate(axis), number(place))
-        total = call("+", total, call("*", away, away))
-    return total

@@ -37,8 +37,9 @@ Examples:
     metavar="WHAT",
     default=("domain",),
     help="domain, region:NAME, a boundary by name or number, all (outer faces, a row for each boundary), "
-    "plane:POINT:NORMAL, QUANTITY=VALUE, an isosurface, or a curve: line:P:Q, polyline:P:Q:R, "
-    "circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  Repeatable.  [default: domain]",
+    "plane:POINT:NORMAL, sphere:CENTRE:RADIUS, cylinder:POINT:AXIS:RADIUS, QUANTITY=VALUE, an isosurface, or a curve: "
+    "line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  "
+    "Repeatable.  [default: domain]",
 )
 @click.option(
     "--error",
@@ -57,8 +58,8 @@ Examples:
 @click.option(
     "--clip",
     metavar="SURFACE",
-    help="Leave out what is inside (outside:…) of plane:POINT:NORMAL, sphere:CENTRE:RADIUS or QUANTITY=VALUE, where "
-    "the quantity is less, of the domain or of regions.",
+    help="Leave out what is inside (outside:…) of plane:POINT:NORMAL, sphere:CENTRE:RADIUS, "
+    "cylinder:POINT:AXIS:RADIUS or QUANTITY=VALUE, where the quantity is less, of the domain or of regions.",
 )
 @times_option
 @click.option(

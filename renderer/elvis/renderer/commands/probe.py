@@ -109,8 +109,8 @@ Examples:
 @click.option(
     "--clip",
     metavar="SURFACE",
-    help="Leave out what is inside of plane:P:N, sphere:C:R or QUANTITY=VALUE, that is where the quantity is less; "
-    "with outside: before it what is outside.",
+    help="Leave out what is inside of plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE, where the quantity is "
+    "less; with outside: before it what is outside.",
 )
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @times_option
