@@ -1,10 +1,11 @@
 """Integrals and norms against what the solvers' own libraries integrate on their own data."""
 
+import h5py
 import numpy as np
 import pytest
 
 from elvis.core.integrals import integrate
-from elvis.formats import diff, from_mfem, from_ngsolve
+from elvis.formats import diff, from_mfem, from_ngsolve, read
 
 
 def test_integrals_and_norms_of_ngsolve():
@@ -57,3 +58,42 @@ def test_integrals_of_mfem(name, nektar):
             total, square = total + weight * value, square + weight * value**2
     found = integrate(from_mfem(mesh, u=u), ["u", "u^2"])
     assert [row.value for row in found] == pytest.approx([total, square], rel=1e-11, abs=1e-11)
+
+
+def collapsed_rule(shape, count):
+    """Gauss points (n, 3) and weights of PyFR's reference shapes: a cube of points, squeezed where edges meet."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    x, y, z = (axis.reshape(-1) for axis in np.meshgrid(nodes, nodes, nodes, indexing="ij"))
+    share = np.stack(np.meshgrid(weights, weights, weights, indexing="ij")).prod(axis=0).reshape(-1)
+    if shape in ("tet", "pri"):
+        x, share = (1 + x) * (1 - y) / 2 - 1, share * (1 - y) / 2
+    if shape == "tet":
+        x, y, share = (1 + x) * (1 - z) / 2 - 1, (1 + y) * (1 - z) / 2 - 1, share * ((1 - z) / 2) ** 2
+    if shape == "pyr":
+        x, y, share = x * (1 - z) / 2, y * (1 - z) / 2, share * ((1 - z) / 2) ** 2
+    return np.stack([x, y, z], axis=1), share
+
+
+def test_integrals_of_pyfr(nektar):
+    """Curved elements of all four shapes: PyFR's bases and maps at Gauss points; its own rules agree on the shapes."""
+    inifile, shapes = pytest.importorskip("pyfr.inifile"), pytest.importorskip("pyfr.shapes")
+    quadrules, util = pytest.importorskip("pyfr.quadrules"), pytest.importorskip("pyfr.util")
+    folder = nektar.parent / "solvers" / "pyfr"
+    total, square = np.zeros(5), 0.0
+    with h5py.File(folder / "mixed3d_p3.pyfrm") as mesh, h5py.File(folder / "mixed3d_p3-01.pyfrs") as file:
+        settings = inifile.Inifile(file["config"][()].decode())
+        places = mesh["nodes"]["location"]
+        for name, elements in mesh["eles"].items():
+            nodes = places[elements["nodes"]]
+            shape = util.subclass_where(shapes.BaseShape, name=name)(nodes.shape[1], settings)
+            points, weights = collapsed_rule(name, 9)
+            assert weights.sum() == pytest.approx(quadrules.get_quadrule(name, qdeg=6).wts.sum(), rel=1e-12)
+            slopes = shape.sbasis.jac_nodal_basis_at(points, clean=False)
+            jacobians = np.einsum("dnq,enc->eqcd", slopes, nodes)
+            shares = np.abs(np.linalg.det(jacobians)) * weights
+            modes = shape.ubasis.nodal_basis_at(points, clean=False)
+            values = np.einsum("qn,evn->evq", modes, file[f"soln/p3-{name}"][()])
+            total += np.einsum("eq,evq->v", shares, values)
+            square += (shares * values[:, 0] ** 2).sum()
+    found = integrate(read(folder / "mixed3d_p3-01.pyfrs"), ["rho", "rhou", "rhov", "rhow", "E", "rho^2"])
+    assert [row.value for row in found] == pytest.approx([*total, square], rel=1e-11, abs=1e-11)
