@@ -1,5 +1,7 @@
 """Integrals over parts of elements that a level set leaves, and over what bounds them, against closed forms."""
 
+from math import factorial
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,19 @@ def test_a_level_set_that_is_a_field():
         with pytest.raises(ElvisError) as error:
             integrate(dataset, "area", over, clip=clip)
         assert sentence in str(error.value)
+
+
+def test_a_polynomial_on_boxes_that_are_whole_is_integrated_exactly():
+    """Of degree 5, by rules that would not be exact for it: a plane's corner of the cube; all points are told."""
+    told: list[tuple[int, int]] = []
+    found = integrate(
+        Dataset(grid(Shape.TETRAHEDRON, 2)),
+        ["x^5", "x^2*y^2*z"],
+        clip="outside:plane:1,0,0:1,1,1",
+        progress=lambda done, planned: told.append((done, planned)),
+    )
+    truth = [factorial(5) / factorial(8), 4 / factorial(8)]
+    assert [row.value for row in found] == pytest.approx(truth, rel=1e-13)
+    assert all(abs(row.value - own) <= row.error for row, own in zip(found, truth, strict=True))
+    assert told[-1][0] == told[-1][1]
+    assert all(done <= planned for done, planned in told)

@@ -9,9 +9,11 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from math import isfinite
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 Item = TypeVar("Item")
+#: is told how much of how much is done
+Progress: TypeAlias = Callable[[int, int], object]
 
 
 def visible(text: str) -> str:
@@ -88,16 +90,16 @@ def track(items: Iterable[Item], description: str, count: int | None = None) -> 
 
 
 @contextmanager
-def progress(description: str) -> Iterator[Callable[[int, int], object] | None]:
+def progress(description: str) -> Iterator[Progress | None]:
     """A bar on a terminal, that shows how much of how much is done; None in a pipe."""
     if not sys.stderr.isatty():
         yield None
         return
+    from rich import progress as bars
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
+    with bars.Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(escape(one_line(description)), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 

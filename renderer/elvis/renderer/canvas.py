@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.memory import free_memory
+from elvis.core.terminal import Progress
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
@@ -74,7 +75,7 @@ class Canvas:
     stages: Stages
     records: bool = True
     most: int = BAND
-    progress: Callable[[int, int], object] = lambda done, total: None
+    progress: Progress = lambda done, total: None
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

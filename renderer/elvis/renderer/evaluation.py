@@ -22,6 +22,7 @@ from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
 from elvis.core.streamlines import Streamlines
+from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
@@ -94,6 +95,7 @@ class Evaluation:
         error: float,
         coefficients: str | None = None,
         clip: str | None = None,
+        progress: Progress | None = None,
     ) -> Integrals:
         """None yet: ElvisError."""
         raise ElvisError(

@@ -17,7 +17,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
-from elvis.core.terminal import warn
+from elvis.core.terminal import Progress, warn
 from elvis.plugins.data import open_data
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
@@ -52,7 +52,6 @@ from elvis.scene.view import PlaneView, View, view_of
 
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
-Progress: TypeAlias = Callable[[int, int], object]
 #: what a plugin of ``elvis.devices`` is
 Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
 

@@ -80,21 +80,32 @@ def _roots(coefficients: Floats) -> Floats:
     """
     found = np.ones(len(coefficients))
     rest = np.flatnonzero((coefficients[:, 0] >= 0) != (coefficients[:, -1] >= 0))
-    own = coefficients[rest] * np.where(coefficients[rest, -1:] >= 0, 1.0, -1.0)
+    own = coefficients[rest].T * np.where(coefficients[rest, -1] >= 0, 1.0, -1.0)
     low, high = np.zeros(len(rest)), np.ones(len(rest))
-    place = own[:, 0] / (own[:, 0] - own[:, -1])
+    place = own[0] / (own[0] - own[-1])
     for _ in range(_STEPS):
-        value, slope = np.einsum("ona,na->on", line_tables(own.shape[1] - 1, place, 1), own)
+        value, slope = _value_and_slope(own, place)
         low, high = np.where(value < 0, place, low), np.where(value < 0, high, place)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = place - value / slope
         after = np.where((step >= low) & (step <= high), step, (low + high) / 2)
-        is_done = np.abs(after - place).max(initial=0.0) < _SHORT
-        place = after
-        if is_done:
+        found[rest] = after
+
+        # those whose last step was long go on
+        left = np.flatnonzero(np.abs(after - place) >= _SHORT)
+        if not len(left):
             break
-    found[rest] = place
+        rest, own, low, high, place = rest[left], own[:, left], low[left], high[left], after[left]
     return found
+
+
+def _value_and_slope(coefficients: Floats, t: Floats) -> tuple[Floats, Floats]:
+    """(n,) each of polynomials with Bernstein coefficients (D, n), D > 1, at t (n,): by de Casteljau's algorithm."""
+    net, degree = coefficients, len(coefficients) - 1
+    for _ in range(degree - 1):
+        net = net[:-1] + t * (net[1:] - net[:-1])
+    rise = net[1] - net[0]
+    return net[0] + t * rise, degree * rise
 
 
 def _slopes(nets: Floats, box: Ints, points: Floats) -> Floats:

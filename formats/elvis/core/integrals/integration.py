@@ -20,6 +20,7 @@ from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.terminal import Progress
 
 #: error that is asked for where nothing else is, in parts of the integral of the absolute value
 ERROR = 1e-10
@@ -110,6 +111,7 @@ def integrate(
     error: float = ERROR,
     coefficients: str | None = None,
     clip: str | None = None,
+    progress: Progress | None = None,
 ) -> Integrals:
     """Integrals of quantities over the domain, regions and boundaries of a dataset.
 
@@ -122,6 +124,7 @@ def integrate(
     coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
            outside
+    progress  is told how many points have been taken, and how many are planned
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
@@ -139,7 +142,7 @@ def integrate(
     further = [*_span(dataset), *(level.expression for level in [*levels.values(), *([part] if part else [])])]
     evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
     places = Places(dataset, evaluator.patches, levels, curves)
-    summation = Summation(dataset, evaluator, [each.expression for each in wanted], error)
+    summation = Summation(dataset, evaluator, [each.expression for each in wanted], error, progress=progress)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
     rows = list(_sums(targets, wanted, summation))
     found = [each for name, sums in rows for each in _rows(name, wanted, sums)]

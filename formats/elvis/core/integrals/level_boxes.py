@@ -49,6 +49,7 @@ class LevelBoxes:
     order       (n, 3)        the axes that are i, j, k
     lost        (e,)          what expressions may amount to on boxes that were given up
     is_filled   whether the rule is one for the part where g < 0, not for the surface
+    enough      points on a line in a box that integrate exactly what is integrated, where these are known
     """
 
     patch: Patch
@@ -62,6 +63,7 @@ class LevelBoxes:
     order: Ints
     lost: Floats
     is_filled: bool = False
+    enough: int | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -70,6 +72,11 @@ class LevelBoxes:
         """Some of the boxes."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _COLUMNS}
         return replace(self, **columns, lost=np.zeros_like(self.lost))
+
+    @property
+    def is_whole(self) -> Bools:
+        """(n,) whether all of a box is below the surface."""
+        return np.asarray(self.nets.max(axis=(1, 2, 3)) < 0)
 
     def halves(self) -> LevelBoxes:
         """The boxes halved in every direction, as far as the surface meets them."""
@@ -119,24 +126,24 @@ class LevelBoxes:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
         orders = sorted(set(map(tuple, self.order.tolist())))
         if self.is_filled:
-            is_whole = self.nets.max(axis=(1, 2, 3)) < 0
-            inner = [self._below_graphs(order, counts, ~is_whole) for order in orders]
-            inner.append(self._inside(np.flatnonzero(is_whole), counts))
+            whole, upwards = self.is_whole, counts[-1] if self.enough is None else min(self.enough, counts[-1])
+            inner = [self._below_graphs(order, (*counts[:-1], upwards), ~whole) for order in orders]
+            inner.append(self._inside(np.flatnonzero(whole), upwards if self.enough is None else self.enough))
             box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
             return ElementPoints(self.patch, self.rows[box], places), shares, box
         parts = [self._on_graphs(order, counts) for order in orders]
         box, places, shares, normals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
 
-    def _inside(self, whole: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
+    def _inside(self, whole: Ints, count: int) -> tuple[Ints, Floats, Floats]:
         """Box, reference point and share of points of boxes (m,) that are whole below the surface."""
         is_flat = np.array(self.nets.shape[1:]) == 1
-        rules = [(np.zeros(1), np.full(1, 2.0)) if flat else gauss(counts[-1]) for flat in is_flat]
+        rules = [(np.zeros(1), np.full(1, 2.0)) if flat else gauss(count) for flat in is_flat]
         nodes = np.stack(np.meshgrid(*[own for own, _ in rules], indexing="ij"), axis=-1).reshape(-1, 3)
         weights = np.stack(np.meshgrid(*[own for _, own in rules], indexing="ij")).prod(axis=0).reshape(-1) / 8
         box = np.repeat(whole, len(nodes))
-        reference, columns = self._map(box, np.tile((1 + nodes) / 2, (len(whole), 1)))
-        return box, reference, np.tile(weights, len(whole)) * np.abs(tangents.determinants(columns))
+        reference, stretch = self._stretched(box, np.tile((1 + nodes) / 2, (len(whole), 1)))
+        return box, reference, np.tile(weights, len(whole)) * stretch
 
     def _below_graphs(
         self, order: tuple[int, ...], counts: tuple[int, ...], chosen: Bools
@@ -146,22 +153,40 @@ class LevelBoxes:
         number, points, weights = below_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
         box, local = here[number], np.empty_like(points)
         local[:, order] = points
-        reference, columns = self._map(box, local)
-        return box, reference, weights * np.abs(tangents.determinants(columns))
+        reference, stretch = self._stretched(box, local)
+        return box, reference, weights * stretch
+
+    def _stretched(self, box: Ints, local: Floats) -> tuple[Floats, Floats]:
+        """Reference points (n, d) at places (n, 3) in boxes (n,), and volumes (n,) for each unit of these."""
+        reference, derivatives, size = self._cell_map(box, local)
+        if self.patch.is_linear:
+            element = tangents.determinants(self._element_jacobians)[box]
+        else:
+            element = tangents.determinants(pointwise.jacobians(self.patch, self.rows[box], reference))
+        return reference, np.abs(element * _determinants(derivatives)) * size.prod(axis=1)
 
     def _map(self, box: Ints, local: Floats) -> tuple[Floats, Floats]:
         """Reference points (n, d) at places (n, 3) in boxes (n,), and tangents (n, 3, d) along these."""
-        first, size = 3 - self.patch.shape.dimension, self.high[box] - self.low[box]
-        coordinates = (self.low[box] + size * local)[:, first:]
-        reference, derivatives = subcell_map(self.patch.shape, self.cell[box], coordinates)
-        return reference, self._jacobians(box, reference) @ derivatives * size[:, None, first:]
+        reference, derivatives, size = self._cell_map(box, local)
+        if self.patch.is_linear:
+            element = self._element_jacobians[box]
+        else:
+            element = pointwise.jacobians(self.patch, self.rows[box], reference)
+        return reference, element @ derivatives * size[:, None, :]
 
-    def _jacobians(self, box: Ints, reference: Floats) -> Floats:
-        """(n, 3, d) of the map at reference points (n, d) in boxes (n,): one an element where it is linear."""
-        if not self.patch.is_linear:
-            return pointwise.jacobians(self.patch, self.rows[box], reference)
-        rows, number = np.unique(self.rows[box], return_inverse=True)
-        return pointwise.jacobians(self.patch, rows, np.zeros((len(rows), reference.shape[1])))[number]
+    def _cell_map(self, box: Ints, local: Floats) -> tuple[Floats, Floats, Floats]:
+        """Reference points (n, d), their derivatives (n, d, d) in the cells' coordinates, sizes (n, d) of the boxes."""
+        first = 3 - self.patch.shape.dimension
+        sizes = (self.high - self.low)[:, first:]
+        coordinates = self.low[:, first:][box] + sizes[box] * local[:, first:]
+        return *subcell_map(self.patch.shape, self.cell[box], coordinates), sizes[box]
+
+    @property
+    def _element_jacobians(self) -> Floats:
+        """(boxes, 3, d) of maps that are linear."""
+        rows, number = np.unique(self.rows, return_inverse=True)
+        middles = np.zeros((len(rows), self.patch.shape.dimension))
+        return pointwise.jacobians(self.patch, rows, middles)[number]
 
     def _on_graphs(self, order: tuple[int, ...], counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats]:
         """Box, reference point, share and normal of points on graphs whose axes have one order."""
@@ -180,6 +205,14 @@ def joined(several: Sequence[LevelBoxes]) -> LevelBoxes:
     """Boxes of one patch together."""
     columns: dict[str, Any] = {name: np.concatenate([getattr(own, name) for own in several]) for name in _COLUMNS}
     return replace(several[0], **columns, lost=np.sum([own.lost for own in several], axis=0))
+
+
+def _determinants(matrices: Floats) -> Floats:
+    """(n,) of square matrices (n, d, d), d = 2 or 3."""
+    if matrices.shape[1] == 3:
+        return tangents.determinants(matrices)
+    (a, b), (c, d) = matrices.transpose(1, 2, 0)
+    return np.asarray(a * d - b * c)
 
 
 def _tangents(columns: Floats, slopes: Floats, height: int) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import other_of
+from elvis.core.terminal import Progress
+from elvis.core.threads import results
 
 #: points at once, and how many may be taken to bring an error down
 _BATCH, _MOST = 1 << 16, 1 << 22
@@ -172,7 +175,7 @@ class _Compared:
     @property
     def cost(self) -> int:
         """Points that are taken for a box to get better."""
-        points = sum(np.prod(np.add(self.counts, further)) for further in (0, *_FURTHER))
+        points = sum(map(np.prod, _compared_counts(self.counts)))
         return int(points * (2 ** len(self.counts) if self.is_raised else 3))
 
     def sums(self, count: int) -> Sums:
@@ -198,6 +201,7 @@ class Summation:
     error      asked for, in parts of the integral of the absolute value
     precision  by how much less than the terms that they are added up from expressions are rounded, 1 where not given
     most       points that may be taken to bring errors down
+    progress   is told how many points have been taken, and how many are planned
     """
 
     def __init__(
@@ -208,7 +212,9 @@ class Summation:
         error: float,
         precision: Sequence[float] = (),
         most: int | None = None,
+        progress: Progress | None = None,
     ) -> None:
+        self._progress, self._done, self._planned = progress, 0, 0
         self._most = _MOST if most is None else most
         self._dataset, self._evaluator, self._error = dataset, evaluator, error
         self._expressions = tuple(expressions)
@@ -229,8 +235,8 @@ class Summation:
                 continue
             held = self._held(whole.patch)
             if isinstance(whole, LevelPiece):
-                found, below = self._on_level(whole, held) if held else (None, None)
-                rough += [] if found is None else [found]
+                found, below = self._on_level(whole, held) if held else ([], None)
+                rough += found
                 if below is None or not whole.is_filled:
                     continue
                 whole = whole.piece.part(below)
@@ -253,11 +259,26 @@ class Summation:
         columns = (found.value, found.error, found.rounding, found.magnitude, found.measure, found.beyond)
         return Sums(*columns, is_exact=np.zeros(count, bool))
 
-    def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[_Compared, Ints]:
+    def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[list[_Compared], Ints]:
         """What rules say of expressions on a surface in elements, or below; elements of the piece that are below."""
         sizes, parts = self._sizes(whole.piece, numbers)
         boxes, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
-        return self._compared(boxes, numbers, (_ON_SURFACES,) * whole.dimension, False), below
+        counts = (_ON_SURFACES,) * whole.dimension
+        enough = self._enough(whole.piece, numbers) if whole.is_filled else None
+        if enough is None:
+            return [self._compared(boxes, numbers, counts, False)], below
+
+        # what is a polynomial on elements is one on boxes that are whole, and along lines that end at a root
+        cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, enough=enough)
+        inner = replace(boxes.part(boxes.is_whole), enough=enough)
+        exact = self._known(inner, numbers, (enough,) * whole.dimension)
+        return [exact, self._compared(cut, numbers, counts, False)], below
+
+    def _enough(self, piece: Piece, numbers: list[int]) -> int | None:
+        """Gauss points in each direction, of cells or of eta, that integrate all expressions exactly; None: no rule."""
+        every = [rules.counts(self._expressions[own]) for _, rules in self._alike(piece) for own in numbers]
+        known = [max(counts) for counts in every if counts is not None]
+        return max(known, default=1) if len(known) == len(every) else None
 
     def _held(self, patch: Patch) -> list[int]:
         """The numbers of expressions all of whose fields a patch has."""
@@ -296,17 +317,22 @@ class Summation:
     def _exact(self, piece: Piece, numbers: list[int], counts: tuple[int, ...]) -> Sums:
         """The integrals by a rule that is exact."""
         boxes = self._whole(piece, numbers)
-        found = self._integrate(boxes, numbers, counts)
-        compared = _Compared(boxes, list(numbers), counts, False, found, np.zeros_like(found.value))
-        total = compared.sums(len(self._expressions))
+        total = self._known(boxes, numbers, counts).sums(len(self._expressions))
         total.is_exact[:] = True
         return total
+
+    def _known(self, boxes: Boxes, numbers: list[int], counts: tuple[int, ...]) -> _Compared:
+        """What a rule says that is exact."""
+        self._planned += _points(boxes, [counts])
+        found = self._integrate(boxes, numbers, counts)
+        return _Compared(boxes, numbers, counts, False, found, np.zeros_like(found.value))
 
     def _compared(self, boxes: Boxes, numbers: list[int], counts: tuple[int, ...], is_raised: bool) -> _Compared:
         """What several rules say of expressions on boxes."""
         if isinstance(boxes, LevelBoxes):
             self._lost[numbers] += boxes.lost
-        every = [tuple(count + further for count in counts) for further in (0, *_FURTHER)]
+        every = _compared_counts(counts)
+        self._planned += _points(boxes, every)
         *lesser, best = (self._integrate(boxes, numbers, own) for own in every)
         error = np.asarray(_SAFETY * np.max([np.abs(best.value - own.value) for own in lesser], axis=0), np.float64)
         error[~(error > boxes.rounding * best.measure)] = 0.0
@@ -344,33 +370,53 @@ class Summation:
     def _integrate(self, boxes: Boxes, numbers: Sequence[int], counts: tuple[int, ...]) -> _Integrals:
         """Integrals over each box by one rule."""
         step = max(1, _BATCH // int(np.prod(counts)))
-        slices = [slice(first, first + step) for first in range(0, max(len(boxes), 1), step)]
-        parts = [self._batch(boxes.part(own), numbers, counts) for own in slices]
-        return _Integrals(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+        parts = [boxes.part(slice(first, first + step)) for first in range(0, max(len(boxes), 1), step)]
+        found = []
+        jobs = (partial(self._batch, part, numbers, counts) for part in parts)
+        for part, (own, missing) in zip(parts, results(jobs), strict=True):
+            self._places = {**missing, **self._places}
+            self._done += _points(part, [counts])
+            if self._progress is not None:
+                self._progress(self._done, self._planned)
+            found.append(own)
+        return _Integrals(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
 
-    def _batch(self, boxes: Boxes, numbers: Sequence[int], counts: tuple[int, ...]) -> _Integrals:
-        found = _Integrals(*np.zeros((4, len(boxes), len(numbers))))
+    def _batch(
+        self, boxes: Boxes, numbers: Sequence[int], counts: tuple[int, ...]
+    ) -> tuple[_Integrals, dict[int, Floats]]:
+        """Integrals over some boxes, and a place for each expression that has no value somewhere."""
+        found, missing = _Integrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
         if not len(boxes):
-            return found
+            return found, missing
         places, shares, box = boxes.quadrature(counts)
-        for column, values in enumerate(self._values(numbers, places)):
+        for column, values in enumerate(self._values(numbers, places, missing)):
             is_beyond = np.isnan(values) & self._names_others[numbers[column]]
             terms = np.where(is_beyond, 0.0, values * shares)
             parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, shares), np.where(is_beyond, shares, 0.0))
             for part, sums in zip(parts, found, strict=True):
                 sums[:, column] = np.bincount(box, part, len(boxes))
-        return found
+        return found, missing
 
-    def _values(self, numbers: Sequence[int], places: ElementPoints) -> Iterator[Floats]:
+    def _values(self, numbers: Sequence[int], places: ElementPoints, noted: dict[int, Floats]) -> Iterator[Floats]:
         """(n,) some expressions at points; NaN where they have no value, of which a place is noted."""
         expressions = [self._expressions[number] for number in numbers]
         for number, found in zip(numbers, self._evaluator.values_at(expressions, places), strict=True):
             values = np.broadcast_to(found, len(places))
             missing = np.flatnonzero(~np.isfinite(values))
             if len(missing):
-                self._places.setdefault(number, places.positions[missing[0]])
+                noted[number] = places.positions[missing[0]]
                 values = np.where(np.isfinite(values), values, np.nan)
             yield values
+
+
+def _compared_counts(counts: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Points in each direction of the rules that are compared, the least of which has ``counts``."""
+    return [tuple(count + further for count in counts) for further in (0, *_FURTHER)]
+
+
+def _points(boxes: Boxes, rules: Sequence[tuple[int, ...]]) -> int:
+    """How many points rules with such counts take, where boxes have no breaks."""
+    return len(boxes) * int(sum(map(np.prod, rules)))
 
 
 def _rough_counts(piece: Piece) -> tuple[int, ...]:

@@ -29,6 +29,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.forms import elevations, form_degrees
+from elvis.core.polynomials.powers import powers_of
 from elvis.core.shapes import Shape
 
 _TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
@@ -188,17 +189,19 @@ def _line_values(degree: int, t: Floats, powers: Ints) -> Floats:
 
 def line_tables(degree: int, t: Floats, orders: int = 0) -> Floats:
     """(1 + orders, n, degree + 1) Bernstein polynomials at t (n,) in [0, 1], then their derivatives."""
-    result = np.zeros((1 + orders, len(t), degree + 1))
+    result = np.zeros((1 + orders, degree + 1, len(t)))
     for order in range(min(degree, orders) + 1):
-        powers = np.arange(degree - order + 1)
-        lower = _binomials(degree - order) * t[:, None] ** powers * (1 - t[:, None]) ** powers[::-1]
-        factor = 1.0
+        count = degree - order + 1
+        rows = _binomials(degree - order)[:, None] * powers_of(t, count) * powers_of(1 - t, count)[::-1]
+
+        # b_k' = degree (b_{k-1} - b_k) of one degree less
         for k in range(order):
-            lower = np.pad(lower, ((0, 0), (1, 1)))
-            lower = lower[:, :-1] - lower[:, 1:]
-            factor *= degree - k
-        result[order] = factor * lower
-    return result
+            lower = (count + k) * rows
+            rows = np.zeros((count + k + 1, len(t)))
+            rows[1:] = lower
+            rows[:-1] -= lower
+        result[order] = rows
+    return result.transpose(0, 2, 1)
 
 
 @lru_cache(maxsize=64)

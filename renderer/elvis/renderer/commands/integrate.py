@@ -14,6 +14,7 @@ from elvis.renderer.commands.sources import Data, data_options
 if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
+    from elvis.core.terminal import Progress
     from elvis.renderer.commands.sources import Source
 
 EPILOG = """\b
@@ -109,8 +110,8 @@ def integrate(
         raise click.UsageError("expected --plot with --times", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
 
-    def integrals(source: Source) -> Integrals:
-        return source.integrate(quantities, over, error, coefficients, clip)
+    def integrals(source: Source, progress: Progress | None = None) -> Integrals:
+        return source.integrate(quantities, over, error, coefficients, clip, progress)
 
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)
@@ -149,12 +150,14 @@ def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], ove
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
-def _of_one_state(data: Data, wanted: Sequence[str], integrals: Callable[[Source], Integrals]) -> _Moments:
-    from elvis.core.terminal import stage
+def _of_one_state(
+    data: Data, wanted: Sequence[str], integrals: Callable[[Source, Progress | None], Integrals]
+) -> _Moments:
+    from elvis.core.terminal import progress
 
     source = data.source(wanted)
-    with stage("integrating"):
-        return [({}, integrals(source))]
+    with progress("integrating") as report:
+        return [({}, integrals(source, report))]
 
 
 def _of_series(

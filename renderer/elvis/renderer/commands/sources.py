@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from elvis.core.norms import Norm
     from elvis.core.quantities import Expression, Names
     from elvis.core.streamlines import Streamlines
+    from elvis.core.terminal import Progress
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.plugins.series.series import Series
@@ -213,11 +214,12 @@ class NativeSource:
         error: float,
         coefficients: str | None = None,
         clip: str | None = None,
+        progress: Progress | None = None,
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import integrate
 
-        return integrate(self.dataset, texts, over, error, coefficients, clip)
+        return integrate(self.dataset, texts, over, error, coefficients, clip, progress)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""

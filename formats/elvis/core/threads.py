@@ -1,0 +1,28 @@
+"""Work that threads share, where NumPy lets them: what comes of it is the same in any number of threads."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
+from typing import TypeVar
+
+T = TypeVar("T")
+#: jobs that are at work at once
+_AT_ONCE = 2
+
+
+def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
+    """What jobs return, in their order; the next ones are at work meanwhile, and made in the calling thread.
+
+    The first exception of a job, in their order, comes out of here.
+    """
+    waiting: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(_AT_ONCE, "elvis-work") as pool:
+        for job in jobs:
+            waiting.append(pool.submit(copy_context().run, job))
+            if len(waiting) > _AT_ONCE:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

@@ -1,0 +1,19 @@
+"""Work that threads share."""
+
+import pytest
+
+from elvis.core.threads import results
+
+
+def test_results_come_in_the_order_of_the_jobs():
+    """Also where there are none, or one."""
+    assert list(results(iter([]))) == []
+    assert list(results([lambda own=own: own**2 for own in range(20)])) == [own**2 for own in range(20)]
+
+
+def test_the_first_failure_comes_out():
+    """After the results before it."""
+    found, jobs = [], [lambda: 1, lambda: [][0], lambda: 1 / 0]
+    with pytest.raises(IndexError):
+        found.extend(results(jobs))
+    assert found == [1]
