@@ -203,4 +203,4 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
 def _precision(sums: Sums, number: int) -> str:
     """How well an integral is known: in parts of the integral of the absolute value, unless that may be zero."""
     own, magnitude = sums.error[number], sums.magnitude[number]
-    return f"to {own / magnitude:.2g} of its size" if magnitude > own else f"to be zero within {own:.2g}"
+    return f"to {own / magnitude:.2g} of its size" if magnitude > own else f"within {own:.2g}"
