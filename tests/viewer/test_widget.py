@@ -15,14 +15,28 @@ pytest.importorskip("anywidget")
 
 
 @pytest.fixture(scope="module")
-def viewer(scene):
+def opened(scene):
+    """A viewer whose messages to its page are kept."""
     own = view(read(*scene.data), scene)
-    sent = []
-    own._widget.send = lambda content, buffers=None: sent.append((content, buffers))
-    own.sent = sent
-    own._receive(None, {"type": "hello"}, None)
+    own.sent = []
+    own._widget.send = lambda content, buffers=None: own.sent.append((content, buffers))
     yield own
     own.close()
+
+
+@pytest.fixture
+def viewer(opened, scene):
+    """The viewer as it was at first, whatever has been done with it before, and a page that has just been opened."""
+
+    async def open_page():
+        opened.sent.clear()
+        await opened._answer({"type": "hello"})
+
+    opened._receive(None, {"type": "size", "size": list(scene.size)}, None)
+    opened.scene = scene
+    opened._call(opened._session.whole_message(PATIENCE), PATIENCE + 10)
+    opened._call(open_page())
+    return opened
 
 
 def final(viewer, after=-1):
