@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,20 @@ class Pieces:
 
     def grid(self, shift: float = 0.0) -> Any:
         """The pieces as a vtkUnstructuredGrid, with the values raised by ``shift``."""
-        points = _together([np.matmul(table, places).reshape(-1, 3) for table, _, places, _ in self._parts])
-        scalars = _together([(modes @ table.T).reshape(-1) for _, table, _, modes in self._parts]) + shift
-        each = len(self._parts[0][0])
+        return self._grid(self._parts, shift)
+
+    def grids(self, most: int = 1 << 22) -> Iterator[Any]:
+        """The pieces as several grids of about ``most`` cells, where memory doesn't hold all of them at once."""
+        step = max(1, most // len(self._cells))
+        for table, field_table, places, modes in self._parts:
+            for start in range(0, len(modes), step):
+                rows = slice(start, start + step)
+                yield self._grid([(table, field_table, places[rows], modes[rows])], 0.0)
+
+    def _grid(self, parts: list[tuple[Floats, Floats, Floats, Floats]], shift: float) -> Any:
+        points = _together([np.matmul(table, places).reshape(-1, 3) for table, _, places, _ in parts])
+        scalars = _together([(modes @ table.T).reshape(-1) for _, table, _, modes in parts]) + shift
+        each = len(parts[0][0])
         starts = np.arange(len(points) // each, dtype=np.int64) * each
         return unstructured(points, (starts[:, None, None] + self._cells).reshape(-1, 4), scalars)
 
