@@ -137,6 +137,9 @@ def test_every_step_is_a_frame_of_a_film_in_one_range(files, tmp_path):
     assert found[1] == still(files, tmp_path / "1.png", step=1, range="series", device="reference")
     with Image.open(tmp_path / "film.webp") as film:
         assert (film.n_frames, film.size) == (3, (8, 6))
+        for number, path in enumerate(sorted((tmp_path / "film-frames").glob("*.png"))):
+            film.seek(number)
+            assert np.array_equal(film.convert("RGB"), Image.open(path).convert("RGB"))
 
 
 def test_a_range_over_all_steps_is_remembered(files, tmp_path, drawn, monkeypatch):

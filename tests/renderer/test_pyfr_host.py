@@ -1,4 +1,4 @@
-"""PyFR itself, on two processes, as a host: its last picture is that of the file which it writes."""
+"""PyFR itself, on two processes: as a host, whose last picture is that of the file that it writes; its steps."""
 
 import os
 import shutil
@@ -6,8 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
+from elvis.core.integrals import integrate
+from elvis.formats import open_series
+from elvis.plugins.testing.steps import agree
 from elvis.renderer import render
 
 #: how many squares the mesh has in a row and in a column
@@ -38,11 +43,11 @@ soln-pts = gauss-legendre
 type = slp-adia-wall
 [soln-ics]
 rho = 1 + 0.2*exp(-2*((x - 0.7)*(x - 0.7) + (y - 0.4)*(y - 0.4)))
-u = 0.1*y
-v = 0
-p = 1
+u = (1 - y)*exp(-2*((x - 1.5)*(x - 1.5) + (y - 1)*(y - 1)))
+v = (x - 1.5)*exp(-2*((x - 1.5)*(x - 1.5) + (y - 1)*(y - 1)))
+p = 1 - 0.125*exp(-4*((x - 1.5)*(x - 1.5) + (y - 1)*(y - 1)))
 [soln-plugin-writer]
-dt-out = 0.004
+dt-out = 0.002
 basename = case-{t:.3f}
 [soln-plugin-elvis]
 scene = scene.toml
@@ -88,43 +93,75 @@ def mesh_file():
     return "\n".join([*lines, *(f"{i + 1} {text}" for i, text in enumerate(elements)), "$EndElements", ""])
 
 
-@pytest.fixture
-def run(tmp_path):
-    """Run a program in the folder of the case, with what PyFR needs."""
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    """The folder of a vortex in a closed box that PyFR has computed, and what it said."""
     pytest.importorskip("pyfr")
-    programs = Path(sys.executable).parent
+    folder, programs = tmp_path_factory.mktemp("pyfr"), Path(sys.executable).parent
     if shutil.which("cc") is None or not (programs / "mpiexec").exists():
         pytest.skip("there is no C compiler or no mpiexec")
-    library = tmp_path / "libxsmm.so"
+    library = folder / "libxsmm.so"
     source = Path(__file__).parent / "pyfr" / "xsmm.c"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
-    own = {"PYFR_XSMM_LIBRARY_PATH": str(library), "PYFR_OMP_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {
+        **os.environ,
+        "PYFR_XSMM_LIBRARY_PATH": str(library),
+        "PYFR_OMP_CACHE_DIR": str(folder / "cache"),
+        "OMP_NUM_THREADS": "1",
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+    }
 
-    def start(*words):
-        environment = {
-            **os.environ,
-            **own,
-            "OMP_NUM_THREADS": "1",
-            "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
-        }
-        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    def run(*words):
+        done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         return done.stderr
 
-    return start
-
-
-def test_the_last_picture_is_that_of_the_file(run, tmp_path):
-    (tmp_path / "mesh.msh").write_text(mesh_file())
-    (tmp_path / "case.ini").write_text(CONFIG)
-    (tmp_path / "scene.toml").write_text('field = "rho"\nsize = [30, 20]\n')
-    (tmp_path / "wrong.toml").write_text('field = "temperature"\noutputs = ["wrong.png"]\n')
+    (folder / "mesh.msh").write_text(mesh_file())
+    (folder / "case.ini").write_text(CONFIG)
+    (folder / "scene.toml").write_text('field = "rho"\nsize = [30, 20]\n')
+    (folder / "wrong.toml").write_text('field = "temperature"\noutputs = ["wrong.png"]\n')
     run(sys.executable, "-c", PREPARE)
     host = ("-m", "elvis.renderer.pyfr_host", "run", "-b", "openmp", "mesh.pyfrm", "case.ini")
-    told = run("mpiexec", "-n", "2", sys.executable, *host)
+    return folder, run("mpiexec", "-n", "2", sys.executable, *host)
+
+
+def test_the_last_picture_is_that_of_the_file(computed, tmp_path):
+    folder, told = computed
     assert told.count("has no picture, the solver goes on") == 1
     assert "temperature" in told
-    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["rho_0.png", "rho_2.png", "rho_4.png"]
-    files = [str(tmp_path / name) for name in ("mesh.pyfrm", "case-0.004.pyfrs", "scene.toml")]
+    assert sorted(path.name for path in folder.glob("*.png")) == ["rho_0.png", "rho_2.png", "rho_4.png"]
+    files = [str(folder / name) for name in ("mesh.pyfrm", "case-0.004.pyfrs", "scene.toml")]
     render(*files, output=str(tmp_path / "file.png"))
-    assert (tmp_path / "rho_4.png").read_bytes() == (tmp_path / "file.png").read_bytes()
+    assert (folder / "rho_4.png").read_bytes() == (tmp_path / "file.png").read_bytes()
+
+
+def solved(folder):
+    """PyFR's own places (n, 3) of its solution points, the times of its steps, and values (steps, n, 4) there."""
+    inifile, shapes = pytest.importorskip("pyfr.inifile"), pytest.importorskip("pyfr.shapes")
+    with h5py.File(folder / "mesh.pyfrm") as mesh:
+        elements = mesh["eles/quad"]
+        nodes = mesh["nodes"]["location"][elements["nodes"]]
+    steps = []
+    for path in sorted(folder.glob("case-*.pyfrs")):
+        with h5py.File(path) as file:
+            settings, stats = (inifile.Inifile(file[name][()].decode()) for name in ("config", "stats"))
+            values = file["soln/p2-quad"][()].transpose(0, 2, 1).reshape(-1, 4)
+        steps.append((stats.getfloat("solver-time-integrator", "tcurr"), values))
+    shape = shapes.QuadShape(nodes.shape[1], settings)
+    places = np.einsum("nq,enc->eqc", shape.sbasis.nodal_basis_at(shape.upts).T, nodes).reshape(-1, 2)
+    times, values = zip(*steps, strict=True)
+    return np.pad(places, ((0, 0), (0, 1))), times, np.array(values)
+
+
+def test_steps_are_a_series_of_the_solvers_values(computed, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder, _ = computed
+    points, times, values = solved(folder)
+    assert times == pytest.approx((0, 0.002, 0.004), rel=1e-12)
+    series = open_series(folder / "mesh.pyfrm", folder / "case-*.pyfrs")
+    agree(series, points, times, dict(zip(("rho", "rhou", "rhov", "E"), np.moveaxis(values, 2, 0), strict=True)))
+
+    # walls let no mass and no energy through, while the vortex turns both
+    assert (np.abs(values[2] - values[0])[:, [0, 3]].max(axis=0) > 1e-4).all()
+    held = [[row.value for row in integrate(step, ["rho", "E"])] for step in series]
+    assert np.abs(np.subtract(held, held[0])).max() < 1e-12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,13 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
+from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
 from elvis.formats.writing import write
+from elvis.plugins.series.series import Series
+from elvis.plugins.series.statistics import average
 
 
 def steps_of(
@@ -55,3 +58,24 @@ def polynomial(points: Floats, time: float, degree: int) -> Floats:
 def waves(points: Floats, time: float) -> Floats:
     """(n,) values at points (n, 3): linear in space, a sine in time."""
     return np.asarray((1 + points[:, 0]) * np.sin(time))
+
+
+def agree(series: Series, points: Floats, times: Sequence[float], values: Mapping[str, Floats]) -> None:
+    """Check that fields are, over all steps, what a solver has at its own nodes, and that what lies in the middle of
+    the last two steps, the mean and the variance are those of these values.
+
+    points  (n, 3) places of the nodes
+    values  (steps, n) by the name of a field
+
+    AssertionError where anything is off by 1e-12 of the field's largest value, of the variance 1e-12 of its square.
+    """
+    assert series.times.tolist() == list(times)
+    mean = average(series, with_covariances=True).dataset
+    middle = series.at((times[-2] + times[-1]) / 2)
+    found = [sample(dataset, list(values), points) for dataset in (*series, middle, mean)]
+    for name, own in values.items():
+        wanted = [*own, own[-2:].mean(axis=0), own.mean(axis=0)]
+        variance = sample(mean, f"{name}_{name}", points)[f"{name}_{name}"]
+        largest = np.abs(own).max()
+        assert np.abs(np.subtract([each[name] for each in found], wanted)).max() <= 1e-12 * largest
+        assert np.abs(variance - own.var(axis=0)).max() <= 1e-12 * largest**2
