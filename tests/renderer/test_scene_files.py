@@ -161,11 +161,11 @@ CUT = 'objects = [{{kind = "cut", surface = {}}}]'
         ("objects = [3]", "objects[0]: expected a table, found 3"),
         (
             "objects = [{kind = 'cutt'}]",
-            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, found 'cutt'",
+            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, glyphs, found 'cutt'",
         ),
         (
             "objects = [{surface = 1}]",
-            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, found None",
+            "objects[0].kind: expected cut, faces, isosurface, volume, streamlines, glyphs, found None",
         ),
         ("objects = [{kind = 'cut'}]", "objects[0]: expected the key 'surface', found none"),
         (

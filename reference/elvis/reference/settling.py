@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.reference.sources import Source
-from elvis.scene import Scene, SceneObject, Streamlines, VolumeRendering
+from elvis.scene import Glyphs, Scene, SceneObject, Streamlines, VolumeRendering
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame
 from elvis.scene.palette import automatic_range
@@ -52,7 +52,7 @@ def _finer(scene: Scene, n: int) -> Scene:
     """The scene for pictures with n times the pixels each way: lines are as many times wider in pixels."""
 
     def widen(item: SceneObject) -> SceneObject:
-        if isinstance(item, VolumeRendering):
+        if isinstance(item, VolumeRendering | Glyphs):
             return item
         if isinstance(item, Streamlines):
             return replace(item, width=item.width and n * item.width)

@@ -107,7 +107,8 @@ class Canvas:
             own = band.rows.start
             self._fill(band, kept.pop(own) if own in kept else self._draw_hit_buffers(band.view))
         arrays = self.arrays
-        drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], self.painter.legends(self.draw_calls))
+        legends = self.painter.legends(self.draw_calls) + self.stages.flow.keys(self.scene, self.view)
+        drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], legends)
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         through = arrays["through"] if self.scene.is_clear else None
         drawing = replace(drawing, through=through, strokes=self.tracer.strokes())

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.volume import Part, Quantity, Volume
 from elvis.renderer.device import Device
 from elvis.renderer.memory import Buffer
@@ -69,6 +69,19 @@ class DeviceVolume:
     def box(self) -> Floats:
         """(2, 3) low and high corner of a box that holds all elements."""
         return self.once("box", lambda: surrounding([part.boxes for part in self.parts]))
+
+    def owners_of(self, element: Ints) -> tuple[Ints, Bools]:
+        """Indices of elements by their ids (n,), and (n,) whether the volume has them."""
+        if not len(self._order):
+            return np.zeros(len(element), np.int64), np.zeros(len(element), bool)
+        place = np.minimum(np.searchsorted(self.ids[:-1], element, sorter=self._order), len(self._order) - 1)
+        found = self._order[place]
+        return found, self.ids[found] == element
+
+    @cached_property
+    def _order(self) -> Ints:
+        """(elements,) indices by ascending id."""
+        return np.argsort(self.ids[:-1], kind="stable")
 
     @property
     def rounding(self) -> float:

@@ -40,7 +40,7 @@ from elvis.renderer.request import Request, reading_for
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
-from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Streamlines, Vector
+from elvis.scene import CutSurface, Faces, Glyphs, Isosurface, Plane, Scene, Streamlines, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
@@ -145,7 +145,7 @@ def _arrange(scene: Scene, kind: Kind) -> Scene:
     """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
     if kind is Kind.LINE:
         return scene
-    if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines) for item in scene.every_object):
+    if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines | Glyphs) for item in scene.every_object):
         raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
     if kind is Kind.PLANE:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

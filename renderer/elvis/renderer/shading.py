@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import FragmentLists
+from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.stages import DrawCall, Stages
+from elvis.renderer.stages import Stages
 from elvis.scene import ColorBar, Implicit, Scene, Style, Transfer, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status

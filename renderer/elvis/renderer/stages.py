@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -14,13 +14,13 @@ from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
-from elvis.core.streamlines.endings import WORDS, End
-from elvis.core.streamlines.line_pieces import Curves
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.draw_calls import DrawCall
+from elvis.renderer.flow_stage import FlowStage
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.passes.faces.faces import FaceDrawer, FacesInView
@@ -30,14 +30,22 @@ from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.hits import outside
 from elvis.renderer.passes.solids.solids import SolidDrawer, values_at_hits
-from elvis.renderer.passes.streams.following import Followers
-from elvis.renderer.passes.tubes.tubes import Girth, TubeDrawer
 from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
-from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, Streamlines, Style, VolumeRendering
+from elvis.scene import (
+    Clip,
+    CutSurface,
+    Faces,
+    Glyphs,
+    Implicit,
+    Isosurface,
+    Plane,
+    Scene,
+    Streamlines,
+    VolumeRendering,
+)
 from elvis.scene.errors import SceneError
-from elvis.scene.flow import RADIUS, curves_in
 from elvis.scene.frame import Status
 from elvis.scene.surfaces import Surface
 from elvis.scene.view import PlaneView, View
@@ -46,30 +54,6 @@ from elvis.scene.view import PlaneView, View
 SAME = 2e-11
 #: part of the greatest coordinate within which a point is on the surface of a clip, and stays
 CLOSE = 1e-11
-
-Draw = Callable[[View, Floats | None], HitBuffer]
-
-
-@dataclass(frozen=True, eq=False)
-class DrawCall:
-    """A surface of a scene that one stage draws.
-
-    name      what the scene calls it
-    quantity  what its hit buffers' field is; None is the parts' own
-    draw      as every stage: the nearest hits in a view behind given depths
-    once      whether a ray meets it once at most
-    surface   what cuts; it is not clipped by itself
-    level     the value that its quantity has all over it, where it is an isosurface of that
-    """
-
-    name: str
-    style: Style
-    quantity: str | None
-    draw: Draw
-    lit: bool
-    once: bool = False
-    surface: Surface | None = None
-    level: float | None = None
 
 
 def is_straight(block: GeometryBlock) -> bool:
@@ -104,15 +88,9 @@ class Stages:
         return SolidDrawer(self.loaded, self.finder)
 
     @cached_property
-    def tubes(self) -> TubeDrawer:
-        """Streamlines."""
-        return TubeDrawer(self.loaded)
-
-    @cached_property
-    def _followers(self) -> Followers:
-        """What follows lines on the device."""
-        device = self.loaded.device
-        return Followers(lambda: device)
+    def flow(self) -> FlowStage:
+        """Streamlines and glyphs."""
+        return FlowStage(self.loaded, self.dataset)
 
     @cached_property
     def distances(self) -> DistanceDrawer:
@@ -168,19 +146,9 @@ class Stages:
         for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
             if flat := self._flat(self.parts_quantity(name, scene), value):
                 yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
-        for item in scene.every_object:
-            if isinstance(item, Streamlines):
-                yield from self._endings(item)
+        yield from self.flow.remarks(scene)
         if counts["lost"]:
             yield f"places along rays in a volume that were not found: {counts['lost']}"
-
-    def _endings(self, item: Streamlines) -> Iterator[str]:
-        """Sentences on lines that end where nobody asked them to."""
-        ends = self.curves_of(item).ends
-        for end in (End.OUTSIDE, End.STEPS, End.JUMP, End.NAN, End.INVERTED, End.FAILED):
-            name, meaning = WORDS[end]
-            if name in ends:
-                yield f"streamlines, {name}: {ends[name]} of {sum(ends.values())} lines {meaning}"
 
     def _flat(self, own: str | None, value: float) -> int:
         """Elements whose quantity is a value all over them, to rounding."""
@@ -232,7 +200,9 @@ class Stages:
             elif isinstance(item, Faces):
                 found.append(self._faces(name, item, own))
             elif isinstance(item, Streamlines):
-                found.append(self._tubes(name, item, own))
+                found.append(self.flow.tubes(name, item, own))
+            elif isinstance(item, Glyphs):
+                found.append(self.flow.glyphs(name, item, own))
             else:
                 found += [self._level(name, item, value, scene) for value in item.values]
         return found
@@ -246,26 +216,6 @@ class Stages:
 
         is_compound = self.others.text_of(own) is not None
         return DrawCall(name, item.style, own, draw, item.style.lit is not False)
-
-    def curves_of(self, item: Streamlines) -> Curves:
-        """The lines of an object; SceneError where nothing is known of the elements' neighbours."""
-        if self.dataset is None:
-            raise SceneError(
-                "streamlines: expected elements whose neighbours are known, found what a runtime plugin has opened"
-            )
-        return curves_in(self.dataset, item, self._followers)
-
-    def _tubes(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
-        """Streamlines."""
-        found = self.curves_of(item)
-        default = None if item.width is not None else RADIUS * found.size
-        girth = Girth(item.radius or default, item.width)
-
-        def draw(view: View, beyond: Floats | None) -> HitBuffer:
-            return self.tubes.draw(view, found.pieces, girth, beyond, own)
-
-        lit = item.width is None if item.style.lit is None else item.style.lit
-        return DrawCall(name, item.style, own, draw, lit)
 
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> DrawCall:
         """One value of an isosurface, which its style may colour by another quantity."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FAINT
+from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter
-from elvis.renderer.stages import DrawCall
 from elvis.scene import Vector
 from elvis.scene.strokes import Stroke, borders, chain, meet_at_corners
 from elvis.scene.view import View

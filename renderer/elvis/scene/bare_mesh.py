@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import Faces, Isosurface, MeshLines, SceneObject, Streamlines, VolumeRendering
+from elvis.scene.objects import Faces, Glyphs, Isosurface, MeshLines, SceneObject, Streamlines, VolumeRendering
 from elvis.scene.whole import Scene
 
 #: what stands for the field: nothing is coloured by it
@@ -32,6 +32,6 @@ def _plain(item: SceneObject) -> SceneObject:
         )
     if isinstance(item, VolumeRendering) or item.style.color is not None or item.style.quantity is not None:
         return item
-    has_none = isinstance(item, (Isosurface, Streamlines))
+    has_none = isinstance(item, (Isosurface, Streamlines, Glyphs))
     lines = item.style.mesh_lines if has_none else item.style.mesh_lines or MeshLines()
     return replace(item, style=replace(item.style, color=COLOR, mesh_lines=lines))

@@ -39,13 +39,26 @@ _STATUSES = {status.name.lower(): int(status) for status in Status}
 
 
 @dataclass(frozen=True, eq=False)
-class Legend:
-    """What colours or lines mean.
+class Arrow:
+    """A glyph of a round magnitude, as it is seen from the side.
 
-    palette  None for lines of what nothing is coloured by
+    outline  (k, 2) pixels to the right of its beginning, and above it
+    text     what magnitude it has
+    """
+
+    outline: Floats
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Legend:
+    """What colours, lines or lengths mean.
+
+    palette  None for lines of what nothing is coloured by, and for lengths
     marks    values of contour lines and their colours
     bar      how the scene wants it
     constant  the only value that is seen, where there is no more: one colour needs no bar
+    arrow    how long glyphs are
     """
 
     title: str
@@ -53,6 +66,7 @@ class Legend:
     marks: tuple[tuple[float, Vector], ...] = ()
     bar: ColorBar | None = None
     constant: float | None = None
+    arrow: Arrow | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from elvis.scene import (
     Contours,
     CutSurface,
     Faces,
+    Glyphs,
     Isosurface,
     Light,
     MeshLines,
@@ -212,10 +213,21 @@ def _faces(value: Any) -> Faces:
 
 def _streamlines(value: Any) -> Streamlines:
     """The object itself, its settings by name, or points (n, 3) that lines begin at."""
-    if isinstance(value, (Streamlines, Mapping)):
-        return value if isinstance(value, Streamlines) else Streamlines(**value)
+    found: Streamlines = _from_places(Streamlines, value)
+    return found
+
+
+def _glyphs(value: Any) -> Glyphs:
+    """The same of points (n, 3) that they stand at."""
+    found: Glyphs = _from_places(Glyphs, value)
+    return found
+
+
+def _from_places(cls: Any, value: Any) -> Any:
+    if isinstance(value, (cls, Mapping)):
+        return value if isinstance(value, cls) else cls(**value)
     points = np.atleast_2d(np.asarray(value, np.float64))
-    return Streamlines(tuple(f"point:{','.join(map(repr, point))}" for point in points.tolist()))
+    return cls(tuple(f"point:{','.join(map(repr, point))}" for point in points.tolist()))
 
 
 def _cut(value: Any) -> CutSurface:
@@ -259,6 +271,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "isosurface": _isosurface,
     "faces": _faces,
     "streamlines": _streamlines,
+    "glyphs": _glyphs,
     "cut": _cut,
     "clip": _clip,
     "lights": _light,

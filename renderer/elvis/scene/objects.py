@@ -1,4 +1,4 @@
-"""What a scene shows: cut surfaces, faces, isosurfaces, volumes, streamlines, and how each of them looks."""
+"""What a scene shows: cut surfaces, faces, isosurfaces, volumes, streamlines, glyphs, and how each of them looks."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -119,7 +119,7 @@ class Style(Model):
             "Whether lights shade it.",
             option="--lit/--unlit",
             option_help="Shade all objects by the lights, or don't.",
-            default="faces, isosurfaces and tubes are shaded",
+            default="faces, isosurfaces, tubes and glyphs are shaded",
         ),
     ] = None
     contours: Annotated[
@@ -325,4 +325,64 @@ class Streamlines(Model, of="streamlines"):
         check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
 
 
-SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering | Streamlines
+@dataclass(frozen=True, repr=False)
+class Glyphs(Model, of="glyphs"):
+    """Arrows or cones along a vector, from exact points; they have no contours and no mesh lines."""
+
+    points: Annotated[
+        tuple[Seeds, ...],
+        Setting(
+            f"Where they begin: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
+            "points.",
+            metavar="WHAT",
+            repeatable=True,
+        ),
+    ]
+    vector: Annotated[
+        Quantity | None,
+        Setting(
+            "Its components, any quantities, with commas between them.",
+            metavar="U,V,W",
+            default="the velocity: u,v,w, rhou/rho, … as named",
+        ),
+    ] = None
+    random: Annotated[int, Setting("Number that random points are drawn with.", ge=0)] = 0
+    shape: Annotated[Literal["arrow", "cone"], Setting("What is drawn.")] = "arrow"
+    lengths: Annotated[
+        Literal["magnitude", "equal"], Setting("Whether lengths go with the magnitude of the vector, or are equal.")
+    ] = "magnitude"
+    length: Annotated[
+        float | None,
+        Setting("Length in world units, of the magnitude below.", **POSITIVE, default="0.05 diagonals of the box"),
+    ] = None
+    magnitude: Annotated[
+        float | None, Setting("The magnitude that has this length.", **POSITIVE, default="the greatest at the points")
+    ] = None
+    thickness: Annotated[
+        float, Setting("Greatest radius in parts of the length.", gt=0, le=0.3, expected="a number from 0 to 0.3")
+    ] = 0.12
+    key: Annotated[bool, Setting("Whether a glyph of a round magnitude below the picture tells how long they are.")] = (
+        True
+    )
+    unit: Annotated[str | None, Setting("The unit of the magnitude, in the key.")] = None
+    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    kind: Literal["glyphs"] = field(default="glyphs", kw_only=True)
+    option: ClassVar = Setting(
+        f"Arrows at points: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
+        "length=0.1 or shape=cone.",
+        option="--glyphs",
+        metavar="POINTS[;KEY=VALUE]",
+        parse="glyphs",
+        repeatable=True,
+    )
+
+    def check(self) -> None:
+        """SceneError where nothing says where they stand, and for a shape or lengths that there are not."""
+        check(len(self.points), "points of glyphs", "at least one", "none")
+        check(self.shape in ("arrow", "cone"), "shape of glyphs", "arrow or cone", self.shape)
+        check(self.lengths in ("magnitude", "equal"), "lengths of glyphs", "magnitude or equal", self.lengths)
+        lines = self.style.contours or self.style.mesh_lines
+        check(lines is None, "style of glyphs", "no contours and no mesh lines", "some")
+
+
+SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering | Streamlines | Glyphs

@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.scene.errors import SceneError
-from elvis.scene.frame import Frame, Legend
+from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.palette import Palette, linear_part
 from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, typed_values, value_labels
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
@@ -103,6 +103,9 @@ class Panel:
         for legend in legends if has_bars else []:
             box = self.edges()
             self._add_bar(Bar(self, legend, box, np.array([[0, 0], [self.width, self.height]])))
+        for legend in self.frame.legends:
+            if legend.arrow:
+                self._draw_key(legend.arrow)
         self._draw_notes()
         title = scene.title if scene.title is not None else ""
         if title:
@@ -170,6 +173,15 @@ class Panel:
         line = np.array([[x - 0.5, self.height - 0.5 - y] for x, y in ends])
         self._line(line, lw=3 * self.page.thin, solid_capstyle="butt")
         self._text(right - 0.5 * length, y - 0.5 * self.unit, text, ha="center", va="top")
+
+    def _draw_key(self, arrow: Arrow) -> None:
+        """A glyph of a round magnitude, with its text, below the picture."""
+        right, above = arrow.outline.max(axis=0)
+        y = self.edges()[0, 1] - 0.5 * self.unit - max(0.8 * self.unit, above)
+        line = np.array([-0.5, self.height - 0.5 - y]) + arrow.outline * [1.0, -1.0]
+        self.axes.fill(*line.T, color=self.page.text_color, lw=0, zorder=BOX, clip_on=False)
+        self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5))
+        self._text(right + self.unit, y, arrow.text, fontsize=0.9 * self.page.points)
 
     def _draw_notes(self) -> None:
         """Sentences that tell what nothing else tells, below the picture."""

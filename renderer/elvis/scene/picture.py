@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence, Set
 from typing import Any, TypeAlias
 
@@ -10,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from elvis.core.arrays import Floats
 from elvis.scene import Vector, VolumeRendering
-from elvis.scene.frame import Frame, Legend
+from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.page import BarPlace, Page, Part, Rgb
 from elvis.scene.palette import text_color_on
 
@@ -92,13 +93,14 @@ def _add_frame(frame: Frame) -> Page:
     # the page: a unit of margin, and what is above, beside and below the image
     width_of_title = round(font.getlength(title)) + 3 * unit
     width_of_image = image_width + 2 * unit + sum(bar.width for bar in bars)
-    width = max(width_of_image, width_of_title)
+    keys = [_Key(legend.arrow, unit) for legend in frame.legends if legend.arrow]
+    width = max(width_of_image, width_of_title, *(key.width(small) + 2 * unit for key in keys))
     lines = notes(frame, width - 2 * unit, small)
     line_height = round(1.6 * unit)
     top = 3 * unit if title or any(bar.name for bar in bars) else unit
     right = unit + image_width
     bottom = top + bar_height
-    height = bottom + unit + line_height * len(lines)
+    height = bottom + unit + sum(key.height for key in keys) + line_height * len(lines)
 
     # title and notes may reach from their own parts into the one to the right of the image
     page = Page(frame.rgb, (unit, top), (width, height), paper)
@@ -109,7 +111,9 @@ def _add_frame(frame: Frame) -> Page:
         part.text((unit, top / 2), title, fill=text_color, font=font, anchor="lm")
     page.bars = _draw_bars(bars, beside, (image_width + 5 * unit // 2, top))
     for part in (below, beside):
-        _write_lines(part, (unit, bottom + unit), lines, line_height, fill=text_color, font=small)
+        style: dict[str, Any] = {"fill": text_color, "font": small}
+        row = _draw_keys(keys, part, (unit, bottom + unit), **style)
+        _write_lines(part, (unit, row), lines, line_height, **style)
     page.parts += [above, beside, below]
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, page, unit, small)
@@ -125,6 +129,15 @@ def _draw_bars(bars: Sequence[_Bar], part: Part, corner: tuple[int, int]) -> tup
         places.append(BarPlace(bar.legend, (x, y, bar.thickness, bar.height)))
         x += bar.width
     return tuple(places)
+
+
+def _draw_keys(keys: Sequence[_Key], part: Part, corner: tuple[int, int], **style: Any) -> int:
+    """Keys below one another, the first one at a corner; the row below them."""
+    x, y = corner
+    for key in keys:
+        key.draw(part, (x, y), **style)
+        y += key.height
+    return y
 
 
 def _write_lines(part: Part, place: tuple[int, int], lines: list[str], step: int, **style: Any) -> None:
@@ -192,6 +205,31 @@ class _Bar:
         """The row of a value, where the bar begins at the row ``top``."""
         low, high = self.palette.low, self.palette.high
         return top + (high - value) / (high - low) * (self.height - 1)
+
+
+class _Key:
+    """A glyph of a round magnitude with its text, in a row of its own."""
+
+    def __init__(self, arrow: Arrow, unit: int) -> None:
+        self.arrow, self.unit = arrow, unit
+        self.right, self.above = (math.ceil(end) for end in arrow.outline.max(axis=0))
+        self.height = max(round(1.6 * unit), 2 * self.above + unit // 2)
+
+    def width(self, font: Font) -> int:
+        """Pixels of the row."""
+        wide: int = self.right + self.unit + math.ceil(font.getlength(self.arrow.text))
+        return wide
+
+    def draw(self, part: Part, corner: tuple[int, int], *, fill: Rgb, font: Font) -> None:
+        """The row, below and to the right of a corner."""
+        x, y = corner
+        height = 2 * self.above + 2
+        mask = Image.new("L", ((self.right + 1) * _FINER, height * _FINER))
+        outline = _FINER * (self.arrow.outline * [1.0, -1.0] + [0.0, height / 2])
+        ImageDraw.Draw(mask).polygon([tuple(place) for place in outline], fill=255)
+        small = mask.resize((self.right + 1, height), Image.Resampling.LANCZOS)
+        part.paste(fill, (x, y + (self.height - height) // 2), small)
+        part.text((x + self.right + self.unit, y + self.height / 2), self.arrow.text, fill=fill, font=font, anchor="lm")
 
 
 def shortest(value: float) -> str:

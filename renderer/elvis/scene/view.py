@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 from elvis.scene.errors import SceneError
 
@@ -106,6 +106,15 @@ class View:
     def projected(self, points: Floats) -> Floats:
         """(..., 3) column and row, both times the weight, and the weight of world points (..., 3)."""
         return np.asarray(points @ self.to_pixel[:, :3].T + self.to_pixel[:, 3])
+
+    def is_in_picture(self, points: Floats) -> Bools:
+        """(n,) whether world points (n, 3) lie in front of the eye, and in the picture."""
+        placed = self.projected(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            image = placed[:, :2] / placed[:, 2:]
+        inside = (image > -0.5).all(axis=1) & (image < [self.width - 0.5, self.height - 0.5]).all(axis=1)
+        found: Bools = inside & (placed[:, 2] > 0.0)
+        return found
 
     def depth_of(self, points: Floats) -> Floats:
         """Distance of world points (…, 3) from the eye's plane, along the view."""

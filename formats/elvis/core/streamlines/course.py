@@ -23,7 +23,7 @@ DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,),
 #: where nothing is said, in parts of the box's diagonal: error of a step, length of lines
 TOLERANCE, LENGTH = 1e-12, 10.0
 #: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
-_REST = 1e-10
+REST = 1e-10
 
 #: makes a tracer, as `Tracer` does
 MakeTracer: TypeAlias = Callable[[Velocity, Neighbours, Locator, Limits, int], Tracer]
@@ -102,7 +102,7 @@ class Flow:
         locator = Locator(velocity.patches)
         seeds = seed_points(dataset, locator, course.seeds, course.random, velocity.evaluator.patches)
         location = locator.locate(seeds)
-        limits = _limits(diagonal(locator), course, _REST * _fastest(velocity, location))
+        limits = _limits(diagonal(locator), course, REST * _fastest(velocity, location))
         return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
 
     @property

@@ -23,6 +23,7 @@ from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
+from elvis.reference.scenes.glyphs import glyph_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
 from elvis.reference.scenes.tubes import tube_crossings
@@ -32,6 +33,7 @@ from elvis.scene import (
     Camera,
     CutSurface,
     Faces,
+    Glyphs,
     Implicit,
     Isosurface,
     Plane,
@@ -44,6 +46,7 @@ from elvis.scene import (
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Drawing, Frame, Legend, Status, constant_of
+from elvis.scene.frusta import keys_of
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 
@@ -127,6 +130,8 @@ class Scenery:
                 found = self._faces(select, view)
             case Streamlines():
                 found = tube_crossings(self.quantities, shown, view)
+            case Glyphs():
+                found = glyph_crossings(self.quantities, shown, view)
             case _:
                 return Crossings.none()
         found = found.weighed(view, self._greatest(view))
@@ -191,7 +196,9 @@ class Scenery:
         status[unknown.reshape(status.shape) & (status == Status.CERTAIN)] = Status.AMBIGUOUS
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.of_name(scene.palette, *ends).over_range(scene.bar)
-        legends = (Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field)),)
+        legend = Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field))
+        dataset = self.quantities.dataset
+        legends = (legend, *(() if dataset is None else keys_of(dataset, scene, view)))
         drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
         stats = {} if line_status is None else {"contours": contour_counts(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)

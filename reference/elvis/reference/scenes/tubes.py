@@ -18,9 +18,9 @@ from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
+from elvis.reference.scenes.unions import INTERVAL, union
 from elvis.scene import Streamlines
 from elvis.scene.flow import RADIUS, course_of
-from elvis.scene.frame import Status
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -82,19 +82,7 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
         columns.append(_intervals(step, view, radius, growth))
     if not columns:
         return Crossings.none()
-    places = _places(quantities)
-    rows = np.concatenate(columns)
-    rows = rows[np.isin(rows["element"], list(places))]
-    return _joined(rows, places, view)
-
-
-def _places(quantities: Quantities) -> dict[int, tuple[int, int]]:
-    """Patch and row of elements by id."""
-    return {
-        int(element): (number, row)
-        for number, patch in enumerate(quantities.patches)
-        for row, element in enumerate(patch.element_ids)
-    }
+    return union(np.concatenate(columns), quantities)
 
 
 def _steps(flow: Flow) -> Iterator[_Step]:
@@ -112,18 +100,10 @@ def _steps(flow: Flow) -> Iterator[_Step]:
                 yield _Step(_TO_SERIES @ world[k], net, float(piece.part[k]), int(own.element_ids[piece.row[k]]))
 
 
-#: an interval of a ray within the balls of a step
-_ROW = np.dtype(
-    [("pixel", "i8"), ("element", "i8")]
-    + [(name, "f8") for name in ("enters", "leaves")]
-    + [(name, "f8", 3) for name in ("first", "last", "entrance", "exit")]
-)
-
-
 def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndarray:
-    """Rows of ``_ROW``: where rays enter and leave the balls of a step."""
+    """Rows of ``INTERVAL``: where rays enter and leave the balls of a step."""
     pixel = _near(step, view, radius, growth)
-    found = [np.zeros(0, _ROW)]
+    found = [np.zeros(0, INTERVAL)]
     for start in range(0, len(pixel), _AT_ONCE):
         some = pixel[start : start + _AT_ONCE]
         enters = _met(step, view, some, radius, growth, 1.0)
@@ -131,11 +111,14 @@ def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndar
         # of a ray that a step meets several times the first entrance goes with the first exit
         both = np.intersect1d(enters.pixel * _SAMPLES + enters.rank, leaves.pixel * _SAMPLES + leaves.rank, True, True)
         one, other = both[1], both[2]
-        rows = np.zeros(len(one), _ROW)
+        rows = np.zeros(len(one), INTERVAL)
         rows["pixel"], rows["element"] = enters.pixel[one], step.element
         rows["enters"], rows["leaves"] = enters.along[one], leaves.along[other]
         rows["first"], rows["last"] = step.reference(enters.u[one]), step.reference(leaves.u[other])
-        rows["entrance"], rows["exit"] = step.points(enters.u[one]), step.points(leaves.u[other])
+        # normals lead away from the middle of the ball
+        origins, directions = view.rays(rows["pixel"] % view.width, rows["pixel"] // view.width)
+        rows["entrance"] = origins + rows["enters"][:, None] * directions - step.points(enters.u[one])
+        rows["exit"] = origins + rows["leaves"][:, None] * directions - step.points(leaves.u[other])
         found.append(rows)
     return np.concatenate(found)
 
@@ -201,38 +184,3 @@ def _met(step: _Step, view: View, pixel: Ints, radius: float, growth: float, way
     rank = np.arange(len(own)) - np.searchsorted(own, own)
     depth = (along[hit] - way * np.sqrt(room[hit])) / lengths[own]
     return _Met(pixel[own], depth, u[hit], rank)
-
-
-def _joined(rows: np.ndarray, places: dict[int, tuple[int, int]], view: View) -> Crossings:
-    """Where rays enter or leave all balls together, in front of the eye."""
-    rows = rows[np.lexsort([rows["enters"], rows["pixel"]])]
-    kept: list[tuple[int, str]] = []
-    for start, end in _runs(rows["pixel"]):
-        reach = -np.inf
-        last = -1
-        for k in range(start, end):
-            if rows["enters"][k] > reach:
-                kept += [(last, "leaves")] if last >= 0 else []
-                kept.append((k, "enters"))
-            if rows["leaves"][k] > reach:
-                reach, last = rows["leaves"][k], k
-        kept.append((last, "leaves"))
-    row = np.array([k for k, _ in kept], np.int64)
-    is_entrance = np.array([name == "enters" for _, name in kept], bool)
-    own = rows[row]
-    depth = np.where(is_entrance, own["enters"], own["leaves"])
-    reference = np.where(is_entrance[:, None], own["first"], own["last"])
-    center = np.where(is_entrance[:, None], own["entrance"], own["exit"])
-    pixel = own["pixel"].astype(np.int64)
-    origins, directions = view.rays(pixel % view.width, pixel // view.width)
-    normal = origins + depth[:, None] * directions - center
-    pair = np.array([places[int(element)] for element in own["element"]], np.int64).reshape(-1, 2)
-    status = np.full(len(row), Status.CERTAIN, np.uint8)
-    found = Crossings(pixel, depth, pair[:, 0], pair[:, 1], reference, normal, status, np.full(len(row), np.nan))
-    return Crossings.concatenate([found.part(depth > 0)])
-
-
-def _runs(pixel: Ints) -> Iterator[tuple[int, int]]:
-    """Where equal numbers (n,) begin and end."""
-    starts = np.flatnonzero(np.diff(pixel, prepend=-1))
-    yield from zip(starts, [*starts[1:], len(pixel)], strict=True)

@@ -81,12 +81,14 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
 
 def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:
     """The scene with values of the style in every object; without objects, of all outer faces."""
-    from elvis.scene import Faces, Streamlines, VolumeRendering
+    from elvis.scene import Faces, Glyphs, Streamlines, VolumeRendering
 
     def with_style(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering):
             return item
-        own = {key: value for key, value in style.items() if key not in LINES or not isinstance(item, Streamlines)}
+        own = {
+            key: value for key, value in style.items() if key not in LINES or not isinstance(item, Streamlines | Glyphs)
+        }
         return replace(item, style=replace(item.style, **own))
 
     objects = scene.every_object or (Faces(),)

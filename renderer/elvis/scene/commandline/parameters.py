@@ -88,16 +88,28 @@ def volume(text: str) -> scene.VolumeRendering:
 
 def streamlines(text: str) -> scene.Streamlines:
     """Seeds, and ``KEY=VALUE`` of other settings, with semicolons between them."""
-    seeds: list[str] = []
-    known, given = types(scene.Streamlines), {}
+    found: scene.Streamlines = _from_places(scene.Streamlines, "seeds", text)
+    return found
+
+
+def glyphs(text: str) -> scene.Glyphs:
+    """Points, and ``KEY=VALUE`` likewise."""
+    found: scene.Glyphs = _from_places(scene.Glyphs, "points", text)
+    return found
+
+
+def _from_places(cls: Any, name: str, text: str) -> Any:
+    """An object of places, which are the setting of that name, and of other settings as ``KEY=VALUE``."""
+    places: list[str] = []
+    known, given = types(cls), {}
     for part in filter(None, map(str.strip, text.split(";"))):
         key, equals, value = (word.strip() for word in part.partition("="))
         if not equals or ":" in key or "." in key:
-            seeds.append(part)
+            places.append(part)
             continue
-        check(key in known and key not in ("seeds", "style"), "streamlines", f"a key of {', '.join(known)}", repr(key))
+        check(key in known and key not in (name, "style"), cls.kind, f"a key of {', '.join(known)}", repr(key))
         given[key] = _plain(known[key], value)
-    return scene.Streamlines(tuple(seeds), **given)
+    return cls(tuple(places), **given)
 
 
 def contours(text: str) -> scene.Contours:

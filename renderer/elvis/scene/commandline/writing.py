@@ -238,9 +238,9 @@ def _volume(item: Any) -> str:
     return _quantity(item, ",".join(f"{_number(value)}:{_number(density)}" for value, density in pairs))
 
 
-def _streamlines(item: Any) -> str:
-    given = {key: value for key, value in given_values(item).items() if key not in ("seeds", "style")}
-    return ";".join([*item.seeds, *(f"{key}={_value(value)}" for key, value in given.items())])
+def _from_places(item: Any, name: str) -> str:
+    given = {key: value for key, value in given_values(item).items() if key not in (name, "style")}
+    return ";".join([*getattr(item, name), *(f"{key}={_value(value)}" for key, value in given.items())])
 
 
 _OBJECTS: dict[str, Callable[[Any], str]] = {
@@ -248,7 +248,8 @@ _OBJECTS: dict[str, Callable[[Any], str]] = {
     "faces": lambda item: ",".join(item.select),
     "isosurface": lambda item: _quantity(item, _list(item.values)),
     "volume": _volume,
-    "streamlines": _streamlines,
+    "streamlines": lambda item: _from_places(item, "seeds"),
+    "glyphs": lambda item: _from_places(item, "points"),
 }
 #: by the function of `parameters` that reads the text
 _WRITERS: dict[str, Callable[[Any], str]] = {

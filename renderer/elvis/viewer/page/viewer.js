@@ -1692,7 +1692,7 @@ class Viewer {
       return make("div", { className: "elvis-buttons elvis-hidden" }, `${shown.kind} ${this.summary(shown)}`,
         button("show", "Show it again, where it was", "unhide"), button("delete", "Take it away", "forget"));
     });
-    const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "streamlines", "clip"] : ["faces", "streamlines"];
+    const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "streamlines", "glyphs", "clip"] : ["faces", "streamlines", "glyphs"];
     const adding = make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value, controls); e.target.selectedIndex = 0; } },
       make("option", {}, "add…"), ...kinds.map((kind) => make("option", {}, kind)));
     const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "None: all outer faces are shown." : "None: all is shown.")];
@@ -1752,7 +1752,7 @@ class Viewer {
 
   summary(item) {
     const values = item.values ?? item.transfer?.values;
-    const parts = [item.surface?.kind, item.quantity, values?.map(short).join(", "), (item.select ?? item.seeds)?.join(", "), item.style?.quantity];
+    const parts = [item.surface?.kind, item.quantity, values?.map(short).join(", "), (item.select ?? item.seeds ?? item.points)?.join(", "), item.style?.quantity];
     return parts.filter(Boolean).join(" ");
   }
 
@@ -1816,6 +1816,7 @@ class Viewer {
     if (kind in SURFACES) return this.createSurface(kind, controls);
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
     if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"] });
+    if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"] });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
     const densities = [0, 0, 4 / controls.extent(this.facts.box)];

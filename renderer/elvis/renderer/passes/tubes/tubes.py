@@ -7,8 +7,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.streamlines.line_pieces import Pieces, bernstein_of, halved
+from elvis.renderer.ball_bounds import bounds_of_balls, is_in_picture, pixels_within
 from elvis.renderer.camera import record_of
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
@@ -20,8 +21,6 @@ from elvis.scene.view import View
 
 #: pixels of a piece's longer side above which it is halved, beyond four radii; how often at most, and next to the eye
 _LARGE, _HALVINGS, _HALVINGS_HERE = 40.0, 12, 4
-#: pixels by which bounds are wider than they were computed
-_ROOM = 1e-3
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 
@@ -76,8 +75,6 @@ class TubeDrawer:
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded = loaded
-        order = np.argsort(loaded.ids[:-1], kind="stable")
-        self._ids, self._owners = loaded.ids[:-1][order], order
         self._known: WeakKeyDictionary[Pieces, _Prepared] = WeakKeyDictionary()
 
     def draw(
@@ -110,7 +107,7 @@ class TubeDrawer:
         """The kernel's records of what a view sees."""
         device = self.loaded.device
         kernel = device.kernel("tube_draw")
-        owner, known = self._owners_of(pieces.element)
+        owner, known = self.loaded.owners_of(pieces.element)
         seen = _in_view(view, pieces, girth, np.flatnonzero(known))
         reference = _part_of(pieces.reference[seen.number], seen.place)
         curves = np.zeros(len(seen.number), kernel.dtype("curves"))
@@ -125,13 +122,6 @@ class TubeDrawer:
         work = (tiles["end"] - tiles["first"]).astype(np.int64)
         data = {"curves": curves, "listed": listed, "tiles": tiles}
         return _Prepared(view, girth, {name: device.buffer(array) for name, array in data.items()}, work)
-
-    def _owners_of(self, element: Ints) -> tuple[Ints, Bools]:
-        """Indices of elements by their ids (n,), and (n,) whether the volume has them."""
-        if not len(self._ids):
-            return np.zeros(len(element), np.int64), np.zeros(len(element), bool)
-        place = np.minimum(np.searchsorted(self._ids, element), len(self._ids) - 1)
-        return self._owners[place], self._ids[place] == element
 
 
 def _part_of(points: Floats, place: Floats) -> Floats:
@@ -153,12 +143,12 @@ def _in_view(view: View, pieces: Pieces, girth: Girth, chosen: Ints) -> _InView:
     found: list[_InView] = []
     for halving in range(_HALVINGS + 1):
         near, low, high, thick = _bounds(view, points, girth)
-        seen = (high[:, :2] >= 0.0).all(axis=1) & (low[:, :2] <= [view.width - 1, view.height - 1]).all(axis=1)
+        seen = is_in_picture(view, low, high)
         large = (high - low)[:, :2].max(axis=1) > _LARGE + 2.0 * thick
         large &= halving < np.where(near > 0.0, _HALVINGS, _HALVINGS_HERE)
         done = np.flatnonzero(seen & ~large)
         found.append(
-            _InView(number[done], points[done], place[done], near[done], *_pixels(view, low[done], high[done]))
+            _InView(number[done], points[done], place[done], near[done], *pixels_within(view, low[done], high[done]))
         )
         left = np.flatnonzero(seen & large)
         if not len(left):
@@ -173,43 +163,7 @@ def _in_view(view: View, pieces: Pieces, girth: Girth, chosen: Ints) -> _InView:
 
 
 def _bounds(view: View, points: Floats, girth: Girth) -> tuple[Floats, Floats, Floats, Floats]:
-    """For each of n tubes the least depth; least and greatest x, y, x + y and x - y in pixels (n, 4); twice its radius.
-
-    A ball of radius R about a point at depth z, t the tangent of its angle from the axis, is seen within
-    R (1 + t^2)^(1/2) / (z - R) of the point's image at depth 1.  What reaches behind the eye may be anywhere.
-    """
+    """Where tubes about curves (n, 8, 3) may be seen, as `bounds_of_balls`: those of their control points hold them."""
     control = bernstein_of(points)
-    depth = view.depth_of(control)
     radius, growth = girth.in_view(view)
-    thick = radius + growth * np.abs(depth)
-    near = (depth - thick).min(axis=1)
-    step = float(np.linalg.norm(view.column))
-    placed = view.projected(control)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        image = placed[..., :2] / placed[..., 2:]
-        if view.perspective:
-            across = np.linalg.norm(
-                control - np.asarray(view.camera.eye) - depth[..., None] * view.camera.basis()[2], axis=2
-            )
-            around = thick * np.sqrt(1.0 + (across / depth) ** 2) / (depth - thick) / step
-        else:
-            around = thick / step
-    both = np.stack([image[..., 0], image[..., 1], image.sum(axis=2), image[..., 0] - image[..., 1]], axis=2)
-    wide = around[..., None] * [1.0, 1.0, np.sqrt(2.0), np.sqrt(2.0)] + _ROOM
-    low, high = (both - wide).min(axis=1), (both + wide).max(axis=1)
-    if view.perspective:
-        anywhere = ~(near > 0.0)
-        low[anywhere], high[anywhere], around[anywhere] = -np.inf, np.inf, 1.0
-        # what lies all behind the eye is not seen
-        hidden = (depth + thick).max(axis=1) <= 0.0
-        low[hidden], high[hidden] = np.inf, -np.inf
-    return near, low, high, 2.0 * around.max(axis=1)
-
-
-def _pixels(view: View, low: Floats, high: Floats) -> tuple[Ints, Ints]:
-    """Bounds (n, 4) of pixels within the picture."""
-    ends = np.array([view.width - 1, view.height - 1, view.width + view.height - 2, view.width - 1], np.float64)
-    starts = np.array([0.0, 0.0, 0.0, -(view.height - 1.0)])
-    least = np.ceil(np.clip(low, starts, ends)).astype(np.int64)
-    most = np.floor(np.clip(high, starts, ends)).astype(np.int64)
-    return least, np.maximum(most, least)
+    return bounds_of_balls(view, control, radius + growth * np.abs(view.depth_of(control)))

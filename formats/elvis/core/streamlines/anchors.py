@@ -1,0 +1,85 @@
+"""Vectors at points: where glyphs stand, and which way they point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.locate import Locator
+from elvis.core.streamlines.course import REST, diagonal
+from elvis.core.streamlines.seeds import seed_points
+from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Points at which a vector is known, and is not zero.
+
+    points     (n, 3)  world coordinates
+    vectors    (n, 3)  tangential on surfaces in space
+    reference  (n, 3)  in the element, zero beyond its dimension
+    element    (n,)    ids in the file
+    left       why other points were left out, and how many
+    name       of the vector: its components
+    size       diagonal of the box of all elements
+    """
+
+    points: Floats
+    vectors: Floats
+    reference: Floats
+    element: Ints
+    left: Mapping[str, int]
+    name: str
+    size: float
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+
+def anchors(dataset: Dataset, points: Any, vector: Sequence[str] | None = None, random: int = 0) -> Anchors:
+    """A vector at points (n, d) or at what texts stand for (`seeds`).
+
+    vector  its components as texts; None: the velocity that is customary in the data
+    random  number that random points are drawn with
+
+    ElvisError for 1D data, for what names no quantity, and for too few components.
+    """
+    if dataset.mesh.dimension < 2:
+        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+    expressions = velocity_expressions(dataset, vector)
+    velocity = Velocity(dataset, expressions)
+    locator = Locator(velocity.patches)
+    asked = seed_points(dataset, locator, points, random, velocity.evaluator.patches)
+    found = locator.locate(asked)
+    inside = np.flatnonzero(found.patch >= 0)
+    patch, row, own = found.patch[inside], found.row[inside], found.reference[inside]
+    vectors = velocity.motion(patch, row, own).velocity
+    size = np.linalg.norm(vectors, axis=1)
+    known = np.isfinite(size)
+    moving = known & (size > REST * size[known].max(initial=0.0))
+    left = {
+        "lie outside of all elements": len(asked) - len(inside),
+        "have a vector that is not a number": int((~known).sum()),
+        "have the vector zero": int((known & ~moving).sum()),
+    }
+    reference = np.zeros((len(inside), 3))
+    for number in np.unique(patch):
+        here = np.flatnonzero(patch == number)
+        places = velocity.in_elements(int(number), own[here, : velocity.patches[number].dimension])
+        reference[here, : places.shape[1]] = places
+    chosen = inside[moving]
+    return Anchors(
+        asked[found.point[chosen]],
+        vectors[moving],
+        reference[moving],
+        found.element_id[chosen],
+        {why: count for why, count in left.items() if count},
+        ", ".join(expression.text for expression in expressions),
+        diagonal(locator),
+    )

@@ -1,0 +1,36 @@
+"""Surfaces of a scene, each with the stage that draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from elvis.core.arrays import Floats
+from elvis.renderer.hit_buffer import HitBuffer
+from elvis.scene import Style
+from elvis.scene.surfaces import Surface
+from elvis.scene.view import View
+
+Draw = Callable[[View, Floats | None], HitBuffer]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawCall:
+    """A surface of a scene that one stage draws.
+
+    name      what the scene calls it
+    quantity  what its hit buffers' field is; None is the parts' own
+    draw      as every stage: the nearest hits in a view behind given depths
+    once      whether a ray meets it once at most
+    surface   what cuts; it is not clipped by itself
+    level     the value that its quantity has all over it, where it is an isosurface of that
+    """
+
+    name: str
+    style: Style
+    quantity: str | None
+    draw: Draw
+    lit: bool
+    once: bool = False
+    surface: Surface | None = None
+    level: float | None = None
