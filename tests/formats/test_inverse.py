@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
-from elvis.core.mapping.enclosure import search
+from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
 from elvis.core.mapping.newton import Targets
 from elvis.core.mapping.pointwise import determinants, jacobians, positions
 from elvis.core.patch import patches
-from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.polynomials.collapse import collapse, collapse_jacobian, uncollapse
 from elvis.core.shapes import Shape
 from elvis.core.testing import (
     curved,
@@ -113,11 +113,36 @@ def test_the_search_alone_agrees_with_newton(shape, n):
     points = np.random.default_rng(4).uniform(-1.5, 1.5, (1500, 3))
     rows = np.zeros(len(points), int)
     known = invert(patch, rows, points)
-    precision = np.full(len(points), 1e-12)
-    reference, found, undecided = search(Targets(patch, rows, points, precision, precision, np.zeros(len(points))))
+    reference, found, undecided = search(exact_targets(patch, points))
     assert not undecided.any()
     np.testing.assert_array_equal(found, known.status == Status.INSIDE)
     np.testing.assert_allclose(reference[found], known.reference[found], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("n", [3, 5])
+def test_no_point_of_an_element_or_near_to_it_is_excluded_and_most_others_are(shape, n):
+    patch, reach = bent(shape, n, STRONG.get(n, 0.4)), 1e-3
+
+    # points of the element, and points beyond its facets by less than the reach, on pyramids in collapsed coordinates
+    centre = shape.vertices.mean(axis=0)
+    inner = scattered(shape, 600)
+    if shape is Shape.PYRAMID:
+        outer = uncollapse(shape, (1 + reach) * collapse(shape, inner))
+    else:
+        outer = centre + (1 + reach) * (inner - centre)
+    points = positions(patch, np.zeros(1200, int), np.concatenate([inner, outer]))
+    assert not excluded(exact_targets(patch, points), np.full(len(points), reach)).any()
+
+    # all others of a box around it, in which few are next to the element
+    points = np.random.default_rng(4).uniform(-1.5, 1.5, (600, 3))
+    outside = points[invert(patch, np.zeros(len(points), int), points).status == Status.OUTSIDE]
+    assert excluded(exact_targets(patch, outside), np.full(len(outside), reach)).mean() > 0.9
+
+
+def exact_targets(patch, points):
+    precision = np.full(len(points), 1e-12)
+    return Targets(patch, np.zeros(len(points), int), points, precision, precision, np.zeros(len(points)))
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))

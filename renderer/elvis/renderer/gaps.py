@@ -40,10 +40,8 @@ class _Asked:
     mask: Bools
 
     def between_rows(self, start: int, stop: int) -> _Asked:
-        """The same of rows from ``start`` to before ``stop``."""
-        mask: Bools = np.zeros_like(self.mask)
-        mask[start:stop] = self.mask[start:stop]
-        return _Asked(self.first, _between_rows(self.sections, start, stop), mask)
+        """The same of rows from ``start`` to before ``stop``, which are the only ones that the sections have then."""
+        return _Asked(self.first, _between_rows(self.sections, start, stop), self.mask)
 
 
 class Gaps:
@@ -72,8 +70,8 @@ class Gaps:
 
         # wherever an element that owns nothing may be; of the others beside what is owned
         due = free & beside(~free)
-        is_owning = np.zeros(self._first[-1], bool)
-        is_owning[pixels.owner[~free.reshape(-1)]] = True
+        is_owning = np.zeros(self._first[-1] + 1, bool)
+        is_owning[np.minimum(pixels.owner, self._first[-1])] = True
         asked = []
         for some, first in zip(bent, self._first, strict=False):
             owns = is_owning[some["element"] + first]
@@ -181,8 +179,10 @@ def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]
 
 def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]]:
     """The pixels (n,) of a mask (h, w) within the bounds of each section, and the section's element (n,)."""
+    cells = _cells_with_any(mask)
+    sections = sections[_any_within(cells, sections["least"][:, :2], sections["most"][:, :2])]
     tiles = tiles_of(sections["least"], sections["most"])
-    tiles = tiles[_any_near(mask, tiles.x, tiles.y)]
+    tiles = tiles[_any_near(cells, tiles.x, tiles.y)]
 
     # all pixels of these tiles that the mask has; tiles may reach beyond its end
     width = mask.shape[1]
@@ -214,18 +214,32 @@ def beside(mask: Bools) -> Bools:
     return result
 
 
-def _any_near(mask: Bools, x: Ints, y: Ints) -> Bools:
-    """(n,) whether there may be a pixel of the mask (h, w) in tiles that begin at columns x and rows y (n,)."""
+def _cells_with_any(mask: Bools) -> Bools:
+    """(h, w) which tiles of a grid have a pixel of the mask; there is one more of them than it takes each way."""
     height, width = mask.shape
     rows = height // TILE + 2
     columns = width // TILE + 2
     padded = np.zeros((rows * TILE, columns * TILE), bool)
     padded[:height, :width] = mask
 
-    # which tiles of a grid have any: axis by axis, which is sooner done than both
+    # axis by axis, which is sooner done than both
     strips = padded.reshape(rows, TILE, columns * TILE).any(axis=1)
-    cells: Bools = np.asarray(strips.reshape(rows, columns, TILE).any(axis=2))
+    return np.asarray(strips.reshape(rows, columns, TILE).any(axis=2))
 
+
+def _any_within(cells: Bools, least: Ints, most: Ints) -> Bools:
+    """(n,) whether one of the cells (h, w) that bounds (n, 2) of columns and rows meet has any."""
+    # how many have up to each corner, by which those of any rectangle are known
+    rows, columns = cells.shape
+    sums = np.zeros((rows + 1, columns + 1), np.int64)
+    sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
+    left, top = np.clip(least // TILE, 0, (columns, rows)).T
+    right, bottom = np.clip(most // TILE + 1, 0, (columns, rows)).T
+    return np.asarray(sums[bottom, right] - sums[bottom, left] - sums[top, right] + sums[top, left] > 0)
+
+
+def _any_near(cells: Bools, x: Ints, y: Ints) -> Bools:
+    """(n,) whether one of the cells (h, w) that tiles beginning at columns x and rows y (n,) meet has any."""
     # a tile meets four of the grid at most
     i = y // TILE
     j = x // TILE

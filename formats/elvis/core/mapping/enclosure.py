@@ -8,6 +8,7 @@ polynomials in xi, in s = (1 + eta)/2.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,6 +26,8 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 
 _ROUNDS = 200
+#: rounds in which most cells without a root are seen to have none
+_FEW_ROUNDS = 6
 _BATCH = 1 << 21
 _MOST_CELLS = 1 << 12
 _SMALLEST = 1e-13
@@ -44,13 +47,33 @@ def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
     reference = np.full((count, targets.patch.shape.dimension), np.nan)
     found = np.zeros(count, bool)
     undecided = np.zeros(count, bool)
-    net_size = _matrix(targets.patch.geometry)[0].shape[1]
-    for part in chunks(count, max(64, _BATCH // (24 * net_size))):
+    for part in _batches(targets):
         batch = _Search(targets.part(np.arange(part.start, part.stop)))
         reference[part] = batch.reference
         found[part] = batch.found
         undecided[part] = batch.undecided
     return reference, found, undecided
+
+
+def excluded(targets: Targets, reach: Floats) -> Bools:
+    """(n,) targets that, as a few rounds prove, have no root in their element nor by ``reach`` (n,) of s beyond it."""
+    result = np.zeros(len(targets), bool)
+    for part in _batches(targets):
+        some = targets.part(np.arange(part.start, part.stop))
+        cells = _whole_elements(some, reach[part])
+        for _ in range(_FEW_ROUNDS):
+            if not len(cells):
+                break
+            cells, _, is_large = _contracted(cells, some, reach[part][cells.pair])
+            cells = _concatenate(cells.part(~is_large), *_halves(cells.part(is_large), targets.patch.shape))
+        result[part] = np.bincount(cells.pair, minlength=len(some)) == 0
+    return result
+
+
+def _batches(targets: Targets) -> Iterator[slice]:
+    """Slices of targets whose nets are searched together."""
+    net_size = _matrix(targets.patch.geometry)[0].shape[1]
+    return chunks(len(targets), max(64, _BATCH // (24 * net_size)))
 
 
 def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
@@ -63,11 +86,11 @@ def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
     for i in range(patch.shape.dimension):
         # matrices from coefficients over [0, 1] to those over each part, by de Casteljau's scheme on unit vectors
         axis = -1 - i
-        units = np.tile(np.eye(nets.shape[axis]), (count, 1, 1))
-        to_parts = _between(units, -1, first, ends[1:])
+        units = np.repeat(np.eye(nets.shape[axis])[..., None], count, axis=2)
+        to_parts = _between(units, 1, first, ends[1:])
 
         # every net in every part of this direction: parts vary slowest
-        parts = np.einsum("...i,sij->s...j", np.moveaxis(nets, axis, -1), to_parts, optimize=True)
+        parts = np.einsum("...i,ijs->s...j", np.moveaxis(nets, axis, -1), to_parts, optimize=True)
         nets = np.moveaxis(parts, -1, axis).reshape(-1, *net_shape)
         low = np.column_stack([np.tile(low, (count, 1)), np.repeat(first, len(low))])
 
@@ -92,7 +115,8 @@ class _Cells:
 
     pair       (c,)         number of the target
     low, high  (c, d)       corners in s
-    net        (c, 3, ...)  Bernstein coefficients of map minus point, direction i along axis -1 - i
+    net        (3, ..., c)  Bernstein coefficients of map minus point, direction i along axis -2 - i; cells run fastest,
+                            since a step of the search does one and the same to all of them
     """
 
     pair: Ints
@@ -103,8 +127,15 @@ class _Cells:
     def __len__(self) -> int:
         return len(self.pair)
 
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes of the net that number coefficients, the last direction first."""
+        return tuple(range(1, self.net.ndim - 1))
+
     def part(self, chosen: Ints | Bools) -> _Cells:
-        return _Cells(self.pair[chosen], self.low[chosen], self.high[chosen], self.net[chosen])
+        """Some of the cells."""
+        rows = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
+        return _Cells(self.pair[rows], self.low[rows], self.high[rows], self.net.take(rows, axis=-1))
 
 
 class _Search:
@@ -116,42 +147,20 @@ class _Search:
         self.reference = np.full((len(targets), self.shape.dimension), np.nan)
         self.found = np.zeros(len(targets), bool)
         self.undecided = np.zeros(len(targets), bool)
-        cells = self._whole_elements()
+        cells = _whole_elements(targets, np.full(len(targets), TOLERANCE))
         for _ in range(_ROUNDS):
             if not len(cells):
                 return
             cells = self._give_up(self._contract(cells))
         self.undecided[cells.pair] = True
 
-    def _whole_elements(self) -> _Cells:
-        """Every element as one cell, larger by the tolerance."""
-        targets = self.targets
-        maps = _nets(targets.patch, targets.rows)
-        points = targets.points.reshape(*targets.points.shape, *[1] * self.shape.dimension)
-        low = np.zeros((len(targets), self.shape.dimension))
-        high = np.ones_like(low)
-        cells = _Cells(np.arange(len(targets)), low, high, maps - points)
-        return _cut(cells, low - TOLERANCE, high + TOLERANCE)
-
     def _contract(self, cells: _Cells) -> _Cells:
         """Cut all cells to where roots can be, seek roots from nearly linear ones, halve those still as large."""
-        lower, upper, is_linear = _root_bounds(cells, self._slack(cells))
-        possible = np.asarray((lower <= upper).all(axis=1))
-        if self.shape in _SIMPLEX:
-            corner = cells.low + lower * (cells.high - cells.low)
-            possible &= corner[:, _SIMPLEX[self.shape]].sum(axis=1) <= 1 + TOLERANCE
-        lower = lower[possible]
-        upper = upper[possible]
-        is_large = (upper - lower).max(axis=1) > 0.5
-        cells = _cut(cells.part(possible), lower, upper)
-        is_open = self._seek_roots(cells, is_linear[possible])
+        cells, is_linear, is_large = _contracted(cells, self.targets, np.full(len(cells), TOLERANCE))
+        is_open = self._seek_roots(cells, is_linear)
         small = cells.part(is_open & ~is_large)
         large = cells.part(is_open & is_large)
         return _concatenate(small, *_halves(large, self.shape))
-
-    def _slack(self, cells: _Cells) -> Floats:
-        """(c,) distance from zero within which the net may be at a root."""
-        return np.maximum(self.targets.precision, self.targets.distance)[cells.pair]
 
     def _seek_roots(self, cells: _Cells, is_linear: Bools) -> Bools:
         """(c,) whether cells are still in question after Newton's method from the small, nearly linear ones."""
@@ -166,8 +175,8 @@ class _Search:
         is_open = ~self.found[cells.pair]
 
         # cells cannot shrink below rounding: all their points are one, and what is found from there decides on it
-        net = cells.net[ready]
-        extent = np.ptp(net, axis=tuple(range(2, net.ndim))).max(axis=1, initial=0)
+        net = cells.net.take(ready, axis=-1)
+        extent = np.ptp(net, axis=cells.axes).max(axis=0, initial=0)
         is_point = extent <= _ONE_POINT * self.targets.rounding[pair]
         is_open[ready[feet.converged & is_point]] = False
 
@@ -187,23 +196,52 @@ class _Search:
         return cells.part(~self.undecided[cells.pair])
 
 
+def _whole_elements(targets: Targets, reach: Floats) -> _Cells:
+    """Every element as one cell, larger by ``reach`` (n,) all round."""
+    maps = np.moveaxis(_nets(targets.patch, targets.rows), 0, -1)
+    dimension = targets.patch.shape.dimension
+    points = targets.points.T.reshape(3, *[1] * dimension, len(targets))
+    low = np.zeros((len(targets), dimension))
+    high = np.ones_like(low)
+    cells = _Cells(np.arange(len(targets)), low, high, np.ascontiguousarray(maps) - points)
+    return _cut(cells, low - reach[:, None], high + reach[:, None])
+
+
+def _contracted(cells: _Cells, targets: Targets, reach: Floats) -> tuple[_Cells, Bools, Bools]:
+    """Cells cut to where roots can be, of those that may have one; whether maps are nearly linear, and cells as large.
+
+    reach  (c,) of s beyond the face where the s add up to 1
+    """
+    slack = np.maximum(targets.precision, targets.distance)[cells.pair]
+    lower, upper, is_linear = _root_bounds(cells, slack)
+    possible = np.asarray((lower <= upper).all(axis=1))
+    shape = targets.patch.shape
+    if shape in _SIMPLEX:
+        corner = cells.low + lower * (cells.high - cells.low)
+        possible &= corner[:, _SIMPLEX[shape]].sum(axis=1) <= 1 + reach
+    lower = lower[possible]
+    upper = upper[possible]
+    is_large = (upper - lower).max(axis=1) > 0.5
+    return _cut(cells.part(possible), lower, upper), is_linear[possible], is_large
+
+
 def _root_bounds(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
     """Where in each cell, from 0 to 1 in each direction, roots can be: ``lower`` to ``upper`` (c, d), none if reversed.
 
     With the inverse A of the mean Jacobian, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
     map is called nearly linear, the third result (c,), where e varies by half the cell at most.
     """
-    axes = tuple(range(2, cells.net.ndim))
-    jacobians = np.stack([step.mean(axis=axes[:-1]) for step in _steps_across(cells)], axis=2)
+    axes = cells.axes
+    jacobians = np.stack([step.mean(axis=axes[:-1]).T for step in _steps_across(cells)], axis=2)
     inverse = duals(jacobians)
     with np.errstate(invalid="ignore", over="ignore"):
         # the net of e: A times the net, less that of t, whose coefficients in direction i are i/n
-        rest = np.einsum("cai,ca...->ci...", inverse, cells.net)
+        rest = np.stack([_combined(inverse[:, :, i].T, cells.net) for i in range(len(axes))])
         for i in range(len(axes)):
-            count = rest.shape[-1 - i]
-            rest[:, i] -= np.linspace(0, 1, count).reshape(-1, *[1] * i)
-        least = rest.min(axis=axes)
-        most = rest.max(axis=axes)
+            count = rest.shape[-2 - i]
+            rest[i] -= np.linspace(0, 1, count).reshape(-1, *[1] * (i + 1))
+        least = rest.min(axis=axes).T
+        most = rest.max(axis=axes).T
         is_linear = (most - least <= 0.5).all(axis=1)
         allowance = slack[:, None] * np.abs(inverse).sum(axis=1)
         lower = -most - allowance
@@ -214,17 +252,24 @@ def _root_bounds(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
     upper = np.where(np.isfinite(upper), upper, 1.0)
 
     # there is no root where a coordinate of the map has one sign all over, nor where the range of -e is beyond the cell
-    above = cells.net.min(axis=axes) > slack[:, None]
-    below = cells.net.max(axis=axes) < -slack[:, None]
-    is_empty = (above | below).any(axis=1, keepdims=True) | (lower > 1) | (upper < 0)
+    has_one_sign = (cells.net.min(axis=axes) > slack) | (cells.net.max(axis=axes) < -slack)
+    is_empty = has_one_sign.any(axis=0)[:, None] | (lower > 1) | (upper < 0)
     lower = np.clip(lower, 0.0, 1 - _SMALLEST)
     upper = np.clip(upper, _SMALLEST, 1.0)
     return np.where(is_empty, 1.0, lower), np.where(is_empty, 0.0, upper), is_linear
 
 
+def _combined(weights: Floats, net: Floats) -> Floats:
+    """(..., c) sums of the coordinates of a net (3, ..., c) with weights (3, c)."""
+    total: Floats = weights[0] * net[0]
+    for weight, coordinate in zip(weights[1:], net[1:], strict=True):
+        total += weight * coordinate
+    return total
+
+
 def _steps_across(cells: _Cells) -> list[Floats]:
     """For each direction the difference of the net's last and first layers."""
-    axes = [-1 - i for i in range(cells.low.shape[1])]
+    axes = [-2 - i for i in range(cells.low.shape[1])]
     return [np.asarray(cells.net.take(-1, axis) - cells.net.take(0, axis)) for axis in axes]
 
 
@@ -237,26 +282,25 @@ def _cut(cells: _Cells, lower: Floats, upper: Floats) -> _Cells:
     """The cells between ``lower`` and ``upper`` (c, d), in parts of each cell."""
     net = cells.net
     for i in range(lower.shape[1]):
-        net = _between(net, -1 - i, lower[:, i], upper[:, i])
+        net = _between(net, -2 - i, lower[:, i], upper[:, i])
     width = cells.high - cells.low
     return _Cells(cells.pair, cells.low + lower * width, cells.low + upper * width, net)
 
 
 def _between(net: Floats, axis: int, lower: Floats, upper: Floats) -> Floats:
-    """Bernstein coefficients over [lower, upper] of one direction, by de Casteljau's scheme."""
+    """Bernstein coefficients over [lower, upper] (c,) of one direction of nets (..., c), by de Casteljau's scheme."""
     right = _right_of(net, axis, lower)
     return _left_of(right, axis, (upper - lower) / (1 - lower))
 
 
 def _right_of(net: Floats, axis: int, t: Floats) -> Floats:
     """Bernstein coefficients over [t, 1] of one direction."""
-    points = np.moveaxis(net, axis, 1).copy()
-    count = points.shape[1]
-    t = t.reshape(-1, *[1] * (net.ndim - 1))
+    points = np.moveaxis(net, axis, 0).copy()
+    count = len(points)
     for level in range(1, count):
-        step = points[:, 1 : count - level + 1] - points[:, :-level]
-        points[:, :-level] += t * step
-    return np.moveaxis(points, 1, axis)
+        step = points[1 : count - level + 1] - points[:-level]
+        points[:-level] += t * step
+    return np.moveaxis(points, 0, axis)
 
 
 def _left_of(net: Floats, axis: int, t: Floats) -> Floats:
@@ -267,8 +311,8 @@ def _left_of(net: Floats, axis: int, t: Floats) -> Floats:
 def _halves(cells: _Cells, shape: Shape) -> tuple[_Cells, _Cells]:
     """Both halves of the cells, cut where their image is longest; at the apex of a pyramid, across its axis."""
     dimension = cells.low.shape[1]
-    axes = tuple(range(1, dimension + 1))
-    lengths = [np.ptp(cells.net, axis=-1 - i).max(axis=axes) for i in range(dimension)]
+    axes = tuple(range(dimension))
+    lengths = [np.ptp(cells.net, axis=-2 - i).max(axis=axes) for i in range(dimension)]
     longest = np.argmax(np.stack(lengths, axis=1), axis=1)
     if shape is Shape.PYRAMID:
         has_apex = cells.high[:, 2] >= 1
@@ -287,7 +331,7 @@ def _concatenate(*several: _Cells) -> _Cells:
         np.concatenate([cells.pair for cells in several]),
         np.concatenate([cells.low for cells in several]),
         np.concatenate([cells.high for cells in several]),
-        np.concatenate([cells.net for cells in several]),
+        np.concatenate([cells.net for cells in several], axis=-1),
     )
 
 

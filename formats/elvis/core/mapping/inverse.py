@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.mapping.boxes import ROUNDINGS
-from elvis.core.mapping.enclosure import search
+from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.margins import heights, margins
-from elvis.core.mapping.newton import Targets, heights_rounding, newton
+from elvis.core.mapping.newton import ITERATIONS, Targets, heights_rounding, newton
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
@@ -40,6 +40,10 @@ DISTANCE = 1e-6
 
 #: rounding allowed for when elements are left out, in reference coordinates
 _SIDE = 1e-9
+#: the same where they are left out by proof; part of a shape's height
+_REACH = 1e-3
+#: iterations in which most roots are found
+_FEW = 8
 _BATCH = 1 << 21
 _AFFINE = (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
 
@@ -94,7 +98,7 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     roots = Roots.none(len(rows), patch.shape.dimension)
     for part in chunks(len(rows), max(256, _BATCH // patch.geometry_coefficients[:1].size)):
         chosen, distinct = np.arange(part.start, part.stop), _Elements(patch, np.unique(rows[part]), distance)
-        _first_pass(distinct, rows[part], points[part], chosen, roots)
+        _first_pass(distinct, rows[part], points[part], chosen, roots, prove)
     if prove:
         decide(patch, rows, points, roots, distance)
     return roots
@@ -109,12 +113,22 @@ def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: flo
     roots.reference[which], roots.margin[which] = reference, margins(patch.shape, reference)
 
 
-def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots) -> None:
+def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots, prove: bool) -> None:
     """Leave out what can't be, try Newton's method on the rest; results go to the rows ``chosen`` of ``roots``."""
     guess = elements.guess(rows, points)
     possible = elements.may_hold(rows, points, guess)
-    chosen, targets = chosen[possible], elements.targets(rows[possible], points[possible])
-    outside = _try(targets, guess[possible], chosen, roots) & elements.is_affine
+    chosen, guess, targets = chosen[possible], guess[possible], elements.targets(rows[possible], points[possible])
+    if prove and not elements.is_affine:
+        # what a few iterations don't find is mostly nowhere, which takes less to prove than many iterations in vain
+        _try(targets, guess, chosen, roots, _FEW)
+        reach = elements.reach(targets.rows)
+        unsure = roots.status[chosen] == Status.UNCERTAIN
+        again = np.flatnonzero(unsure & np.isfinite(reach))
+        nowhere = again[excluded(targets.part(again), reach[again])]
+        roots.status[chosen[nowhere]] = Status.OUTSIDE
+        unsure[nowhere] = False
+        chosen, guess, targets = chosen[unsure], guess[unsure], targets.part(unsure)
+    outside = _try(targets, guess, chosen, roots) & elements.is_affine
     roots.status[chosen[outside]] = Status.OUTSIDE
 
     # a second try from nearby where the linear part misled the first
@@ -123,12 +137,12 @@ def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, r
     _try(targets, elements.nearest(targets.rows, targets.points), chosen, roots)
 
 
-def _try(targets: Targets, starts: Floats, chosen: Ints, roots: Roots) -> Bools:
+def _try(targets: Targets, starts: Floats, chosen: Ints, roots: Roots, iterations: int = ITERATIONS) -> Bools:
     """Newton's method; what it finds inside goes to the rows ``chosen`` of ``roots``.
 
     Returns (n,) whether it converged elsewhere.
     """
-    feet = newton(targets, starts)
+    feet = newton(targets, starts, iterations)
     inside = feet.inside
     roots.status[chosen] = np.where(inside, Status.INSIDE, Status.UNCERTAIN)
     roots.reference[chosen[inside]], roots.margin[chosen[inside]] = feet.reference[inside], feet.margin[inside]
@@ -162,8 +176,8 @@ class _Elements:
         self.duals = duals(coefficients @ gradients[0].T)
         seen = self._linear_guess(net - self.image[:, :, None])
         above = heights(patch.shape, seen.reshape(-1, patch.shape.dimension))
-        room = heights_rounding(patch.shape, self.duals, self.rounding)
-        self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1) - room
+        self._room = heights_rounding(patch.shape, self.duals, self.rounding)
+        self.lowest = above.reshape(*seen.shape[:2], above.shape[1]).min(axis=1) - self._room
 
     def _linear_guess(self, offsets: Floats) -> Floats:
         """(u, k, d) reference coordinates, by the linear part, of points at ``offsets`` (u, 3, k) from the image."""
@@ -177,6 +191,14 @@ class _Elements:
         precision = np.maximum(_NET * RESIDUAL * self.size[place], rounding)
         distance = self._distance * self.size[place] if self.patch.shape.dimension < 3 else precision
         return Targets(self.patch, rows, points, precision, np.maximum(distance, precision), rounding)
+
+    def reach(self, rows: Ints) -> Floats:
+        """(n,) more than by which a root beyond the facets of one of the elements ``rows`` (n,) may count as inside.
+
+        Infinite where rounding is that of the element itself: there nothing is left out.
+        """
+        room = self._room[np.searchsorted(self.rows, rows)].max(axis=1)
+        return np.asarray(np.where(room < _REACH, _REACH + 10 * room, np.inf))
 
     def guess(self, rows: Ints, points: Floats) -> Floats:
         """(n, d) reference coordinates of the points by the linear part of the map."""

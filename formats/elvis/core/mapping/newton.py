@@ -15,7 +15,8 @@ from elvis.core.shapes import Shape
 
 #: how far iterates may leave the element, as a margin
 _SLACK = 0.25
-_ITERATIONS = 50
+#: what converges at all does so in fewer
+ITERATIONS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +62,8 @@ class Feet:
     inside: Bools
 
 
-def newton(targets: Targets, starts: Floats) -> Feet:
-    """The nearest reference points that are found from first guesses (n, d).
+def newton(targets: Targets, starts: Floats, iterations: int = ITERATIONS) -> Feet:
+    """The nearest reference points that are found from first guesses (n, d), in so many iterations at most.
 
     Steps are quartered where they don't bring the image nearer; iterates are kept near the element; what makes no
     headway is given up.  On a curve or surface it converges to the foot of the point (Gauss-Newton), which is a root
@@ -70,7 +71,7 @@ def newton(targets: Targets, starts: Floats) -> Feet:
     of world coordinates may have moved it: no point between two elements that share a face is outside of both.
     """
     state = _State(targets, starts)
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         if not len(state.active):
             break
         state.advance()
