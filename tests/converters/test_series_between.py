@@ -120,3 +120,24 @@ def test_pictures_between_steps_say_so(tmp_path):
     seen = frame.seen
     wanted = polynomial(frame.position[seen], 0.3, 1) + 0.3
     assert np.abs(frame.field[seen] - wanted).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("asked", "title", "record"),
+    [
+        ({"time": 0.3}, "u+t, time 0.3 (linear)", (0.3, [0, 1], "linear")),
+        ({"time": 0.3, "between": "cubic"}, "u+t, time 0.3 (cubic)", (0.3, [0, 3], "cubic")),
+        ({"time": 0.3, "between": "nearest"}, "u+t, time 0.5 (nearest)", (0.5, [1, 1], "nearest")),
+        ({"step": 2, "title": "Wave"}, "Wave, time 1", (1.0, [2, 2], "")),
+    ],
+)
+def test_titles_and_records_state_the_moment(asked, title, record, tmp_path):
+    files = steps_of(tmp_path, [0.0, 0.5, 1.0, 2.0], lambda p, t: polynomial(p, t, 1))
+    frame = render(*files, "u+t", **asked, size=(12, 9), device="reference")
+    assert frame.title == title
+    frame.save(tmp_path / "u.npz")
+    with np.load(tmp_path / "u.npz") as file:
+        assert (file["time"], file["steps"].tolist(), file["between"]) == record
+    # t is the time of what is shown
+    own = polynomial(frame.position[frame.seen], record[0], 1) + record[0]
+    assert np.abs(frame.field[frame.seen] - own).max() < 1e-12

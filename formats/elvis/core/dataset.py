@@ -11,6 +11,7 @@ from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
 from elvis.core.hints import perhaps
 from elvis.core.mesh import Mesh
+from elvis.core.moments import Instant
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 
@@ -128,6 +129,7 @@ class Dataset:
 
     remarks  sentences on how the data were come by, which belong to all that is made of them
     rates    derivatives in time of the fields, None where the data are no moment of a series
+    instant  which moment of a series of several steps the data are, else None
     others   datasets that expressions may name, by the names that they have in these: `ref:p`
     shared   the names of those that hold all elements of this one (`elvis.core.common_elements`), whose fields are
              fields of this one too, as `field("ref:p")`
@@ -140,6 +142,7 @@ class Dataset:
     expansions: tuple[ExpansionRule, ...] = ()
     remarks: tuple[str, ...] = ()
     rates: Rates | None = None
+    instant: Instant | None = None
     others: Mapping[str, Dataset] = default(default_factory=dict)
     shared: Mapping[str, CommonElements] = default(default_factory=dict)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from elvis.core.errors import ElvisError, FormatError
 
@@ -46,6 +46,27 @@ class Moment:
         if self.step not in (None, 0, -1):
             raise ElvisError(f"expected step 0, as the files hold one state, found {self.step}")
         return dataset if self.time is None else replace(dataset, time=self.time)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The moment of a series that data hold.
+
+    time     theirs, in the unit of the files
+    steps    the first and the last step that they are made of
+    between  one of BETWEEN where no step has the time that was asked for, else None
+    """
+
+    time: float
+    steps: tuple[int, int]
+    between: str | None = None
+
+    def __str__(self) -> str:
+        return f"time {self.time:.6g}" + (f" ({self.between})" if self.between else "")
+
+    def facts(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"time": self.time, "steps": list(self.steps), "between": self.between}
 
 
 def checked_step(step: int, count: int, file: str | Path | None = None, place: str | None = None) -> int:

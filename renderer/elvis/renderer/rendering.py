@@ -165,13 +165,13 @@ def _arrange(scene: Scene, kind: Kind) -> Scene:
     return scene if scene.every_object else replace(scene, objects=(Faces(),))
 
 
-def _note(frame: Frame, scene: Scene, remarks: Sequence[str] = ()) -> Frame:
-    """The frame of a scene with remarks in its statistics: also that all faces stand in where nothing was asked for."""
+def _note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequence[str]) -> Frame:
+    """The frame with the moment of its data and remarks: also that all faces stand in where nothing was asked for."""
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
     frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
-    return frame
+    return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
 
 
 def _rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
@@ -241,7 +241,7 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
-        if isinstance(data, Dataset) and scene.time is not None:
+        if isinstance(data, Dataset) and data.rates is None and scene.time is not None:
             data = replace(data, time=scene.time)
         if self._checked != (scene.field, scene.time):
             scene = _with_quantity(scene, data)
@@ -252,11 +252,12 @@ class Pictures:
         other = _other(self.device)
         remarks = (*remarks, *_rates(data, scene))
         if other is not None:
-            return _note(other(data, scene), asked, remarks)
+            return _note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
-            return _note(draw_curves(data, scene), asked, remarks)
+            return _note(draw_curves(data, scene), asked, data, remarks)
         renderer = self._with_volume(data, scene)
-        return _note(renderer.render(scene, references=_is_exact(scene)), asked, (*remarks, *self._remarks))
+        frame = renderer.render(scene, references=_is_exact(scene))
+        return _note(frame, asked, data, (*remarks, *self._remarks))
 
     def _with_volume(self, data: Dataset | PluginData, scene: Scene) -> Renderer:
         """The renderer with all that a scene evaluates; elements are those that have its field."""

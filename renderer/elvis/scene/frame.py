@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.triangle_files import renamed
 from elvis.core.files.output import Outputs
+from elvis.core.moments import Instant
 from elvis.scene import ColorBar, Scene, Vector
 from elvis.scene.palette import NOT_A_NUMBER, Palette, automatic_range, is_constant
 from elvis.scene.strokes import Stroke
@@ -101,6 +102,7 @@ class Frame:
     status     (h, w)     see Status
     stats      seconds, bytes and counts by name
     box        (2, 3) low and high corner of the domain, where the picture is to show it
+    instant    which moment of a series is shown, None of data that are none
     drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
@@ -113,6 +115,21 @@ class Frame:
     stats: dict[str, Any] = default(default_factory=dict)
     drawing: Drawing | None = None
     box: Floats | None = None
+    instant: Instant | None = None
+
+    @property
+    def title(self) -> str:
+        """The scene's own title, else that of the only colour map; then the moment of a series and how it was found."""
+        if self.scene.title is not None:
+            title = self.scene.title
+        else:
+            mapped = [legend for legend in self.legends if legend.palette and legend.constant is None]
+            title = mapped[0].title if len(mapped) == 1 else ""
+        return ", ".join(filter(None, (title, str(self.instant or ""))))
+
+    def at(self, instant: Instant) -> Frame:
+        """The same as the picture of a moment of a series, which its statistics tell."""
+        return replace(self, instant=instant, stats={**self.stats, "moment": instant.facts()})
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:

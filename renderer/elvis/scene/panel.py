@@ -107,7 +107,7 @@ class Panel:
             if legend.arrow:
                 self._draw_key(legend.arrow)
         self._draw_notes()
-        title = scene.title if scene.title is not None else ""
+        title = ", ".join(filter(None, (scene.title or "", str(self.frame.instant or ""))))
         if title:
             self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.page.points, va="bottom")
 

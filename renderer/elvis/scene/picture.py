@@ -86,7 +86,7 @@ def _add_frame(frame: Frame) -> Page:
     paper = in_bytes(frame.scene.backdrop)
 
     mapped = [legend for legend in frame.legends if legend.palette and legend.constant is None]
-    title = _title(frame, mapped)
+    title = frame.title
     bar_height = max(image_height, 6 * unit if mapped else 0)  # what numbers of a bar need
     bars = [_Bar(legend, len(mapped) > 1, unit, bar_height, small, text_color) for legend in mapped]
 
@@ -145,13 +145,6 @@ def _write_lines(part: Part, place: tuple[int, int], lines: list[str], step: int
     x, y = place
     for number, line in enumerate(lines):
         part.text((x, y + step * number), line, anchor="lt", **style)
-
-
-def _title(frame: Frame, mapped: list[Legend]) -> str:
-    """The scene's own title, else that of the only colour map."""
-    if frame.scene.title is not None:
-        return frame.scene.title
-    return mapped[0].title if len(mapped) == 1 else ""
 
 
 class _Bar:

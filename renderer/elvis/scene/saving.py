@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from elvis.core.files.output import Outputs, replacing
+from elvis.core.moments import Instant
 from elvis.scene.errors import SceneError
 from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
@@ -92,6 +93,16 @@ def arrays(frame: Frame) -> dict[str, Any]:
         "normal": frame.normal,
         "status": frame.status.astype(np.int64),
         "uncertainty": frame.uncertainty,
+        **({} if frame.instant is None else _of_series(frame.instant)),
+    }
+
+
+def _of_series(instant: Instant) -> dict[str, Any]:
+    """Which moment of a series a record is of."""
+    return {
+        "time": np.float64(instant.time),
+        "steps": np.array(instant.steps, np.int64),
+        "between": np.array(instant.between or ""),
     }
 
 

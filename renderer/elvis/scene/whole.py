@@ -238,7 +238,10 @@ class Scene(Model):
         ),
     ] = ()
     title: Annotated[
-        str | None, Setting("Title above the picture.", option="--title", default="the name of the field")
+        str | None,
+        Setting(
+            "Title above the picture; of series the time follows.", option="--title", default="the name of the field"
+        ),
     ] = None
     axes: Annotated[bool, Setting("Axes with ticks: beside the picture, or along the box.", option="--axes")] = False
     scale_bar: Annotated[bool, Setting("A bar of a round length, in parallel views.", option="--scale-bar")] = False

@@ -18,7 +18,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.geometry import share
-from elvis.core.moments import BETWEEN, Moment, checked_step
+from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
 from elvis.core.quantities.needed import needed_fields
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
@@ -163,7 +163,7 @@ class Series(Sequence[Dataset]):
             steps = [self._load(nearest)]
         if len(steps) == 1:
             words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
-            return self._at_step(nearest, [*notes, words], "nearest")
+            return self._at_step(nearest, [*notes, words], "nearest", "nearest")
         notes += [
             f"step {number} holds values that are not finite, and so does what lies beside it"
             for number in numbers
@@ -177,12 +177,17 @@ class Series(Sequence[Dataset]):
             notes.append(f"fields that differ between steps are left out: {', '.join(lacking)}")
         metadata = {**found.metadata, **({"Time": repr(time)} if "Time" in found.metadata else {})}
         rates = StepRates(self, time, between)
-        return self._told(replace(found, time=time, metadata=metadata, rates=rates), notes)
+        instant = Instant(time, (first, last), between)
+        return self._told(replace(found, time=time, metadata=metadata, rates=rates, instant=instant), notes)
 
-    def _at_step(self, number: int, notes: Sequence[str], between: str) -> Dataset:
-        """The dataset of a step, with derivatives in time."""
-        rates = StepRates(self, float(self.times[number]), between)
-        return self._told(replace(self._load(number), rates=rates), notes)
+    def _at_step(self, number: int, notes: Sequence[str], between: str, stands_for: str | None = None) -> Dataset:
+        """The dataset of a step, with derivatives in time.
+
+        stands_for  "nearest" where another time was asked for
+        """
+        time = float(self.times[number])
+        instant = Instant(time, (number, number), stands_for) if len(self) > 1 else None
+        return self._told(replace(self._load(number), rates=StepRates(self, time, between), instant=instant), notes)
 
     def last_readable(self) -> int:
         """The number of the last step that can be read."""
