@@ -123,7 +123,8 @@ class Finder:
         return undecided
 
     def _upload(self, tree: BoxTree) -> dict[str, Buffer]:
-        return {name: self._loaded.device.buffer(getattr(tree, name)) for name in ("nodes", "order")}
+        arrays = {"nodes": tree.nodes, "order": tree.order, "boxes": tree.boxes[tree.order]}
+        return {name: self._loaded.device.buffer(data) for name, data in arrays.items()}
 
     def _query(self, number: int, kernel: Kernel, points: int) -> Buffer:
         tree, record = self._trees[number], np.zeros(1, kernel.dtype("query"))
