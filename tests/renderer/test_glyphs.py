@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Field, Homogeneous
+from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.anchors import anchors
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
@@ -227,6 +228,70 @@ def test_in_perspective_the_key_is_for_the_mean_depth_of_what_is_seen(draw, stea
         pixels = 200 / np.tan(np.radians(10)) / 2.0
         assert key.text == "|u, v, w| = 2 at the mean depth of these glyphs"
         assert key.outline[:, 0].max() == pytest.approx(0.1 * 2 / 3 * pixels, rel=1e-12)
+
+
+def test_on_surfaces_in_space_the_part_along_them_is_drawn(renderer):
+    renderer("vulkan")
+    mesh = grid(Shape.QUADRILATERAL, 3)
+    tilted = replace(mesh, space=3, vertices=mesh.vertices + np.outer(mesh.vertices[:, 0], [0, 0, 2.0]))
+    found = anchors(Dataset(tilted), ["elements"], ["0", "y", "5"])
+    # the unit vector up the slope is (1, 0, 2) / sqrt 5: of (0, 0, 5) that leaves (2, 0, 4)
+    truth = np.stack([np.full(9, 2.0), found.points[:, 1], np.full(9, 4.0)], axis=1)
+    assert np.abs(found.vectors - truth).max() < 1e-12
+    shown = Glyphs(("elements",), "0,y,5", length=0.3)
+    frame = render(Dataset(tilted), field="x", objects=(shown,), camera="iso", size=(60, 60))
+    assert len(np.unique(frame.element[frame.seen])) == 9
+
+
+def test_quasi_3d_data_have_three_components(draw):
+    mesh = curved(grid(Shape.QUADRILATERAL, 2), ripple(0.04), 3)
+    waves = Homogeneous((Basis.FOURIER,), (0.5,), (0, 1))
+    blocks = data(mesh, u=lambda p: p[:, 0] * p[:, 1]).field("u").blocks
+    spread = tuple(
+        replace(
+            block,
+            expansion=replace(block.expansion, homogeneous=waves),
+            coefficients=np.hstack([block.coefficients, 0 * block.coefficients]),
+        )
+        for block in blocks
+    )
+    whole = Dataset(mesh, (Field("u", spread),))
+    shown = Glyphs(("point:0.3,0.6,0.2", "point:0.8,0.4,0.4"), "0*u,u,z", length=0.2, lengths="equal")
+    found = anchors(whole, shown.points, ["0*u", "u", "z"])
+    assert found.vectors == pytest.approx(np.array([[0, 0.18, 0.2], [0, 0.32, 0.4]]), abs=1e-12)
+    frame = draw(whole, field="u", objects=(shown,), camera="iso", size=(60, 60))
+    values = frame.field[frame.seen]
+    assert np.abs(values[:, None] - [0.18, 0.32]).min(axis=1).max() < 1e-12
+    assert np.ptp(values) > 0.1
+
+
+#: what touches: axes of solids, rays and edges that run along one another, or meet
+@pytest.mark.sampled(least=3, free=("seed",))
+@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("shape", ["arrow", "cone"])
+def test_certain_is_never_wrong_where_all_is_aligned(draw, steady, shape, seed):
+    random = np.random.default_rng(seed)
+    points = random.integers(1, 8, (3, 3)) / 8
+    axis = int(random.integers(3))
+    vector = ("1,0,0", "0,1,0", "0,1,1", "1,0,-1")[seed % 4]
+    shown = Glyphs(
+        tuple(f"point:{x},{y},{z}" for x, y, z in points.tolist()),
+        vector,
+        shape=shape,
+        lengths="equal",
+        length=0.25,
+        thickness=0.25,
+        style=Style(opacity=0.5),
+    )
+    eye = points[0] + 10.0 ** random.integers(0, 6) * np.eye(3)[axis]
+    camera = Camera(tuple(eye), tuple(points[0]), up=tuple(np.eye(3)[axis - 1]), height=0.5)
+    scene = {"field": "p", "objects": (shown,), "camera": camera, "size": (17, 17)}
+    frame, truth = (draw(steady, device, **scene) for device in ("vulkan", "reference"))
+    sure = (frame.status != Status.AMBIGUOUS) & (truth.status != Status.AMBIGUOUS)
+    assert np.array_equal(frame.element[sure], truth.element[sure])
+    sure &= frame.seen
+    assert sure.sum() > 10
+    assert np.abs(frame.depth[sure] - truth.depth[sure]).max() < 1e-9 * max(1.0, np.abs(eye).max())
 
 
 BASE = Glyphs(("plane:0.7,0.5,0.5:1,0.2,0:4", "point:1.4,0.5,0.5"), length=0.35, thickness=0.2)

@@ -42,6 +42,7 @@ def as_copied(page, language, folder):
 
 STYLED = {"objects[0].style": {"opacity": 0.6, "lit": False}, "objects[0].style.contours": {"count": 6}}
 LINES = {"objects[0].style": {"mesh_lines": {"width": 1.5, "color": [0.8, 0.1, 0.1]}}}
+ARROWS = {"objects[0]": {"kind": "glyphs", "points": ["elements"], "vector": "u,x,0.5", "length": 0.3}}
 LOG = {"field": "2 + u", "palette": "magma", "bar": {"scale": "log", "title": "all"}}
 #: what one does, by what the picture shows then
 DRIVEN = {
@@ -60,6 +61,7 @@ DRIVEN = {
         lambda page: change(page, STYLED),
     ),
     "mesh lines": (lambda page: add(page, "cylinder"), lambda page: change(page, LINES)),
+    "arrows with their key": (lambda page: change(page, ARROWS),),
     "parallel": (lambda page: page.get_by_title("View +x").click(), turn),
     "perspective": (lambda page: page.get_by_title("Perspective or parallel view").click(),),
     "colours by the logarithm": (lambda page: change(page, LOG),),
