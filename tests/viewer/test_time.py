@@ -41,12 +41,24 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     page.get_by_label("time", exact=True).press("Enter")
     settled(page, viewer)
     assert (viewer.session.current.step, viewer.session.current.time) == (None, 0.3)
+    assert page.get_by_text("between 0 and 1 of 0 to 2").is_visible()
     assert picture(viewer) == as_rendered(viewer, tmp_path)
 
     page.get_by_role("button", name="one range").click()
     settled(page, viewer)
     assert np.allclose(viewer.session.current.range, (0.0, 2.2), rtol=0, atol=1e-9)
     assert page.get_by_role("button", name="one range").get_attribute("aria-pressed") == "true"
+
+    # small pictures tell the time that they show
+    page.evaluate("""() => {
+        const [titles, draw] = [[], elvis.retitle];
+        Object.assign(elvis, { titles, retitle: (text) => { titles.push(text); draw.call(elvis, text); } });
+    }""")
+    move = "() => elvis.titles.length > 2 || elvis.timeBar.go((elvis.timeBar.step + 1) % 3, true)"
+    page.wait_for_function(move, polling=200)
+    assert set(page.evaluate("elvis.titles")) <= {f"u, time {time:g}" for time in TIMES}
+    page.get_by_label("step", exact=True).fill("1")
+    settled(page, viewer)
 
     page.get_by_label("steps a second").select_option("25 / s")
     page.get_by_role("button", name="▶").click()

@@ -403,6 +403,7 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
         "remarks": list(frame.remarks),
         "ranges": {own.title: [own.palette.low, own.palette.high] for own in legends if own.palette},
         "field": frame.scene.field,
+        "title": frame.title,
     }
 
 

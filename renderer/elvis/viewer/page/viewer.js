@@ -992,6 +992,14 @@ class TimeBar {
     return away.indexOf(Math.min(...away));
   }
 
+  // the step that is shown, or the two that its time is between
+  get place() {
+    const { time } = this.viewer.table, last = this.times.length - 1;
+    const above = time === undefined ? -1 : this.times.findIndex((one) => one > time);
+    if (above < 1 || this.times.includes(time)) return `step ${this.step} of 0 to ${last}`;
+    return `between ${above - 1} and ${above} of 0 to ${last}`;
+  }
+
   update() {
     this.root.hidden = this.times.length < 2;
     if (this.root.hidden) return this.stop();
@@ -999,7 +1007,7 @@ class TimeBar {
     const isHeld = this.slider.matches(":active");
     if (!isHeld) this.slider.value = this.step;
     if (document.activeElement !== this.time) this.time.value = Number((this.viewer.table.time ?? this.times[this.step]).toPrecision(10));
-    this.note.textContent = `step ${this.step} of 0 to ${this.times.length - 1}`;
+    this.note.textContent = this.place;
     this.fixed.ariaPressed = String(Array.isArray(this.viewer.table.range));
   }
 
@@ -1255,6 +1263,8 @@ class Viewer {
     const context = this.canvas.getContext("2d");
     if (facts.final || !this.picture || isOtherShape(facts.size, this.picture.image)) this.lay(facts);
     context.drawImage(picture, ...(facts.final ? [0, 0] : this.picture.image));
+    if (!facts.final && facts.title !== this.title) this.retitle(facts.title);
+    this.title = facts.title;
     if (facts.final) {
       this.told(facts);
       this.adjust();
@@ -1277,6 +1287,17 @@ class Viewer {
     this.point(this.pointer);
     this.linear.ask();
     if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
+  }
+
+  // a draft has no title of its own, and that of the picture before it may tell another time
+  retitle(text) {
+    const context = this.canvas.getContext("2d"), [left, top, width] = this.picture.image;
+    const [red, green, blue] = this.table.background ?? [1, 1, 1];
+    context.fillStyle = this.paper;
+    context.fillRect(0, 0, left + width, top);
+    context.fillStyle = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.4 ? "rgb(235, 235, 235)" : "rgb(30, 30, 30)";
+    Object.assign(context, { font: `${Math.round(0.45 * top)}px sans-serif`, textBaseline: "middle" });
+    context.fillText(text, left, top / 2);
   }
 
   told({ counts, remarks }) {
