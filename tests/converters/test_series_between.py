@@ -89,6 +89,19 @@ def test_meshes_that_move_snap_to_steps(moves, squares):
     assert found.time == (0.25 if moves else 0.3)
     assert ("the mesh changes between steps, which are not interpolated" in found.remarks) == moves
     assert np.isclose(sample(found, "u", [(0.5, 0.5, 0.0)])["u"][0], found.time, rtol=0, atol=1e-14)
+    if moves:
+        with pytest.raises(ElvisError, match="the mesh changes between steps 1 and 2: there is no d"):
+            sample(found, "d(u,t)", [(0.5, 0.5, 0.0)])
+    else:
+        assert np.isclose(sample(found, "d(u,t)", [(0.5, 0.5, 0.0)])["d(u,t)"][0], 1, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_values_over_time_on_meshes_that_move(moves, squares, tmp_path, elvis):
+    elvis("probe", squares(moves), "--no-cache", "--point", "0.5,0.5", "--times", "all", "-o", tmp_path / "t.npz")
+    with np.load(tmp_path / "t.npz") as found:
+        assert found["time"].tolist() == [0.0, 0.25, 0.5]
+        assert np.abs(found["u"] - found["time"]).max() < 1e-14
 
 
 def test_values_over_time(tmp_path, elvis):

@@ -163,7 +163,7 @@ class Series(Sequence[Dataset]):
             steps = [self._load(nearest)]
         if len(steps) == 1:
             words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
-            return self._at_step(nearest, [*notes, words], "nearest", "nearest")
+            return self._at_step(nearest, [*notes, words], between, "nearest")
         notes += [
             f"step {number} holds values that are not finite, and so does what lies beside it"
             for number in numbers
