@@ -82,6 +82,27 @@ def test_extremes_are_those_of_steps_with_their_times(tmp_path, elvis):
     assert off <= told.errors["u_min"] * 0.9  # the least of all is -0.9
 
 
+def test_of_extremes_that_are_equal_to_rounding_the_first_counts(tmp_path):
+    """A cosine in time comes back each period, off in its last digits: elsewhere in others."""
+    times = [0.1, 0.6, 1.1, 1.6, 2.1, 2.6, 3.1, 3.6]
+    files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (1 + p[:, 0]) * np.cos(2 * np.pi * t))
+    told = average(open_series(*files), with_extremes=True)
+    found = sample(told.dataset, ["u_min", "u_min_time", "u_max", "u_max_time"], POINTS)
+    swing = (1 + POINTS[:, 0]) * np.cos(0.2 * np.pi)
+    assert np.abs(found["u_max"] - (POINTS[:, 1] + swing)).max() < 1e-12
+    assert np.abs(found["u_min"] - (POINTS[:, 1] - swing)).max() < 1e-12
+    assert np.abs(found["u_max_time"] - 0.1).max() < 1e-12
+    assert np.abs(found["u_min_time"] - 0.6).max() < 1e-12
+    assert max(told.errors.values()) < 1e-12
+
+
+def test_a_step_that_is_beyond_by_little_more_than_rounding_counts(tmp_path):
+    files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: 1 + p[:, 0] + 1e-11 * (t == 1.0))
+    found = sample(average(open_series(*files), with_extremes=True).dataset, ["u_min_time", "u_max_time"], POINTS)
+    assert np.abs(found["u_max_time"] - 1.0).max() < 1e-12
+    assert np.abs(found["u_min_time"]).max() < 1e-12
+
+
 def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
     steps = squares(True)
     with pytest.raises(ElvisError, match=r"expected one mesh at all steps, found another at time 0\.25"):

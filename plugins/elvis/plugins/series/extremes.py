@@ -2,6 +2,7 @@
 
 The least of polynomials is none: it has kinks where another step begins to hold it, and its time jumps there.  Both are
 fitted in the space of the field, exactly where one step holds it throughout an element; what fits leave is measured.
+Of steps whose values are equal to rounding the first one counts, as rounding would choose another at each point.
 """
 
 from __future__ import annotations
@@ -64,18 +65,30 @@ class _End:
 
     sign    1 for the least, -1 for the greatest
     values  (elements, points)
-    steps   (elements, points) that hold them
+    held    (elements, points) values of the first steps that are as extreme, to rounding
+    steps   (elements, points) these steps
     """
 
     sign: int
     values: Floats
+    held: Floats
     steps: NDArray[np.int32]
 
-    def add(self, samples: Floats, step: int) -> None:
-        """Take the values (elements, points) of a step in; what is no number is passed over."""
+    @classmethod
+    def of(cls, sign: int, shape: tuple[int, int]) -> _End:
+        """Nothing yet, at (elements, points)."""
+        return cls(sign, np.full(shape, sign * np.inf), np.full(shape, sign * np.inf), np.zeros(shape, np.int32))
+
+    def add(self, samples: Floats, rounding: Floats, step: int) -> None:
+        """Take the values (elements, points) of a step in, of some rounding (elements, 1).
+
+        What is no number is passed over.
+        """
         is_beyond = self.sign * samples < self.sign * self.values
         self.values[is_beyond] = samples[is_beyond]
-        self.steps[is_beyond] = step
+        is_clearly_beyond = self.sign * samples < self.sign * self.held - rounding
+        self.held[is_clearly_beyond] = samples[is_clearly_beyond]
+        self.steps[is_clearly_beyond] = step
 
 
 @dataclass(frozen=True)
@@ -98,17 +111,19 @@ class _Part:
             raise ElvisError(f"extremes are for fields without Fourier directions, {field.name} has some")
         operator = best(block.expansion, extra=1)
         count = len(block), len(operator.points)
-        ends = {
-            name: _End(sign, np.full(count, sign * np.inf), np.zeros(count, np.int32))
-            for name, sign in (("min", 1), ("max", -1))
-        }
+        ends = {name: _End.of(sign, count) for name, sign in (("min", 1), ("max", -1))}
         return cls(block.expansion, block.element_ids, operator, values(block.expansion, operator.points), ends)
 
     def add(self, coefficients: Floats, step: int) -> None:
         """Take the coefficients (elements, m) of a step in."""
         samples = coefficients @ self.table.T
+
+        # a sum of m products is off by m eps times the sum of their magnitudes (Higham, Accuracy and Stability of
+        # Numerical Algorithms, 2002, section 3.1), the coefficients by as much again; so are those of the other step
+        magnitudes = np.abs(coefficients).sum(axis=1, keepdims=True) * np.abs(self.table).max(initial=0.0)
+        rounding = 4 * self.table.shape[1] * np.finfo(float).eps * np.where(np.isfinite(magnitudes), magnitudes, 0.0)
         for end in self.ends.values():
-            end.add(samples, step)
+            end.add(samples, rounding, step)
 
     def fit(self, samples: Floats) -> tuple[Block, float]:
         """The block of the best approximation of samples (elements, n), and the largest difference from these."""
