@@ -115,15 +115,17 @@ def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
 
 def values_at_hits(loaded: DeviceVolume, found: HitBuffer, quantity: str | None) -> Floats:
     """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere (sample.slang)."""
-    values, hit = np.full(len(found.owner), np.nan), np.flatnonzero(found.owner != NOBODY)
-    part = np.searchsorted(loaded.first, found.owner[hit], side="right") - 1
-    for number in np.unique(part):
-        own, device = hit[part == number], loaded.device
-        kernel = device.kernel("sample", loaded.parts[number], quantity)
-        places = np.zeros(len(own), kernel.dtype("places"))
-        places["element"] = found.owner[own] - np.uint32(loaded.first[number])
-        places["reference"] = found.reference[own]
-        held = device.empty(np.float64, len(own))
-        kernel(len(own), {**loaded.bindings(number, quantity), "places": device.buffer(places), "values": held})
-        values[own] = device.read(held, np.float64)[: len(own)]
+    device, count, is_missing = loaded.device, len(found.owner), found.owner == NOBODY
+    values = np.full(count, np.nan)
+    if is_missing.all():
+        return values
+    places = {name: found.on(device, name) for name in ("owner", "reference")}
+    held = device.empty(np.float64, count)
+    for number, part in enumerate(loaded.parts):
+        kernel = device.kernel("sample", part, quantity)
+        span = np.zeros(1, kernel.dtype("span"))
+        span["first"], span["end"] = loaded.first[number : number + 2]
+        buffers = {**loaded.bindings(number, quantity), **places, "span": device.buffer(span), "values": held}
+        kernel(count, buffers)
+    np.copyto(values, device.read(held, np.float64)[:count], where=~is_missing)
     return values
