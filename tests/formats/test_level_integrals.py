@@ -1,5 +1,7 @@
 """Integrals over planes and isosurfaces inside elements, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,6 +144,31 @@ def test_where_a_surface_touches_borders_its_error_covers_jumps_of_rounding(shap
     assert abs(found.value - np.pi / 4) <= found.error < 1e-3
     if over == "u = 0.25":  # values are raised by more than they jump: the surface is all in the elements inside
         assert found.value == pytest.approx(np.pi / 4, abs=1e-10)
+
+
+def scaled(field, factors):
+    """The field times a factor (n,) on each element of its only block."""
+    (block,) = field.blocks
+    return replace(field, blocks=(replace(block, coefficients=block.coefficients * factors[:, None]),))
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_a_field_may_be_small_in_some_elements(shape):
+    """Scaled element by element, down to 1e-12, it is zero where it was, and its jumps there are no rounding."""
+    bare = Dataset(grid(shape, 2))
+    field = approximated(bare, "u", lambda p: p[:, 0] ** 2 + p[:, 1] ** 2 - 0.3**2, 3)
+    factors = 10.0 ** -np.linspace(0, 12, len(field.blocks[0].coefficients))
+    found = integrate(Dataset(bare.mesh, (scaled(field, factors),)), "area", "u = 0", error=1e-8)[0]
+    assert abs(found.value - 0.15 * np.pi) <= found.error < 1e-7
+
+
+def test_what_is_zero_in_whole_elements_has_no_surface_there():
+    bare = Dataset(grid(Shape.HEXAHEDRON, 2))
+    field = approximated(bare, "u", lambda p: p[:, 0] - 0.75, 2)
+    is_low = np.arange(8) < 4  # of the unit cube's eighths those below z = 0.5
+    found = integrate(Dataset(bare.mesh, (scaled(field, is_low),)), "area", "u = 0")
+    assert found.value == pytest.approx(0.5, rel=1e-12)
+    assert found[0].error < 1e-11
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.integrals.touching import touched
-from elvis.core.mapping import pointwise
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -25,13 +24,17 @@ from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import Node, call, number
+from elvis.core.quantities.tree import Node, call, fold, number
 from elvis.core.shapes import Shape
 
 _OUTSIDE = "outside:"
 #: by how much of the size of its values a level is moved, so that surfaces along borders of elements count once: at
 #: least and at most, and of how far values of two elements differ
 _AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
+#: elements that the surface doesn't meet, whatever is rounding: values so far from it, in parts of the greatest size
+_FAR = 1e-9
+#: the size of what is zero throughout an element: less than zero nowhere once it is moved
+_NOTHING = 1e-280
 #: rounding of values on borders, and jumps there that are still taken for rounding, in parts of the size of values
 _ROUNDING, _MOST_JUMP = 2e-15, 1e-10
 #: what moving a level does to integrals over its surface, as a rule, in parts of how far it is moved
@@ -109,20 +112,38 @@ class Level:
         root = level.expression.root
         return Level(text, Expression(text, root if is_outside else call("-", number(0.0), root)))
 
-    def _doubt(self, evaluator: Evaluator) -> _Doubt:
-        """How well values on borders of elements are known."""
-        sizes, jumps = [0.0], [_ROUNDING]
+    def _doubt(self, evaluator: Evaluator, patch: Patch, rows: Ints, lattice: Floats) -> _Doubt:
+        """How well values on borders of elements (m,) are known, from points (q, d) inside them."""
+        places = Lattice(patch, rows, lattice)
+        jump = np.full(len(rows), _ROUNDING)
+        for name in self.expression.fields:
+            ids = patch.element_ids[rows]
+            found = evaluator.attributes.constant(f"jump({name})", patch.shape, ids)
+            own = np.abs(places.derivative(evaluator.names.index(name), 0)).reshape(len(rows), -1).max(axis=1)
+            is_rounding = found <= _MOST_JUMP * own
+            parts = np.divide(found, own, out=np.zeros(len(rows)), where=is_rounding & (own > 0))
+            jump = np.maximum(jump, parts)
+
+        # fields are known in parts of their own values, coordinates in parts of the greatest
+        if self._has_coordinates:
+            return _Doubt(np.full(len(rows), self._size(evaluator)), jump)
+        (sizes,) = evaluator.sizes_at([self.expression], places)
+        greatest = np.broadcast_to(sizes, len(places)).reshape(len(rows), -1).max(axis=1)
+        return _Doubt(np.maximum(greatest, _NOTHING), jump)
+
+    @property
+    def _has_coordinates(self) -> bool:
+        return bool(fold(self.expression.root, lambda leaf: leaf.op == "coordinate", lambda _, parts: any(parts)))
+
+    def _size(self, evaluator: Evaluator) -> float:
+        """What the expression is added up from, at most: in the middles of all elements."""
+        sizes = [0.0]
         for patch in evaluator.patches:
             middle = np.zeros((len(patch), patch.shape.dimension))
             points = ElementPoints(patch, np.arange(len(patch)), uncollapse(patch.shape, middle))
             (size,) = evaluator.sizes_at([self.expression], points)
             sizes.append(float(np.nanmax(size)))
-            for name in self.expression.fields:
-                jump = evaluator.attributes.constant(f"jump({name})", patch.shape, patch.element_ids)
-                own = np.abs(pointwise.values(patch, evaluator.names.index(name), points.rows, points.points))
-                parts = jump / np.nanmax(own, initial=0.0)
-                jumps.append(float(parts[parts <= _MOST_JUMP].max(initial=0.0)))
-        return _Doubt(max(sizes), max(jumps))
+        return max(sizes)
 
     def boxes(
         self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
@@ -135,33 +156,46 @@ class Level:
         ElvisError where it is not that of a polynomial.
         """
         patch, degree = piece.patch, self._degree(piece, evaluator)
-        d = patch.shape.dimension
-        t = (1 + gauss(degree + 1)[0]) / 2
+        d, t = patch.shape.dimension, (1 + gauss(degree + 1)[0]) / 2
         lattice = np.stack(np.meshgrid(*[t] * d, indexing="ij"), axis=-1).reshape(-1, d)
-        doubt = self._doubt(evaluator)
-        rounding = sizes * (parts + _MOVED * doubt.away)[:, None]
-        within = degree * doubt.jump * doubt.size
-        sampled = _Sampled(self.expression, evaluator, patch, doubt.away * doubt.size, t)
-
-        # of all elements those that the surface may meet, then their parts
-        whole = sampled.nets(piece.rows, uncollapse(patch.shape, 2 * lattice - 1))
-        axes = tuple(range(1, d + 1))
-        is_below = whole.max(axis=axes) < -within
-        met = np.flatnonzero((whole.min(axis=axes) <= within) & ~is_below)
+        met, below, doubt = self._met(piece, evaluator, lattice, t)
+        sampled = _Sampled(self.expression, evaluator, patch, doubt.moves(piece.rows[met], len(patch)), t)
+        rounding = sizes[met] * (parts[met] + _MOVED * doubt.away)[:, None]
         found = []
         for cell in range(len(corners(patch.shape))):
             reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
             nets = sampled.nets(piece.rows[met], reference)
             if patch.shape is Shape.PYRAMID:
-                nets = without_apex(nets, _AT_APEX * max(doubt.away, _ROUNDING) * doubt.size)
+                nets = without_apex(nets, _AT_APEX * np.maximum(doubt.away, _ROUNDING) * doubt.size)
             nets = nets.reshape(len(met), *(1,) * (3 - d), *nets.shape[1:])
-            cells = _boxes(patch, piece.rows[met], cell, nets, rounding[met], sizes[met])
+            cells = _boxes(patch, piece.rows[met], cell, nets, rounding, sizes[met])
             found.append(replace(cells, is_filled=is_filled).resolved())
         boxes = joined(found)
         if is_filled:
-            return boxes, np.flatnonzero(is_below)
-        areas = touched(piece.part(met), sampled.nets, t, np.full(len(met), within))
-        return replace(boxes, lost=boxes.lost + areas @ sizes[met]), np.flatnonzero(is_below)
+            return boxes, below
+        areas = touched(piece.part(met), sampled.nets, t, doubt.within(degree))
+        return replace(boxes, lost=boxes.lost + areas @ sizes[met]), below
+
+    def _met(self, piece: Piece, evaluator: Evaluator, lattice: Floats, t: Floats) -> tuple[Ints, Ints, _Doubt]:
+        """Which elements of a piece the surface may meet, and which are whole below it; what is known in the first.
+
+        lattice  (n^d, d) of places t (n,) in [0, 1] each way
+        """
+        patch, degree = piece.patch, len(t) - 1
+        whole = uncollapse(patch.shape, 2 * lattice - 1)
+        nets = _Sampled(self.expression, evaluator, patch, np.zeros(len(patch)), t).nets(piece.rows, whole)
+        axes = tuple(range(1, nets.ndim))
+        least, most = nets.min(axis=axes), nets.max(axis=axes)
+
+        # how well values are known matters near the surface alone
+        far = degree * _FAR * self._size(evaluator)
+        is_below = most < -far
+        near = np.flatnonzero((least <= far) & ~is_below)
+        doubt = self._doubt(evaluator, patch, piece.rows[near], whole)
+        within, moved = doubt.within(degree), doubt.away * doubt.size
+        is_below[near] = most[near] + moved < -within
+        is_met = (least[near] + moved <= within) & ~is_below[near]
+        return near[is_met], np.flatnonzero(is_below), _Doubt(doubt.size[is_met], doubt.jump[is_met])
 
     def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
         """Of the expression in each direction."""
@@ -184,13 +218,13 @@ class Level:
         return max(degree, 1)
 
 
-def without_apex(nets: Floats, nothing: float) -> Floats:
+def without_apex(nets: Floats, nothing: Floats | float) -> Floats:
     """The nets (n, D, D, D) of g in pyramids' collapsed cubes, of g / (1 - c) instead where g is 0 at the apex.
 
     There g vanishes on the whole face c = 1 that is the apex, next to which no halving shows a graph.  The quotient h
     has its sign and its other zeros: with g of degree m in c, h_k = g_k m / (m - k), whose degree is raised to m.
 
-    nothing  below which values are 0
+    nothing  (n,) below which values are 0
     """
     degree = nets.shape[3] - 1
     result, k = nets.copy(), np.arange(degree + 1)
@@ -207,31 +241,41 @@ def without_apex(nets: Floats, nothing: float) -> Floats:
     return result
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Doubt:
-    """How well values of an expression are known on borders of elements.
+    """How well values of an expression are known on borders of elements (n,).
 
-    size  of what it is added up from, at most
-    jump  by how much two elements differ there, in parts of it
+    size  (n,) of what it is added up from, at most
+    jump  (n,) by how much two elements differ there, in parts of it
     """
 
-    size: float
-    jump: float
+    size: Floats
+    jump: Floats
 
     @property
-    def away(self) -> float:
-        """By how much of the size the level is moved."""
-        return min(max(_AWAY, _AWAY_OF_JUMPS * self.jump), _MOST_AWAY)
+    def away(self) -> Floats:
+        """(n,) by how much of the size the level is moved."""
+        return np.clip(_AWAY_OF_JUMPS * self.jump, _AWAY, _MOST_AWAY)
+
+    def within(self, degree: int) -> Floats:
+        """(n,) values of polynomials of a degree that may be 0."""
+        return degree * self.jump * self.size
+
+    def moves(self, rows: Ints, count: int) -> Floats:
+        """(count,) by how much the level is moved in elements of a patch, of which rows (n,) are these."""
+        found = np.zeros(count)
+        found[rows] = self.away * self.size
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Sampled:
-    """An expression of a patch, moved by ``away``, from its values at places t (n,) in [0, 1] each way."""
+    """An expression of a patch, moved by ``away`` (elements,), from its values at places t (n,) in [0, 1] each way."""
 
     expression: Expression
     evaluator: Evaluator
     patch: Patch
-    away: float
+    away: Floats
     places: Floats
 
     def nets(self, rows: Ints, reference: Floats) -> Floats:
@@ -242,7 +286,7 @@ class _Sampled:
         for part in chunks(len(rows), max(1, _BATCH // len(reference))):
             lattice = Lattice(self.patch, rows[part], reference)
             (values,) = self.evaluator.values_at([self.expression], lattice)
-            found = np.broadcast_to(values, len(lattice)) + self.away
+            found = np.broadcast_to(values, len(lattice)) + np.repeat(self.away[rows[part]], len(reference))
             parts.append(nets_through(found, self.places, k))
         return np.concatenate(parts)
 
