@@ -90,6 +90,15 @@ def test_the_picture_of_the_newest_step_is_that_of_render(made, run, tmp_path, e
     assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "still.png").read_bytes()
 
 
+def test_a_run_without_a_step_is_a_failure(made, run, tmp_path, elvis):
+    shutil.copy(made[0], run)
+    with pytest.raises(
+        ElvisError, match=r"nothing was drawn in 0\.2 s: waiting for a step: there is a mesh, and no field"
+    ):
+        elvis("watch", run, "--every", "0.05", "--idle", "0.2", "-o", tmp_path / "latest.png")
+    assert not (tmp_path / "latest.png").exists()
+
+
 def test_what_cannot_be_watched_is_said_at_once(run, tmp_path, elvis):
     for given, sentence in (
         ([run], "expected -o, the picture that is to be drawn again and again"),

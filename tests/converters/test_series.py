@@ -113,8 +113,23 @@ def test_steps_on_another_mesh_are_passed_over(tmp_path, elvis):
     (fault,) = series.told
     assert fault.startswith("run_1.chk can't be read and is passed over: ")
     assert fault.endswith("found 5 elements that the mesh lacks, which other steps don't have")
-    # alone, it can't be told whether the mesh is a part of that of all steps
-    assert "on 5 elements that the mesh lacks" in open_series(*files)[1].remarks[0]
+    # so it is where the step on another mesh is read first
+    series = open_series(*files)
+    found = series.at(1.2)
+    assert found.instant.steps == (0, 2)
+    assert np.abs(sample(found, "u", POINTS)["u"] - polynomial(POINTS, 1.2, 1)).max() < 1e-12
+    with pytest.raises(FormatError, match="found 5 elements that the mesh lacks, which other steps don't have"):
+        open_series(*files)[1]
+
+
+def test_a_mesh_may_be_a_part_of_that_of_all_steps(tmp_path):
+    files = steps_of(tmp_path, [0.0, 1.0], waves)
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 3))
+    for number, file in enumerate(files[1:]):
+        field = approximated(dataset, "u", lambda p: p[:, 0], 3)
+        write(replace(dataset, fields=(field,), time=float(number)), field_path=file)
+    for step in open_series(*files):
+        assert "on 5 elements that the mesh lacks, and left out there" in step.remarks[0]
 
 
 def test_both_ends_of_long_series_are_listed(tmp_path, elvis):
@@ -158,6 +173,45 @@ def test_meshes_and_fields_that_change_are_not_mixed(tmp_path):
     found = open_series(*files, tmp_path / "run_2.chk").at(1.5)
     assert list(found) == ["u"]
     assert found.remarks[-1] == "fields that differ between steps are left out: v"
+
+
+def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis_json):
+    """In values over time, integrals, ranges, between steps and at the end; what no step has is a mistake."""
+    files = steps_of(tmp_path, [0.0, 0.5, 1.0, 1.5], lambda p, t: polynomial(p, t, 1))
+    for file in (files[2], files[4]):
+        file.write_text(file.read_text().replace('FIELDS="u"', 'FIELDS="v"'))
+    at = ["--point", "0.31,0.22"]
+    for how in (["--field", "u"], ["--field", "d(u,t)"], []):
+        table = elvis("probe", *files, *at, "--times", "all", *how).splitlines()
+        assert [float(line.split(",")[0]) for line in table[1:]] == [0.0, 1.0]
+    table = elvis_json("integrate", *files, "--field", "u", "--times", "all")
+    assert [row["value"] for row in table] == pytest.approx([0.75, 1.375], abs=1e-12)
+    series = series_in(files, Reading(quantities=("u",)))
+    found = series.at(0.6)
+    assert np.abs(sample(found, "u", POINTS)["u"] - polynomial(POINTS, 0.6, 1)).max() < 1e-12
+    assert "run_1.chk is passed over: expression 'u': character 1: there is no 'u'" in found.remarks
+    assert series.at_moment().time == 1.0
+    for asked in ("all", "0:1:3"):
+        with pytest.raises(ElvisError, match="there is no 'w'"):
+            elvis("probe", *files, *at, "--field", "w", "--times", asked)
+
+
+def test_times_beyond_what_is_left_out_say_so(tmp_path, elvis):
+    files = steps_of(tmp_path, [0.0, 0.5, 1.0], waves)
+    files[3].write_bytes(files[3].read_bytes()[:-60])
+    told = r"expected a time from 0 to 0\.5, found 1 \(run_2\.chk: the file ends before its last tag: the step is left"
+    with pytest.raises(ElvisError, match=told):
+        open_series(*files).at(1.0)
+    with pytest.raises(ElvisError, match=told):
+        elvis("animate", *files, "--times", "0:1:3", "--range", "series", "-o", tmp_path / "film.webp")
+    assert not list(tmp_path.glob("film*"))
+
+
+def test_empty_folders_are_told(tmp_path, elvis):
+    (folder := tmp_path / "run").mkdir()
+    for command in (["info"], ["average", "-o", tmp_path / "x.fld"], ["probe", "--times", "all", "--point", "0,0"]):
+        with pytest.raises(ElvisError, match="run: expected files in this folder, found none"):
+            elvis(*command, folder)
 
 
 def test_steps_that_are_no_numbers_are_told(tmp_path):

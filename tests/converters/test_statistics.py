@@ -103,6 +103,18 @@ def test_a_step_that_is_beyond_by_little_more_than_rounding_counts(tmp_path):
     assert np.abs(found["u_min_time"]).max() < 1e-12
 
 
+def test_steps_that_are_not_finite_are_left_out_of_means(tmp_path, elvis):
+    """But where there are no others."""
+    files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1) * (np.nan if t == 0.5 else 1.0))
+    for over in ("steps", "time"):
+        told = average(open_series(*files), over, with_covariances=True, with_extremes=True)
+        assert np.abs(sample(told.dataset, "u", POINTS)["u"] - polynomial(POINTS, 0.5, 1)).max() < 1e-12
+        assert told.dataset.metadata["AveragedSteps"] == "2"
+        assert told.dataset.remarks[-1] == "means are of the steps whose values are finite"
+    files[1].write_bytes(files[2].read_bytes().replace(b"<Time>0.5<", b"<Time>0.25<"))
+    assert np.isnan(sample(average(open_series(*files[:3])).dataset, "u", POINTS)["u"]).all()
+
+
 def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
     steps = squares(True)
     with pytest.raises(ElvisError, match=r"expected one mesh at all steps, found another at time 0\.25"):

@@ -41,7 +41,8 @@ def range_over(text: str, series: Series) -> tuple[float, float]:
     for number in track(series.readable(), "range of all steps", len(series)):
         dataset = series[number]
         names = Names.of(dataset)
-        expression = Expression.parse(text or names.fields[0], names)
+        text = text or names.fields[0]
+        expression = Expression.parse(text, names)
         found = quantity_range(dataset, expression)
         ends += [] if found is None else [found.lower, found.upper]
     if not ends or not np.isfinite(ends).all():

@@ -83,7 +83,7 @@ def average(
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
     found = mean_of(series, over, covariances, order, extremes)
-    for remark in series.told:
+    for remark in found.dataset.remarks:
         note(remark)
     if found.left_out:
         note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")

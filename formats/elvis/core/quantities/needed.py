@@ -34,6 +34,20 @@ def needed_fields(dataset: Dataset, texts: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in every if name in found)
 
 
+def lack_of(dataset: Dataset, text: str) -> str:
+    """Why a quantity of a step of a series has no values in a dataset; empty where it has.
+
+    text  of the quantity; derivatives in time are those of the fields
+    """
+    asked, names = _AskedRates(), Names.of(dataset)
+    try:
+        Expression.parse(text, replace(names, time=names.time or 1.0, rates=asked))
+    except ElvisError as error:
+        return str(error).partition(";")[0]
+    lacking = sorted(asked.names.difference(names.fields))
+    return f"there is no field {lacking[0]!r}" if lacking else ""
+
+
 def _fields_of(dataset: Dataset, text: str) -> set[str] | None:
     """The fields of one quantity, however many coordinates the fields depend on; None where nothing is known of it."""
     asked, names = _AskedRates(), Names.of(dataset)

@@ -6,10 +6,11 @@ One mesh is read once, and a few steps at most are in memory at any time.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from sys import maxsize
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.geometry import share
 from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
-from elvis.core.quantities.needed import needed_fields
+from elvis.core.quantities.needed import lack_of, needed_fields
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
 from elvis.plugins.series.between import NEAR, STEPS_OF, combined, is_finite, is_one_mesh, weights, window
@@ -71,7 +72,8 @@ class Series(Sequence[Dataset]):
     """Steps in ascending time.
 
     remarks    tell of those that were left out
-    faults     sentences on steps that were read: damaged ones, and values that are not finite
+    faults     sentences on steps that were read: damaged ones, those that lack what is asked for, and values that are
+               not finite
     is_native  whether steps are field files of the native format, on a mesh in another file
     """
 
@@ -83,8 +85,10 @@ class Series(Sequence[Dataset]):
         self._first: Dataset | None = None
         self._kept: OrderedDict[int, Dataset] = OrderedDict()
         self._room = _KEPT
-        self._damaged: set[int] = set()
+        self._passed_over: set[int] = set()
         self._infinite: set[int] = set()
+        self._default_field = ""
+        self._is_known_to_have_all = False
         self._lacking: int | None = None
         self.faults: list[str] = []
 
@@ -110,6 +114,11 @@ class Series(Sequence[Dataset]):
         if not -count <= number < count:
             raise IndexError(f"expected a step from 0 to {count - 1}, found {number}")
         return self._beside(self._load(number % count))
+
+    @property
+    def infinite(self) -> Set[int]:
+        """The numbers of the steps that were read and hold values that are not finite."""
+        return self._infinite
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -150,12 +159,11 @@ class Series(Sequence[Dataset]):
 
     def _between(self, time: float, between: str) -> Dataset:
         self._room = max(_KEPT, STEPS_OF[between])
-        slack = NEAR * float(np.abs(self.times).max())
-        self._check_within(time, slack)
+        self.check_within(time)
         numbers, notes = self._readable(time, STEPS_OF[between])
-        self._check_within(time, slack)
+        self.check_within(time)
         nearest = min(numbers, key=lambda number: abs(self.times[number] - time))
-        if abs(self.times[nearest] - time) <= slack:
+        if abs(self.times[nearest] - time) <= self._slack:
             return self._at_step(nearest, notes, between)
         steps = [self._load(number) for number in numbers]
         if len(steps) > 1 and not all(is_one_mesh(steps[0], step) for step in steps[1:]):
@@ -200,6 +208,10 @@ class Series(Sequence[Dataset]):
         narrow.take_mesh_of(self)
         return narrow
 
+    def ask_for(self, *texts: str) -> None:
+        """Pass over steps, from now on, that lack quantities which others have; of native ones read no other fields."""
+        self._reading = replace(self._reading, quantities=texts)
+
     def take_mesh_of(self, other: Series) -> None:
         """Take the mesh of a series on the same files of one, in place of reading it again."""
         self._first = other._first
@@ -208,55 +220,86 @@ class Series(Sequence[Dataset]):
         """The numbers of steps around a time, of which as many as there are, ``count`` at most, can be read."""
         return self._readable(time, count)[0]
 
-    def _check_within(self, time: float, slack: float) -> None:
-        """ElvisError for a time before the first or after the last step that is not known to be damaged."""
+    def check_within(self, time: float) -> None:
+        """ElvisError for a time before the first or after the last step that is not known to be passed over."""
         low, high = self.times[self._left[0]], self.times[self._left[-1]]
-        if not low - slack <= time <= high + slack:
-            raise ElvisError(f"expected a time from {low:.10g} to {high:.10g}, found {time:.10g}")
+        if not low - self._slack <= time <= high + self._slack:
+            reasons = f" ({'; '.join(self.told[:2])})" if self.told else ""
+            raise ElvisError(f"expected a time from {low:.10g} to {high:.10g}, found {time:.10g}{reasons}")
+
+    @property
+    def _slack(self) -> float:
+        """A time that is nearer to that of a step is that of the step."""
+        return NEAR * float(np.abs(self.times).max())
 
     @property
     def _left(self) -> list[int]:
-        """The steps that are not known to be damaged; FormatError where there are none."""
+        """The steps that are not known to be passed over; FormatError where there are none."""
         self.check_readable()
-        return [number for number in range(len(self)) if number not in self._damaged]
+        return [number for number in range(len(self)) if number not in self._passed_over]
 
     def _readable(self, time: float, count: int) -> tuple[list[int], list[str]]:
-        """The steps around a time that can be read, and sentences on those that can't."""
+        """The steps around a time that can be read and have what is asked for, and sentences on those that don't."""
         notes: list[str] = []
         while True:
             left = self._left
             around = [left[i] for i in window(self.times[left], time, count)]
-            faults = [fault for number in around if (fault := self.fault(number))]
+            faults = [fault for number in around if (fault := self.fault(number) or self._lack(number))]
             if not faults:
                 return around, notes
             notes += faults
 
     def fault(self, number: int) -> str:
         """A sentence on a step that can't be read, which is passed over from now on; empty for one that can."""
-        if number in self._damaged:
-            return f"{self.steps[number].name} can't be read"
+        if number in self._passed_over:
+            return f"{self.steps[number].name} is passed over"
         try:
             self._load(number)
         except FormatError as error:
-            self._damaged.add(number)
-            fault = f"{self.steps[number].name} can't be read and is passed over: {error}"
-            self.faults.append(fault)
-            return fault
+            return self._pass_over(number, f"{self.steps[number].name} can't be read and is passed over: {error}")
         return ""
 
-    def readable(self) -> Iterator[int]:
-        """The numbers of the steps that can be read, one after another: each is read as it comes, and at hand then.
+    def _lack(self, number: int) -> str:
+        """A sentence on a step that lacks what is asked for and others have, which is passed over from now on.
 
-        Raises FormatError at the end where there was none.
+        Empty for all others: what neither the first nor the last step has is taken for a mistake of who asks for it.
+        """
+        lack = self._lack_of(number)
+        self._is_known_to_have_all = self._is_known_to_have_all or not lack
+        if not lack:
+            return ""
+        ends = {0, len(self) - 1} - {number, *self._passed_over}
+        if not self._is_known_to_have_all and all(self.fault(end) or self._lack_of(end) for end in sorted(ends)):
+            return ""
+        self._is_known_to_have_all = True
+        return self._pass_over(number, f"{self.steps[number].name} is passed over: {lack}")
+
+    def _lack_of(self, number: int) -> str:
+        """What quantities that are asked for lack in a step that can be read; empty for nothing."""
+        dataset = self._beside(self._load(number))
+        self._default_field = self._default_field or next(iter(dataset), "")
+        lacks = (lack_of(dataset, text or self._default_field) for text in self._reading.quantities)
+        return next(filter(None, lacks), "")
+
+    def _pass_over(self, number: int, sentence: str) -> str:
+        """Pass a step over from now on; the sentence that tells it."""
+        self._passed_over.add(number)
+        self.faults.append(sentence)
+        return sentence
+
+    def readable(self) -> Iterator[int]:
+        """The numbers of the steps that can be read and have what is asked for, one after another.
+
+        Each is read as it comes, and at hand then.  Raises FormatError at the end where there was none.
         """
         for number in range(len(self)):
-            if not self.fault(number):
+            if not (self.fault(number) or self._lack(number)):
                 yield number
         self.check_readable()
 
     def check_readable(self) -> None:
-        """FormatError where all steps are known to be damaged."""
-        if len(self._damaged) == len(self):
+        """FormatError where all steps are known to be passed over."""
+        if len(self._passed_over) == len(self):
             raise FormatError(f"expected a step that can be read, found none from {self.steps[0].name} on")
 
     def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
@@ -318,9 +361,23 @@ class Series(Sequence[Dataset]):
 
         A mesh may be a part of that of all steps.  Where it lacks more elements of one of them, that has another mesh.
         """
-        if self._lacking is not None and lacking > self._lacking:
+        known = self._lacking
+        if known is None:
+            known = self._lacking_of_another(step) if lacking else 0
+        if lacking > known:
             words = f"{lacking} elements that the mesh lacks, which other steps don't have"
             raise FormatError(f"expected fields on the mesh of the series, found {words}", file=step.files[0])
         self._lacking = lacking
         words = f"{step.name}: its fields are on {lacking} elements that the mesh lacks, and left out there"
         return replace(dataset, remarks=(*dataset.remarks, words)) if lacking else dataset
+
+    def _lacking_of_another(self, step: Step) -> int:
+        """How many elements of another step the mesh lacks; a vast number where there is none that can be read."""
+        assert self._first is not None  # the mesh is there before a step is checked
+        other = self.steps[0] if step is not self.steps[0] else self.steps[-1]
+        if other is step:
+            return maxsize
+        try:
+            return with_fields(self._first, *other.files, choose=partial(needed_fields, texts=("",)))[1]
+        except FormatError:
+            return maxsize

@@ -30,6 +30,8 @@ from elvis.plugins.series.series import Series
 
 #: what a mean is over: steps, which count the same, or time, in which what lies between steps is linear
 OVER = ("steps", "time")
+#: what is said where some steps are not finite
+_FINITE = "means are of the steps whose values are finite"
 #: places on [0, 1] of the rule, of equal weights, that is exact for the products of two linears in time
 _GAUSS = (0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3)
 
@@ -63,13 +65,17 @@ def average(
     """
     if over not in OVER:
         raise ElvisError(f"expected a mean over {' or '.join(OVER)}, found {over!r}")
-    times: list[float] = []
-    sums: _Sums | None = None
-    extremes: list[Extremes] = []
-    for weight, state in _states(series, over, times, extremes if with_extremes else None):
-        if sums is None:
-            sums = _Sums.of(state, with_covariances, order)
-        sums.add(state, weight)
+    # steps that are not finite say nothing of the others' mean, unless there are no others
+    for is_finite_wanted in (True, False):
+        times: list[float] = []
+        sums: _Sums | None = None
+        extremes: list[Extremes] = []
+        for weight, state in _states(series, over, times, extremes if with_extremes else None, is_finite_wanted):
+            if sums is None:
+                sums = _Sums.of(state, with_covariances, order)
+            sums.add(state, weight)
+        if sums is not None:
+            break
     assert sums is not None  # a series has a step that can be read, or raises
     mean = sums.mean
     if not mean.solution:
@@ -84,22 +90,26 @@ def average(
     metadata = {key: text for key, text in mean.metadata.items() if key != "Time"}
     metadata |= {"AveragedSteps": str(len(times)), "AveragedOver": over}
     metadata |= {"AveragedFrom": repr(times[0]), "AveragedTo": repr(times[-1])}
-    whole = replace(mean, fields=(*mean.fields, *fields), time=None, metadata=metadata, remarks=series.told)
+    told = (*series.told, *([_FINITE] if is_finite_wanted and series.infinite else []))
+    whole = replace(mean, fields=(*mean.fields, *fields), time=None, metadata=metadata, remarks=told)
     return Average(whole, tuple(sums.left_out), errors)
 
 
 def _states(
-    series: Series, over: str, times: list[float], extremes: list[Extremes] | None
+    series: Series, over: str, times: list[float], extremes: list[Extremes] | None, is_finite_wanted: bool
 ) -> Iterator[tuple[float, Dataset]]:
     """Weights and datasets whose weighted mean is asked for.
 
     times     gets those of the steps that could be read
     extremes  gets those of the steps; None where they aren't wanted
+    is_finite_wanted  whether steps with values that are not finite are left out; there may be none then
     """
     first: Dataset | None = None
     before: tuple[float, Dataset] | None = None
     for number in track(series.readable(), "mean of all steps", len(series)):
         step, time = series[number], float(series.times[number])
+        if is_finite_wanted and number in series.infinite:
+            continue
         first = first or step
         if not is_one_mesh(first, step):
             raise ElvisError(f"expected one mesh at all steps, found another at time {time:.10g}: no mean can be made")
@@ -112,8 +122,7 @@ def _states(
         elif before is not None:
             yield from _between(before, (time, step))
         before = time, step
-    assert before is not None  # a series has a step that can be read, or raises
-    if over != "steps" and len(times) == 1:
+    if over != "steps" and before is not None and len(times) == 1:
         yield 1.0, before[1]
 
 

@@ -13,9 +13,14 @@ _PATTERN = re.compile(r"[*?]")
 
 
 def expanded(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The files, those of names with * or ? in them in the order of their numbers; ElvisError where none matches."""
+    """The files, those of names with * or ? in them in the order of their numbers.
+
+    Raises ElvisError where none matches, and for empty folders.
+    """
     found: list[Path] = []
     for path in paths:
+        if path.is_dir() and not any(path.iterdir()):
+            raise ElvisError(f"{path}: expected files in this folder, found none")
         if not _PATTERN.search(path.name) or path.exists():
             found.append(path)
             continue

@@ -327,7 +327,9 @@ def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked
     taken: list[float] = []
     for time, source in moments:
         wanted = _check(source.expressions(asked.texts))
-        asked = replace(asked, texts=[each.text for each in wanted])
+        if not parts:
+            asked = replace(asked, texts=[each.text for each in wanted])
+            series.ask_for(*asked.quantities)
         found = asked.of(source, places, wanted)
         parts.append({"time": np.full(len(found["point"]), time), **found})
         taken.append(time)

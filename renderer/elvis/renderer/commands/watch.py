@@ -62,7 +62,7 @@ def watch(
     _check(scene)
     following = Following([Path(file) for file in scene.data], reading_for([scene], not no_cache))
     pictures: Pictures | None = None
-    last, told = monotonic(), ""
+    last, told, is_drawn = monotonic(), "", False
     try:
         while idle is None or monotonic() - last <= idle:
             found = following.look()
@@ -70,6 +70,7 @@ def watch(
                 pictures = _shown(pictures, found, scene)
                 try:
                     say(_draw(pictures, scene, found))
+                    is_drawn = True
                 except SceneError:
                     raise
                 except ElvisError as error:
@@ -82,6 +83,8 @@ def watch(
     finally:
         if pictures is not None:
             pictures.close()
+    if not is_drawn:
+        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or 'no step was whole'}")
 
 
 def _check(scene: Scene) -> None:
