@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from elvis.formats.writing import write
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.data import read
+    from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
 
 __all__ = [
@@ -59,10 +60,12 @@ __all__ = [
     "line",
     "norms",
     "open_series",
+    "pathlines",
     "points_on_line",
     "points_on_plane",
     "read",
     "sample",
+    "streaklines",
     "to_meshio",
     "to_pyvista",
     "to_xarray",
@@ -93,6 +96,7 @@ __getattr__ = lazy_names(
         "elvis.formats.writing": ("write",),
         "elvis.plugins.arrays": ("from_arrays",),
         "elvis.plugins.data": ("read",),
+        "elvis.plugins.series.paths": ("pathlines", "streaklines"),
         "elvis.plugins.series.series": ("open_series",),
     },
 )

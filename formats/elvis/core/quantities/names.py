@@ -18,7 +18,7 @@ from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.predefined import PARAMETERS
-from elvis.core.quantities.tree import AXES, Node, attribute, coordinate, field, number
+from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
 #: what is known of elements by themselves (see `attributes`), in every dataset
@@ -40,6 +40,7 @@ class Names:
     rates       derivatives in time of the fields, where the data are a moment of a series
     others      what names stand for in other datasets, by the names of these
     shared      the names of those datasets that are on the same mesh
+    is_moving   whether ``t`` stands for a variable, as along the path of a particle
     """
 
     fields: tuple[str, ...]
@@ -50,6 +51,7 @@ class Names:
     rates: Rates | None = None
     others: Mapping[str, Names] = field_of(default_factory=dict)
     shared: frozenset[str] = frozenset()
+    is_moving: bool = False
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
@@ -77,7 +79,7 @@ class Names:
         if name in AXES:
             return coordinate(AXES.index(name))
         if name == "t" and self.time is not None:
-            return number(self.time)
+            return TIME if self.is_moving else number(self.time)
         if name in CONSTANTS:
             return number(CONSTANTS[name])
         if name in PUBLIC:
@@ -92,6 +94,8 @@ class Names:
         """The derivative of a field in time; ElvisError where there is none."""
         if is_rate(name) and name not in self.fields:
             raise ElvisError(f"expected one derivative in time, found another one of {name}")
+        if self.is_moving:
+            raise ElvisError(f"there is no derivative of {name} in time along paths")
         if self.rates is None:
             raise ElvisError(f"there is no derivative of {name} in time: expected a series, found one state")
         return field(self.rates.field(name).name)

@@ -174,14 +174,12 @@ class Parser(Grammar[Node]):
             found = self._guard(lambda: time_derivative(of, self._names.rate), first)
         else:
             found = self._guard(lambda: world_derivative(of, AXES.index(axis)), first)
-        return found if is_inner or TIME not in leaves(found) else at_time(found, self._time)
-
-    @property
-    def _time(self) -> float:
-        """That of the data, which is known where an expression has it."""
-        node = self._names.meaning("t")
-        assert node is not None
-        return node.value
+        if is_inner or TIME not in leaves(found):
+            return found
+        # the time of the data, which is known where an expression has it; along paths it stays a variable
+        time = self._names.meaning("t")
+        assert time is not None
+        return found if time is TIME else at_time(found, time.value)
 
     def _distance(self) -> Node:
         """distance(b) from its operand on."""

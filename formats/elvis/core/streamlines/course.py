@@ -102,7 +102,7 @@ class Flow:
         locator = Locator(velocity.patches)
         seeds = seed_points(dataset, locator, course.seeds, course.random, velocity.evaluator.patches)
         location = locator.locate(seeds)
-        limits = _limits(diagonal(locator), course, REST * _fastest(velocity, location))
+        limits = limits_of(diagonal(locator), course, REST * _fastest(velocity, location))
         return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
 
     @property
@@ -137,8 +137,8 @@ def diagonal(locator: Locator) -> float:
     return float(np.linalg.norm(box[3:] - box[:3]))
 
 
-def _limits(size: float, course: Course, rest: float) -> Limits:
-    """The limits, as given or as they follow from the size of the data."""
+def limits_of(size: float, course: Course, rest: float) -> Limits:
+    """The limits, as given or as they follow from the size of the data; ``rest`` is a speed that counts as none."""
     length = course.length
     if length is None:
         length = LENGTH * size if course.duration is None else np.inf

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import fields as fields_of
 from typing import Any
 
 import numpy as np
 
 from elvis.core import describing
+from elvis.core.arguments import texts_of
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
@@ -157,7 +159,7 @@ def trace(
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
-    texts = [part.strip() for part in velocity.split(",")] if isinstance(velocity, str) else velocity
+    texts = texts_of(velocity) if isinstance(velocity, str) else velocity
     names = Names.of(dataset)
     others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
     taken = [each.text for each in others if each.text in _TAKEN]
@@ -169,75 +171,124 @@ def trace(
     flow = Flow.of(dataset, course, [*others, *slopes])
     positive("spacing", spacing)
     apart = SPACING * flow.size if spacing is None else float(spacing)
-    stretched, parts = [], []
+    directions, exponents = [], []
     for tracer in flow.tracers(make):
-        stretched.append(Stretching(flow.velocity, slopes, len(tracer.end), tracer.sign))
-        parts.append(_collected(tracer, apart, stretched[-1] if ftle else None))
-    exponents = np.concatenate([own.exponents() for own in stretched]) if ftle else None
-    return _joined(parts, flow.velocity, others, exponents, (*(WORDS[end][0] for end in End), *flow.neighbours.names))
+        stretching = Stretching(flow.velocity, slopes, len(tracer.end), tracer.sign) if ftle else None
+        inside = np.flatnonzero(tracer.end != End.OUTSIDE)
+        points = collected(tracer, inside, apart, stretching)
+        directions.append((tracer.end, [Along.of(points, flow.velocity, others)]))
+        exponents += [] if stretching is None else [stretching.exponents()]
+    return joined(directions, flow.neighbours.names, np.concatenate(exponents) if ftle else None)
 
 
 @dataclass(frozen=True, eq=False)
-class _Points:
-    """The points of lines: line (m,), patch (m,), row (m,), time (m,), state (m, s); ends (n,) of lines."""
+class Points:
+    """The points of lines: line (m,), patch (m,), row (m,), time (m,), state (m, s)."""
 
     line: Ints
     patch: Ints
     row: Ints
     time: Floats
     state: Floats
-    end: Ints
+
+    @staticmethod
+    def joined(parts: Sequence[Points]) -> Points:
+        """Several as one, each line's points after one another."""
+        line, patch, row, time, state = (
+            np.concatenate([getattr(part, each.name) for part in parts]) for each in fields_of(Points)
+        )
+        order = np.argsort(line, kind="stable")
+        return Points(line[order], patch[order], row[order], time[order], state[order])
 
 
-def _collected(tracer: Tracer, spacing: float, stretching: Stretching | None) -> _Points:
-    """Run lines to their ends; ElvisError where that makes too many points."""
-    inside = np.flatnonzero(tracer.end != End.OUTSIDE)
-    parts = [(inside, tracer.patch[inside], tracer.row[inside], np.zeros(len(inside)), tracer.state[inside])]
-    count = len(inside)
+@dataclass(frozen=True, eq=False)
+class Along:
+    """What is known at m points of lines: arrays as in `Streamlines`, but for ``line``."""
+
+    line: Ints
+    points: Floats
+    time: Floats
+    length: Floats
+    element: Ints
+    velocity: Floats
+    values: Mapping[str, Floats]
+
+    @staticmethod
+    def of(points: Points, moving: Velocity, others: Sequence[Expression]) -> Along:
+        """At points of lines along a velocity, with further quantities."""
+        patch, row, reference = points.patch, points.row, points.state[:, :-1]
+        ids = np.concatenate([np.empty(0, np.int64), *(own.element_ids for own in moving.patches)])
+        starts = np.cumsum([0, *map(len, moving.patches)])
+        return Along(
+            points.line,
+            moving.positions(patch, row, reference),
+            points.time,
+            points.state[:, -1],
+            ids[starts[patch] + row],
+            moving.motion(patch, row, reference).velocity,
+            {each.text: moving.values(each, patch, row, reference) for each in others},
+        )
+
+
+def collected(tracer: Tracer, starts: Ints, spacing: float, stretching: Stretching | None, count: int = 0) -> Points:
+    """Run lines to their ends, with the points of ``starts`` (k,), of which lines begin, where they now are.
+
+    count  of points that there are already
+
+    ElvisError where that makes too many points.
+    """
+    time = tracer.sign * tracer.time[starts]
+    parts = [Points(starts, tracer.patch[starts], tracer.row[starts], time, tracer.state[starts])]
+    count += len(starts)
     for piece in tracer.run():
         parts.append(_points_of(piece, spacing, tracer.sign))
         if stretching is not None:
             stretching.follow(piece)
-        count += len(parts[-1][0])
+        count += len(parts[-1].line)
         if count > _MOST_POINTS:
             raise ElvisError(f"expected lines of {_MOST_POINTS} points in all at most; a greater spacing makes fewer")
-    line, patch, row, time, state = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(line, kind="stable")
-    return _Points(line[order], patch[order], row[order], time[order], state[order], tracer.end)
+    return Points.joined(parts)
 
 
-def _points_of(piece: Piece, spacing: float, sign: int) -> tuple[Ints, Ints, Ints, Floats, Floats]:
-    """Line, patch, row, time and state of the points of a step."""
+def _points_of(piece: Piece, spacing: float, sign: int) -> Points:
+    """The points of a step."""
     which, fraction, states = points_within(piece, spacing)
     time = sign * (piece.time[which] + fraction * piece.lasts[which])
-    return piece.line[which], piece.patch[which], piece.row[which], time, states
+    return Points(piece.line[which], piece.patch[which], piece.row[which], time, states)
 
 
-def _joined(
-    parts: Sequence[_Points],
-    moving: Velocity,
-    others: Sequence[Expression],
-    exponents: Floats | None,
-    ends: tuple[str, ...],
+def joined(
+    directions: Sequence[tuple[Ints, Sequence[Along]]], names: Sequence[str], exponents: Floats | None = None
 ) -> Streamlines:
-    """Lines of all directions, one direction after the other, with what is known at their points."""
-    seeds = [np.arange(len(part.end)) for part in parts]
-    counts = np.concatenate([np.bincount(part.line, minlength=len(part.end)) for part in parts])
-    patch, row, time = (np.concatenate([getattr(part, name) for part in parts]) for name in ("patch", "row", "time"))
-    state = np.concatenate([part.state for part in parts])
-    reference = state[:, :-1]
-    ids = np.concatenate([np.empty(0, np.int64), *(own.element_ids for own in moving.patches)])
-    starts = np.cumsum([0, *map(len, moving.patches)])
+    """Lines of all directions, one direction after the other.
+
+    directions  for each the ends (n,) of its lines, and what is known at their points, in parts that follow in time
+    names       of boundaries
+    """
+    firsts = np.cumsum([0, *(len(ends) for ends, _ in directions)])
+    lines, parts = [], list[Along]()
+    for first, (_, own) in zip(firsts, directions, strict=False):
+        lines += [first + part.line for part in own]
+        parts += own
+    line = np.concatenate(lines)
+    order = np.argsort(line, kind="stable")
+
+    def column(name: str) -> Floats:
+        return np.concatenate([getattr(part, name) for part in parts])[order]
+
+    texts = parts[0].values
+    values = {text: np.concatenate([part.values[text] for part in parts])[order] for text in texts}
+    counts = np.bincount(line, minlength=firsts[-1])
     return Streamlines(
         np.concatenate([[0], np.cumsum(counts)]),
-        np.concatenate(seeds),
-        np.concatenate([part.end for part in parts]),
-        ends,
-        moving.positions(patch, row, reference),
-        time,
-        state[:, -1],
-        ids[starts[patch] + row],
-        moving.motion(patch, row, reference).velocity,
-        {each.text: moving.values(each, patch, row, reference) for each in others},
+        np.concatenate([np.arange(len(ends)) for ends, _ in directions]),
+        np.concatenate([ends for ends, _ in directions]),
+        (*(WORDS[end][0] for end in End), *names),
+        column("points"),
+        column("time"),
+        column("length"),
+        np.asarray(column("element"), np.int64),
+        column("velocity"),
+        values,
         exponents,
     )

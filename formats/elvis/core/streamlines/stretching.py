@@ -14,8 +14,8 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.first_roots import bernstein_at
@@ -37,12 +37,14 @@ def _collocation() -> Floats:
 _MATRIX = _collocation()
 
 
-def slope_expressions(dataset: Dataset, course: Course) -> list[Expression]:
+def slope_expressions(dataset: Dataset, course: Course, names: Names | None = None) -> list[Expression]:
     """The derivatives of a velocity's components, a row of the gradient after the other.
+
+    names  that the components are made of, None for those of the dataset
 
     ElvisError on walls, on surfaces in space, and for Fourier directions.
     """
-    components = velocity_expressions(dataset, course.velocity)
+    components = velocity_expressions(dataset, course.velocity, names)
     if course.wall is not None or len(components) != dataset.mesh.dimension:
         raise ElvisError("FTLE: expected 2D data in the plane or 3D data, without walls and Fourier directions")
     axes = range(len(components))
@@ -85,7 +87,7 @@ class Stretching:
         found = np.empty((len(points), d * d))
         for number in np.unique(piece.patch):
             here = np.flatnonzero(piece.patch == number)
-            places = ElementPoints(self.velocity.patches[number], piece.row[here], points[here])
+            places = self.velocity.places(int(number), piece.row[here], points[here])
             for column, value in enumerate(self.velocity.evaluator.values_at(self.slopes, places)):
                 found[here, column] = value
         return self.sign * found.reshape(-1, d, d)

@@ -10,7 +10,7 @@ length is integrated with the coordinates.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class Tracer:
     """Lines under way; arrays are by line.
 
     patch, row  (n,)    the element, -1 outside
-    state       (n, s)  reference coordinates in it, then the length so far
+    state       (n, s)  reference coordinates in it, the clock where the velocity has one, then the length so far
     time        (n,)    since the seed
     end         (n,)    numbers of ends (`endings`)
     """
@@ -108,8 +108,19 @@ class Tracer:
         self._slope = np.zeros_like(self.state)
         self._steps, self._turns = np.zeros((2, count), np.int64)
         self._orientation = np.zeros(count)
-        self._jacobians = np.zeros((count, 3, reference.shape[1]))
+        self._jacobians = np.zeros((count, 3, reference.shape[1] - self.velocity.clocks))
         self._enter(np.flatnonzero(patch >= 0))
+
+    def resume(self, lines: Ints, velocity: Velocity, clock: Floats, duration: float) -> None:
+        """Go on with lines (k,) that have come to their duration, in another velocity on the same elements.
+
+        clock     (k,) where its coordinate of time begins
+        duration  at most, from the beginning on
+        """
+        self.velocity, self.limits = velocity, replace(self.limits, duration=duration)
+        self.state[lines, -2] = clock
+        self.end[lines] = End.GOING
+        self._enter(lines)
 
     def run(self) -> Iterator[Piece]:
         """The steps of all lines until each has ended, many lines at a time."""
@@ -184,7 +195,8 @@ class Tracer:
         with np.errstate(all="ignore"):
             sizes = []
             for error in taken.errors():
-                world = np.einsum("nci,ni->nc", self._jacobians[active], error[:, :-1])
+                own = error[:, : self._jacobians.shape[2]]
+                world = np.einsum("nci,ni->nc", self._jacobians[active], own)
                 sizes.append((world**2).sum(axis=1) + error[:, -1] ** 2)
             fifth, third = sizes
             found = fifth / np.sqrt(fifth + 0.01 * third) / self.limits.tolerance

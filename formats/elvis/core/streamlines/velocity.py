@@ -23,12 +23,14 @@ from elvis.core.shapes import Shape
 _SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
-def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Expression]:
+def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None, names: Names | None = None) -> list[Expression]:
     """The components of a velocity: given as texts, or what is customary in the data.
+
+    names  that texts are made of, None for those of the dataset
 
     ElvisError where the data have none, and for another number of components than the data have coordinates.
     """
-    names = Names.of(dataset)
+    names = names or Names.of(dataset)
     if texts is None:
         nodes = names.flow.velocity()
         return [Expression(text, node) for text, node in zip("uvw", nodes, strict=False)]
@@ -44,7 +46,7 @@ class Motion:
     """What moves at n points.
 
     velocity   (n, 3)     in the world, tangential on surfaces in space
-    reference  (n, D)     derivatives of reference coordinates in time
+    reference  (n, D)     derivatives of reference coordinates in time; of the clock too where a velocity has one
     jacobians  (n, 3, D)  of the map
     """
 
@@ -65,9 +67,11 @@ class Velocity:
     others   further quantities that `values` is asked for
 
     is_oriented  whether neighbours in the plane see it from the same side
+    clocks       1 where a coordinate of time follows those of the element (`moving`), else 0
     """
 
     is_oriented = True
+    clocks = 0
 
     def __init__(self, dataset: Dataset, expressions: Sequence[Expression], others: Sequence[Expression] = ()) -> None:
         self.evaluator = Evaluator(dataset, [*expressions, *others])
@@ -82,7 +86,7 @@ class Velocity:
 
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """At reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
-        count, d = points.shape
+        count, d = len(points), points.shape[1] - self.clocks
         found = Motion(np.zeros((count, 3)), np.empty((count, d)), np.empty((count, 3, d)))
         for number in np.unique(patch):
             here = np.flatnonzero(patch == number)
@@ -114,13 +118,17 @@ class Velocity:
             found[here] = self.evaluator.values(expression, self.patches[number], row[here], points[here])
         return found
 
+    def places(self, number: int, rows: Ints, points: Floats) -> ElementPoints:
+        """Reference points (n, D) in elements (n,) of a patch, for the evaluator."""
+        return ElementPoints(self.patches[number], rows, points)
+
     def _at(self, number: int, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World velocity (n, 3) and Jacobians (n, 3, D) on elements of one patch."""
         patch, fields = self.patches[number], self._fields[number]
         constant = self._constant[number]
         velocity = np.zeros((len(rows), 3))
         if fields is None:
-            places = ElementPoints(patch, rows, points)
+            places = self.places(number, rows, points)
             for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
                 velocity[:, axis] = value
             return velocity, places.jacobians
@@ -130,12 +138,16 @@ class Velocity:
         assert expansion is not None
         modes = values(expansion, points[:, : dimension(expansion)])
         for axis, field in enumerate(fields):
-            coefficients = patch.coefficients[field]
-            assert coefficients is not None
-            velocity[:, axis] = np.einsum("nm,nm->n", coefficients[rows], modes)
+            velocity[:, axis] = np.einsum("nm,nm->n", self._coefficients(number, field, rows, points), modes)
         if constant is None:
-            return velocity, pointwise.jacobians(patch, rows, points)
+            return velocity, pointwise.jacobians(patch, rows, points[:, : patch.dimension])
         return velocity, patch.geometry_coefficients[rows] @ constant
+
+    def _coefficients(self, number: int, field: int, rows: Ints, points: Floats) -> Floats:
+        """(n, m) those of a field in elements (n,) of a patch, for points (n, D)."""
+        coefficients = self.patches[number].coefficients[field]
+        assert coefficients is not None
+        return np.asarray(coefficients[rows])
 
     def _own_fields(self, patch: Patch) -> tuple[int, ...] | None:
         """The numbers of the fields that are the components, where they are that and share an expansion."""

@@ -216,6 +216,12 @@ class Series(Sequence[Dataset]):
         """Take the mesh of a series on the same files of one, in place of reading it again."""
         self._first = other._first
 
+    def steps_around(self, time: float, between: str) -> tuple[list[int], list[Dataset]]:
+        """The numbers of the steps that the interpolation at a time rests on, and their datasets."""
+        self._room = max(_KEPT, STEPS_OF[between])
+        numbers = self.readable_around(time, STEPS_OF[between])
+        return numbers, [self[number] for number in numbers]
+
     def readable_around(self, time: float, count: int) -> list[int]:
         """The numbers of steps around a time, of which as many as there are, ``count`` at most, can be read."""
         return self._readable(time, count)[0]

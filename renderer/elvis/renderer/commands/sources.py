@@ -6,7 +6,7 @@ Which of the two it is is decided here, once: both answer the same questions.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
@@ -86,6 +86,15 @@ class Data:
         if self.step is not None or self.time is not None:
             return None
         return series_in(self.paths, self.reading(quantities))
+
+    def whole_series(self, quantities: Sequence[str] = ()) -> Series:
+        """The steps that the files are, whatever moment is asked for; ElvisError for one state."""
+        from elvis.core.errors import ElvisError
+
+        found = replace(self, step=None, time=None).series(quantities)
+        if found is None:
+            raise ElvisError("expected the steps of a series, found one state")
+        return found
 
     def moments(
         self, times: tuple[float, float, int] | str, description: str, quantities: Sequence[str] = ()

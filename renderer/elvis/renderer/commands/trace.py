@@ -13,7 +13,10 @@ from elvis.renderer.commands.sources import Data, data_options
 from elvis.scene.commandline.options import COURSE, course_options
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from elvis.core.streamlines import Streamlines
+    from elvis.scene import Streamlines as Shown
 
 EPILOG = """\b
 Examples:
@@ -22,12 +25,26 @@ Examples:
   elvis trace bend.xml bend.fld --seeds boundary:inlet:4 --field p -o lines.csv
   elvis trace wing.xml wing.fld --wall wing --seeds boundary:wing:2 -o friction.vtp
   elvis trace jet.xml jet.fld --seeds seeds.csv --velocity rhou/rho,rhov/rho --duration 5
+  elvis trace wave.xml wave_*.chk --kind pathlines --velocity "d(u,y),-d(u,x)" --seeds random:20 -o paths.vtp
+  elvis trace wave.xml wave_*.chk --kind streaklines --velocity "d(u,y),-d(u,x)" --seeds point:0.4,0.4 -o dye.vtp
 """
+
+#: what a line may be
+KINDS = ("streamlines", "pathlines", "streaklines")
 
 
 @click.command(
     "trace", params=course_options(), epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly."
 )
+@click.option(
+    "--kind",
+    type=click.Choice(KINDS),
+    default=KINDS[0],
+    show_default=True,
+    help="Lines along the velocity of one moment; paths of particles over a series, released at --time; or streaks of "
+    "all that a seed has released since --time.",
+)
+@click.option("--releases", type=int, help="Particles of a streakline, at even steps of time.  [default: 101]")
 @click.option("--spacing", type=float, help="Greatest distance of points along a line.  [default: 1/200 diagonal]")
 @click.option(
     "--device", default="auto", show_default=True, help="What follows many lines, see elvis devices; reference: NumPy."
@@ -40,6 +57,8 @@ Examples:
 @data_options
 def trace(
     data: Data,
+    kind: str,
+    releases: int | None,
     spacing: float | None,
     ftle: bool,
     device: str,
@@ -55,12 +74,13 @@ def trace(
     elements, high orders and jumps cost no accuracy. Each line ends in a way that has a name: left or the name of the
     boundary it left through, length, duration, speed, steps, stagnation, jump, outside, nan, inverted, failed. With
     --direction both, lines against the stream follow the others. With --wall they stay on a boundary, along the wall
-    shear. A file has the points of all lines with time, length,
+    shear. For paths and streaks coefficients are interpolated between steps (--between linear, of order 2 in their
+    distance, or cubic, of order 4); the device takes no part. A file has the points of all lines with time, length,
     element, velocity and the quantities of --field.
     """
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
-    from elvis.core.terminal import print_json, print_table, stage
+    from elvis.core.terminal import stage
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines as Shown
 
@@ -72,16 +92,76 @@ def trace(
         check_places(
             [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
         )
-    source = data.source()
-    asked |= {"ftle": ftle, "spacing": spacing, "fields": quantities}
     velocity = texts_of(followed.velocity)
     found: Streamlines
+    if kind != "streamlines":
+        found = _in_time(
+            kind, data, followed, velocity, releases=releases, spacing=spacing, fields=quantities, ftle=ftle
+        )
+        _report(found, output, as_json)
+        return
+    if releases is not None:
+        raise ElvisError("--releases: expected --kind streaklines with it")
+    source = data.source()
+    asked |= {"ftle": ftle, "spacing": spacing, "fields": quantities}
     with stage("following lines"):
         if device == "reference":
             found = source.trace(list(followed.seeds), velocity, **asked)
         else:
             with following(device) as make:
                 found = source.trace(list(followed.seeds), velocity, make=make, **asked)
+    _report(found, output, as_json)
+
+
+def _in_time(
+    kind: str,
+    data: Data,
+    followed: Shown,
+    velocity: Sequence[str] | None,
+    *,
+    releases: int | None,
+    spacing: float | None,
+    fields: Sequence[str],
+    ftle: bool,
+) -> Streamlines:
+    """Paths or streaks in a series; ElvisError for settings that these have not."""
+    from elvis.core.moments import checked_step
+    from elvis.core.terminal import note, stage
+    from elvis.plugins.series.paths import pathlines, streaklines
+
+    if followed.wall is not None:
+        raise ElvisError(f"--wall: expected streamlines, found {kind}, which don't lie on walls")
+    own: dict[str, Any] = {"velocity": velocity, "between": data.between, "fields": fields, "random": followed.random}
+    own |= {name: getattr(followed, name) for name in ("duration", "tolerance")}
+    series = data.whole_series((*(velocity or ()), *fields) if velocity else ())
+    own["start"] = data.time
+    if data.step is not None:
+        own["start"] = float(series.times[checked_step(data.step, len(series))])
+    if kind == "pathlines":
+        if releases is not None:
+            raise ElvisError("--releases: expected --kind streaklines with it")
+        further = ("direction", "length", "speed", "steps")
+        own |= {"spacing": spacing, "ftle": ftle, **{name: getattr(followed, name) for name in further}}
+        with stage("following particles"):
+            found = pathlines(series, list(followed.seeds), **own)
+    else:
+        no_use = {"--spacing": spacing, "--ftle": ftle or None, "--length": followed.length}
+        given = [name for name, value in no_use.items() if value is not None]
+        if given or followed.direction != "forward":
+            raise ElvisError(f"streaklines: expected no {given[0] if given else '--direction'}")
+        with stage("following particles"):
+            found = streaklines(series, list(followed.seeds), releases=releases or 101, **own)
+    orders = {"linear": 2, "cubic": 4}
+    note(f"between steps coefficients are interpolated in time ({data.between}, of order {orders[data.between]})")
+    for remark in series.told:
+        note(remark)
+    return found
+
+
+def _report(found: Streamlines, output: Path | None, as_json: bool) -> None:
+    """Write lines and print how they end."""
+    from elvis.core.terminal import print_json, print_table
+
     _warn_of_seeds(found)
     if output is not None:
         _write(output, found)

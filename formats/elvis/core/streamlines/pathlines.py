@@ -1,0 +1,206 @@
+"""Paths of particles in a velocity that changes in time, and streaks of those that leave one place after another.
+
+From one step of a series to the next the velocity is a polynomial in time (`moving`), so particles are followed through
+one such interval after another, as lines of a steady velocity are; all that changes between is the velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.locate import Locator
+from elvis.core.quantities.expression import Expression
+from elvis.core.streamlines.course import Course, diagonal, limits_of
+from elvis.core.streamlines.endings import End
+from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
+from elvis.core.streamlines.neighbours import Neighbours
+from elvis.core.streamlines.seeds import seed_points
+from elvis.core.streamlines.streamlines import SPACING, Along, Points, Streamlines, collected, joined
+from elvis.core.streamlines.stretching import Stretching, slope_expressions
+from elvis.core.streamlines.tracer import Limits, Tracer
+from elvis.core.streamlines.velocity import velocity_expressions
+
+#: from one time to another, earlier or later, the intervals between
+Intervals: TypeAlias = Callable[[float, float], Iterator[Interval]]
+#: a particle is not at its end where it rests for a moment
+_NO_REST = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What particles move in: elements, where they begin, the velocity's components and further quantities."""
+
+    neighbours: Neighbours
+    locator: Locator
+    seeds: Floats
+    limits: Limits
+    components: Sequence[Expression]
+    slopes: Sequence[Expression]
+    others: Sequence[Expression]
+
+    @staticmethod
+    def of(dataset: Dataset, course: Course, fields: Sequence[str], has_slopes: bool) -> _Scene:
+        """Of the data at one of the steps."""
+        if dataset.mesh.dimension < 2:
+            raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+        names = moving_names(dataset)
+        components = velocity_expressions(dataset, course.velocity, names)
+        slopes = slope_expressions(dataset, course, names) if has_slopes else []
+        others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
+        interval = Interval(0.0, 1.0, np.zeros(1), (dataset,))
+        patches = MovingVelocity(interval, components, [*slopes, *others]).patches
+        locator = Locator(patches)
+        seeds = seed_points(dataset, locator, course.seeds, course.random, patches)
+        limits = limits_of(diagonal(locator), course, _NO_REST)
+        return _Scene(Neighbours.of(dataset, patches), locator, seeds, limits, components, slopes, others)
+
+    def velocity(self, interval: Interval) -> MovingVelocity:
+        """The velocity, and all else that is asked for, in an interval."""
+        return MovingVelocity(interval, self.components, [*self.slopes, *self.others])
+
+
+class _Particles:
+    """Particles under way, released at times of their own: arrays are by particle.
+
+    seeds    (n, d)  where they begin
+    release  (n,)    when, at ``start`` or, by the sign, after it
+    """
+
+    def __init__(self, scene: _Scene, seeds: Floats, release: Floats, start: float, sign: int) -> None:
+        self.scene, self.release, self.start, self.sign = scene, release, start, sign
+        self._location = scene.locator.locate(seeds)
+        self._tracer: Tracer | None = None
+
+    @property
+    def tracer(self) -> Tracer:
+        """What follows them, once they have begun."""
+        assert self._tracer is not None
+        return self._tracer
+
+    def through(self, intervals: Iterator[Interval]) -> Iterator[tuple[MovingVelocity, Ints]]:
+        """The velocity of one interval after another, with those particles (k,) that are in it from the beginning.
+
+        Whoever takes them runs the tracer to the end of each.
+        """
+        elapsed = 0.0
+        for interval in intervals:
+            velocity = self.scene.velocity(interval)
+            elapsed += interval.high - interval.low
+            if self._tracer is None:
+                self._begin(velocity, interval, elapsed)
+            tracer = self.tracer
+            ready = tracer.end == End.DURATION
+            begun = self._since_start(interval) < elapsed
+            lines = np.flatnonzero(ready & begun)
+            tracer.resume(lines, velocity, self._clock(interval)[lines], elapsed)
+            yield velocity, lines
+            if not (tracer.end == End.DURATION).any():
+                return
+
+    def _since_start(self, interval: Interval) -> Floats:
+        """(n,) how long after the start particles are released, or the interval begins."""
+        begin = interval.low if self.sign > 0 else interval.high
+        return np.maximum(self.sign * (self.release - self.start), self.sign * (begin - self.start))
+
+    def _clock(self, interval: Interval) -> Floats:
+        """(n,) the interval's coordinate of time where particles begin in it."""
+        time = self.start + self.sign * self._since_start(interval)
+        return np.clip((time - interval.low) / (interval.high - interval.low), 0.0, 1.0)
+
+    def _begin(self, velocity: MovingVelocity, interval: Interval, elapsed: float) -> None:
+        """Put particles into elements, where they wait."""
+        scene, location = self.scene, self._location
+        limits = replace(scene.limits, duration=elapsed)
+        tracer = Tracer(velocity, scene.neighbours, scene.locator, limits, self.sign)
+        tracer.place(location.patch, location.row, np.column_stack([location.reference, self._clock(interval)]))
+        tracer.time[:] = self.sign * (self.release - self.start)
+        tracer.end[location.patch >= 0] = End.DURATION
+        self._tracer = tracer
+
+
+def pathlines(
+    dataset: Dataset,
+    intervals: Intervals,
+    course: Course,
+    start: float,
+    stops: Sequence[float],
+    *,
+    spacing: float | None = None,
+    fields: Sequence[str] = (),
+    ftle: bool = False,
+) -> Streamlines:
+    """Paths of particles that are all released at one time, as `trace` gives lines; ``time`` is that of the data.
+
+    dataset    at one of the steps
+    intervals  the parts of time between steps
+    course     where they begin and end
+    start      the time of release
+    stops      times up to which they are followed: later, earlier, or both
+    """
+    scene = _Scene.of(dataset, course, fields, ftle)
+    apart = SPACING * diagonal(scene.locator) if spacing is None else float(spacing)
+    directions, exponents = [], []
+    for stop in stops:
+        sign = 1 if stop > start else -1
+        particles = _Particles(scene, scene.seeds, np.full(len(scene.seeds), start), start, sign)
+        parts, stretching, count = list[Along](), None, 0
+        for velocity, lines in particles.through(intervals(start, stop)):
+            stretching = stretching or Stretching(velocity, [*scene.slopes], len(scene.seeds), sign)
+            stretching.velocity = velocity
+            own = stretching if ftle else None
+            points = collected(particles.tracer, lines if not parts else lines[:0], apart, own, count)
+            count += len(points.line)
+            known = Along.of(points, velocity, scene.others)
+            parts.append(replace(known, time=start + known.time))
+        assert stretching is not None
+        directions.append((particles.tracer.end, parts))
+        exponents += [stretching.exponents()] if ftle else []
+    return joined(directions, scene.neighbours.names, np.concatenate(exponents) if ftle else None)
+
+
+def streaklines(
+    dataset: Dataset,
+    intervals: Intervals,
+    course: Course,
+    start: float,
+    stop: float,
+    releases: int,
+    *,
+    fields: Sequence[str] = (),
+) -> Streamlines:
+    """Where at a time all the particles are that were released at each seed since another time, a line for each seed.
+
+    A line begins at its seed, with the particle that was released last.  ``time`` is that of release, ``length`` that
+    of each particle's own path; particles that left the data are missing.
+
+    start, stop  times of the first release, and of the last one, at which the lines are seen
+    releases     at even steps of time, the first and the last one included
+    others as in `pathlines`
+    """
+    scene = _Scene.of(dataset, course, fields, False)
+    count = len(scene.seeds)
+    times = np.linspace(stop, start, releases)
+    particles = _Particles(scene, np.repeat(scene.seeds, releases, axis=0), np.tile(times, count), start, 1)
+    velocity = None
+    for moved, _ in particles.through(intervals(start, stop)):
+        velocity = moved
+        for _ in particles.tracer.run():
+            pass
+    assert velocity is not None
+    tracer = particles.tracer
+    there = np.flatnonzero(tracer.end == End.DURATION)
+    # a particle that is released at the end has not moved, but is in the last interval
+    tracer.state[there, -2] = 1.0
+    points = Points(
+        there // releases, tracer.patch[there], tracer.row[there], particles.release[there], tracer.state[there]
+    )
+    outside = tracer.end.reshape(count, releases)[:, 0] == End.OUTSIDE
+    ends = np.where(outside, End.OUTSIDE, End.DURATION)
+    return joined([(ends, [Along.of(points, velocity, scene.others)])], scene.neighbours.names)
