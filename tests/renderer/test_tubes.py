@@ -177,7 +177,7 @@ def test_scenes_commands_and_python_say_the_same():
     ("given", "match"),
     [
         ({"seeds": ()}, "seeds of streamlines: expected at least one, found none"),
-        ({"radius": 1.0, "width": 2.0}, "streamlines: expected a radius or a width, found both"),
+        ({"radius": 1.0, "width": 2.0}, "streamlines: expected a radius, a width or a ribbon, found radius and width"),
         ({"direction": "up"}, "direction of streamlines: expected forward or backward or both, found up"),
         ({"length": -1.0}, "length of streamlines: expected a positive number, found -1.0"),
         ({"seeds": ("point:7,7,7",)}, "expected some in the elements, found all outside"),

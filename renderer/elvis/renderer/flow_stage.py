@@ -13,11 +13,13 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.glyphs.glyphs import GlyphDrawer
+from elvis.renderer.passes.ribbons.ribbons import RibbonDrawer
 from elvis.renderer.passes.streams.following import Followers
-from elvis.renderer.passes.tubes.tubes import Girth, TubeDrawer
+from elvis.renderer.passes.tubes.tubes import TubeDrawer
+from elvis.renderer.pieces_in_view import Girth
 from elvis.scene import Glyphs, Scene, Streamlines
 from elvis.scene.errors import SceneError
-from elvis.scene.flow import RADIUS, curves_in
+from elvis.scene.flow import RADIUS, curves_in, ribbons_in
 from elvis.scene.frame import Legend
 from elvis.scene.frusta import Frusta, frusta_in, keys_of
 from elvis.scene.view import View
@@ -35,6 +37,10 @@ class FlowStage:
     @cached_property
     def _tube_drawer(self) -> TubeDrawer:
         return TubeDrawer(self.loaded)
+
+    @cached_property
+    def _ribbon_drawer(self) -> RibbonDrawer:
+        return RibbonDrawer(self.loaded)
 
     @cached_property
     def _glyph_drawer(self) -> GlyphDrawer:
@@ -60,8 +66,25 @@ class FlowStage:
             raise SceneError("glyphs: expected elements of a dataset, found what a runtime plugin has opened")
         return frusta_in(self.dataset, item)
 
-    def tubes(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
+    def lines(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
         """Streamlines, coloured by a quantity of the volume."""
+        return self._tubes(name, item, own) if item.ribbon is None else self._ribbons(name, item, own)
+
+    def _ribbons(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
+        """Streamlines as ribbons."""
+        self._curves_of(item)
+        assert self.dataset is not None
+        assert item.ribbon is not None
+        found = ribbons_in(self.dataset, item, self._followers)
+        girth = Girth(0.5 * item.ribbon, None)
+
+        def draw(view: View, beyond: Floats | None) -> HitBuffer:
+            return self._ribbon_drawer.draw(view, found, girth, beyond, own)
+
+        return DrawCall(name, item.style, own, draw, item.style.lit is not False)
+
+    def _tubes(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
+        """Streamlines as tubes or lines of a width in pixels."""
         found = self._curves_of(item)
         default = None if item.width is not None else RADIUS * found.size
         girth = Girth(item.radius or default, item.width)

@@ -9,15 +9,18 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, MakeTracer
 from elvis.core.streamlines.line_pieces import Curves, curves
+from elvis.core.streamlines.ribbons import Ribbons, ribbons
 from elvis.core.streamlines.tracer import Tracer
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import Streamlines
+from elvis.scene.surfaces import Vector
 
 #: radius of tubes where nothing says it, in parts of the diagonal of the box
 RADIUS = 0.003
 #: courses in the same data whose lines are kept
 _MOST = 8
 _KNOWN: WeakKeyDictionary[Dataset, dict[Course, Curves]] = WeakKeyDictionary()
+_STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictionary()
 
 
 def course_of(item: Streamlines) -> Course:
@@ -57,3 +60,15 @@ def curves_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) ->
     if not found.lines:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
+
+
+def ribbons_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:
+    """The ribbons of an object, likewise; SceneError, too, where the velocity has no derivatives."""
+    found = curves_in(dataset, item, make)
+    known = _STRIPS.setdefault(found, {})
+    if item.across not in known:
+        try:
+            known[item.across] = ribbons(dataset, found.pieces, course_of(item).velocity, item.across)
+        except ElvisError as error:
+            raise SceneError(f"streamlines: {error}") from error
+    return known[item.across]

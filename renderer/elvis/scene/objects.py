@@ -252,7 +252,7 @@ class VolumeRendering(Model, of="a volume"):
 
 @dataclass(frozen=True, repr=False)
 class Streamlines(Model, of="streamlines"):
-    """Lines along a velocity, as tubes that are round to the pixel; they have no contours and no mesh lines."""
+    """Lines along a velocity, as tubes or ribbons exact to the pixel; they have no contours and no mesh lines."""
 
     seeds: Annotated[
         tuple[Seeds, ...],
@@ -304,6 +304,18 @@ class Streamlines(Model, of="streamlines"):
     width: Annotated[
         float | None, Setting("In place of a radius the width of lines in pixels, at any depth.", **POSITIVE)
     ] = None
+    ribbon: Annotated[
+        float | None,
+        Setting("In place of tubes the width, in world units, of ribbons that turn with the flow.", **POSITIVE),
+    ] = None
+    across: Annotated[
+        Vector | None,
+        Setting(
+            "Of ribbons: the direction of their width where lines begin.",
+            metavar="X,Y,Z",
+            default="the axis that lines are least along there",
+        ),
+    ] = None
     style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
@@ -320,7 +332,11 @@ class Streamlines(Model, of="streamlines"):
         check(len(self.seeds), "seeds of streamlines", "at least one", "none")
         directions = ("forward", "backward", "both")
         check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
-        check(self.radius is None or self.width is None, "streamlines", "a radius or a width", "both")
+        sizes = [name for name in ("radius", "width", "ribbon") if getattr(self, name) is not None]
+        check(len(sizes) < 2, "streamlines", "a radius, a width or a ribbon", " and ".join(sizes))
+        check(self.across is None or any(self.across), "across of streamlines", "a direction", "zero")
+        check(self.across is None or self.ribbon, "across of streamlines", "the width of a ribbon, too", "none")
+        check(self.wall is None or not self.ribbon, "ribbons", "lines in elements", f"lines on the wall {self.wall}")
         lines = self.style.contours or self.style.mesh_lines
         check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
 

@@ -88,12 +88,18 @@ class Pieces:
     reference  (n, 8, 3)  in the element, zero beyond its dimension
     element    (n,)       ids in the file
     deviation  (n,)       the curve is within this of the map of the polynomial in the element
+    line       (n,)       number of the line, those of one direction after those of the other
+    time       (n, 2)     since the seed at both ends, negative against the stream; linear in u
+    length     (n, 8)     of the line up to a point
     """
 
     points: Floats
     reference: Floats
     element: Ints
     deviation: Floats
+    line: Ints
+    time: Floats
+    length: Floats
 
     def __len__(self) -> int:
         return len(self.element)
@@ -101,9 +107,32 @@ class Pieces:
     @staticmethod
     def joined(parts: Sequence[Pieces]) -> Pieces:
         """Several as one."""
-        none = Pieces(np.empty((0, 8, 3)), np.empty((0, 8, 3)), np.empty(0, np.int64), np.empty(0))
-        every = [none, *parts]
+        nets, none, numbers = np.empty((0, 8, 3)), np.empty(0), np.empty(0, np.int64)
+        every = [Pieces(nets, nets, numbers, none, numbers, np.empty((0, 2)), np.empty((0, 8))), *parts]
         return Pieces(*(np.concatenate([getattr(own, name.name) for own in every]) for name in fields(Pieces)))
+
+    def part(self, chosen: Ints) -> Pieces:
+        """Some of them, in that order."""
+        return Pieces(*(getattr(self, name.name)[chosen] for name in fields(Pieces)))
+
+    def along_lines(self) -> Pieces:
+        """The same, line by line, each from its seed on."""
+        return self.part(np.lexsort([np.abs(self.time[:, 0]), self.line]))
+
+
+def halves(pieces: Pieces) -> Pieces:
+    """The first halves of pieces, then the second ones."""
+    middle = pieces.time.mean(axis=1)
+    times = [np.stack([pieces.time[:, 0], middle], axis=1), np.stack([middle, pieces.time[:, 1]], axis=1)]
+    return Pieces(
+        halved(pieces.points),
+        halved(pieces.reference),
+        np.tile(pieces.element, 2),
+        np.tile(pieces.deviation, 2),
+        np.tile(pieces.line, 2),
+        np.concatenate(times),
+        halved(pieces.length[:, :, None])[:, :, 0],
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +160,9 @@ def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curve
     names = (*(WORDS[end][0] for end in End), *flow.neighbours.names)
     found, count = [], 0
     ends = np.zeros(len(names), np.int64)
-    for tracer in flow.tracers(make):
-        for part in _pieces_of(tracer, flow.velocity, DEVIATION * flow.size):
+    for direction, tracer in enumerate(flow.tracers(make)):
+        first = direction * len(flow.location)
+        for part in _pieces_of(tracer, first, flow.velocity, DEVIATION * flow.size):
             found.append(part)
             count += len(part)
             if count > _MOST_PIECES:
@@ -143,57 +173,76 @@ def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curve
     return Curves(Pieces.joined(found), lines, counts, flow.size)
 
 
-def _pieces_of(tracer: Tracer, velocity: Velocity, most: float) -> Iterator[Pieces]:
-    """The steps of all lines, many at a time, as curves that deviate by ``most`` at most."""
+def _pieces_of(tracer: Tracer, first: int, velocity: Velocity, most: float) -> Iterator[Pieces]:
+    """The steps of all lines, many at a time, as curves that deviate by ``most`` at most, lines from ``first`` on."""
     kept: list[Piece] = []
     count = 0
     for piece in tracer.run():
         kept.append(piece)
         count += len(piece.line)
         if count >= _AT_ONCE:
-            yield _curved(kept, velocity, most)
+            yield _curved(kept, first, tracer.sign, velocity, most)
             kept, count = [], 0
     if kept:
-        yield _curved(kept, velocity, most)
+        yield _curved(kept, first, tracer.sign, velocity, most)
 
 
-def _curved(steps: Sequence[Piece], velocity: Velocity, most: float) -> Pieces:
+def _curved(steps: Sequence[Piece], first: int, sign: int, velocity: Velocity, most: float) -> Pieces:
     """Steps as curves."""
-    patch, row, part, end = (
-        np.concatenate([getattr(step, name) for step in steps]) for name in ("patch", "row", "part", "end")
-    )
-    nets = before(np.concatenate([step.nets for step in steps]), part)[:, :, :-1]
+    joined = {name.name: np.concatenate([getattr(step, name.name) for step in steps]) for name in fields(Piece)}
+    nets = before(joined["nets"], joined["part"])
 
     # a step that is cut short was integrated once more, to its end: the polynomial is brought there, as rounding and
     # the dense output's lower order leave it elsewhere
-    apart = end[:, None, :-1] - nets[:, -1:]
+    apart = joined["end"][:, None] - nets[:, -1:]
     nets = nets + np.linspace(0.0, 1.0, DEGREE + 1)[None, :, None] * apart
+    times = sign * np.stack([joined["time"], joined["time"] + joined["lasts"]], axis=1)
     found = []
-    for number in np.unique(patch):
-        here = np.flatnonzero(patch == number)
-        found.append(_in_patch(velocity, int(number), row[here], nets[here], most))
+    for number in np.unique(joined["patch"]):
+        here = np.flatnonzero(joined["patch"] == number)
+        own = _Steps(joined["row"][here], first + joined["line"][here], nets[here], times[here])
+        found.append(_in_patch(velocity, int(number), own, most))
     return Pieces.joined(found)
 
 
-def _in_patch(velocity: Velocity, number: int, rows: Ints, nets: Floats, most: float) -> Pieces:
-    """Curves in elements of one patch, from Bernstein coefficients (k, 8, D) in these."""
-    dimension = velocity.patches[number].dimension
-    nets = nets[:, :, :dimension]
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps in elements of one patch: rows (k,), lines (k,), Bernstein coefficients (k, 8, s), times at ends (k, 2)."""
+
+    row: Ints
+    line: Ints
+    nets: Floats
+    time: Floats
+
+    def halved(self, chosen: Ints) -> _Steps:
+        """The first halves of some of them, then the second ones."""
+        nets, (start, end) = self.nets[chosen], self.time[chosen].T
+        half = np.full(len(chosen), 0.5)
+        middle = 0.5 * (start + end)
+        times = np.concatenate([np.stack([start, middle], axis=1), np.stack([middle, end], axis=1)])
+        both = np.concatenate([before(nets, half), beyond(nets, half)])
+        return _Steps(np.tile(self.row[chosen], 2), np.tile(self.line[chosen], 2), both, times)
+
+
+def _in_patch(velocity: Velocity, number: int, steps: _Steps, most: float) -> Pieces:
+    """Curves in elements of one patch."""
+    patch = velocity.patches[number]
     found = []
     for halving in range(_HALVINGS + 1):
-        if not len(rows):
+        if not len(steps.row):
             break
-        points, deviation = _image(velocity, number, rows, nets)
-        done = (deviation <= most) | (halving == _HALVINGS)
-        reference = np.zeros((int(done.sum()), DEGREE + 1, 3))
+        nets = steps.nets[:, :, : patch.dimension]
+        points, deviation = _image(velocity, number, steps.row, nets)
+        is_done = (deviation <= most) | (halving == _HALVINGS)
+        done = np.flatnonzero(is_done)
+        reference = np.zeros((len(done), DEGREE + 1, 3))
         own = velocity.in_elements(number, nets[done])
         reference[:, :, : own.shape[2]] = np.einsum("nbd,bp->npd", own, _BERNSTEIN)
-        ids = velocity.patches[number].element_ids[rows[done]]
-        found.append(Pieces(points[done], reference, ids, deviation[done]))
-        left = np.flatnonzero(~done)
-        middle = np.full(len(left), 0.5)
-        nets = np.concatenate([before(nets[left], middle), beyond(nets[left], middle)])
-        rows = np.tile(rows[left], 2)
+        length = steps.nets[done, :, -1] @ _BERNSTEIN
+        ids = patch.element_ids[steps.row[done]]
+        of_lines = steps.line[done], steps.time[done], length
+        found.append(Pieces(points[done], reference, ids, deviation[done], *of_lines))
+        steps = steps.halved(np.flatnonzero(~is_done))
     return Pieces.joined(found)
 
 

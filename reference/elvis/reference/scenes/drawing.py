@@ -25,6 +25,7 @@ from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.glyphs import glyph_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
+from elvis.reference.scenes.ribbons import ribbon_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
 from elvis.reference.scenes.tubes import tube_crossings
 from elvis.reference.scenes.volumes import VolumeRays
@@ -128,6 +129,8 @@ class Scenery:
                 found = self._levels(quantity or scene.field, values, view)
             case Faces(select=select):
                 found = self._faces(select, view)
+            case Streamlines() if shown.ribbon is not None:
+                found = ribbon_crossings(self.quantities, shown, view)
             case Streamlines():
                 found = tube_crossings(self.quantities, shown, view)
             case Glyphs():

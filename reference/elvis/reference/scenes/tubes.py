@@ -102,7 +102,7 @@ def _steps(flow: Flow) -> Iterator[_Step]:
 
 def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndarray:
     """Rows of ``INTERVAL``: where rays enter and leave the balls of a step."""
-    pixel = _near(step, view, radius, growth)
+    pixel = near_pixels(step.points(_U), view, radius, growth)
     found = [np.zeros(0, INTERVAL)]
     for start in range(0, len(pixel), _AT_ONCE):
         some = pixel[start : start + _AT_ONCE]
@@ -123,9 +123,8 @@ def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndar
     return np.concatenate(found)
 
 
-def _near(step: _Step, view: View, radius: float, growth: float) -> Ints:
-    """Pixels in the box around a step's samples in the picture."""
-    points = step.points(_U)
+def near_pixels(points: Floats, view: View, radius: float, growth: float) -> Ints:
+    """Pixels in the box around the balls about points (n, 3) of a step, whose radius grows with depth."""
     thick = radius + growth * np.abs(view.depth_of(points))
     placed = view.projected(points)
     depth = view.depth_of(points)

@@ -21,11 +21,7 @@ INTERVAL = np.dtype(
 
 def union(rows: np.ndarray, quantities: Quantities) -> Crossings:
     """Ends in front of the eye of the unions of rows of ``INTERVAL``, those of unknown elements left out."""
-    places = {
-        int(element): (number, row)
-        for number, patch in enumerate(quantities.patches)
-        for row, element in enumerate(patch.element_ids)
-    }
+    places = places_of(quantities)
     rows = rows[np.isin(rows["element"], list(places))]
     rows = rows[np.lexsort([rows["enters"], rows["pixel"]])]
     kept: list[tuple[int, str]] = []
@@ -50,6 +46,15 @@ def union(rows: np.ndarray, quantities: Quantities) -> Crossings:
     pixel, unknown = own["pixel"].astype(np.int64), np.full(len(row), np.nan)
     found = Crossings(pixel, depth, pair[:, 0], pair[:, 1], reference, normal, status, unknown)
     return Crossings.concatenate([found.part(depth > 0)])
+
+
+def places_of(quantities: Quantities) -> dict[int, tuple[int, int]]:
+    """The patch of each element, and its row in that, by its id."""
+    return {
+        int(element): (number, row)
+        for number, patch in enumerate(quantities.patches)
+        for row, element in enumerate(patch.element_ids)
+    }
 
 
 def _runs(pixel: Ints) -> Iterator[tuple[int, int]]:

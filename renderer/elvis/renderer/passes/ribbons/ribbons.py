@@ -1,0 +1,32 @@
+"""Ribbons: strips along pieces of curves are drawn into the tiles of the picture that they reach into."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from elvis.core.streamlines.line_pieces import Pieces
+from elvis.core.streamlines.ribbons import Ribbons
+from elvis.renderer.piece_drawer import PieceDrawer, greatest_bend
+from elvis.renderer.pieces_in_view import PiecesInView, part_of
+
+
+class RibbonDrawer(PieceDrawer[Ribbons]):
+    """Ribbons in a loaded volume: where rays meet them; the radius is half their width.
+
+    A hit's element, reference coordinates and value are those of the middle of the ribbon, straight across from it.
+    """
+
+    kernel_name, list_name = "ribbon_draw", "strips"
+
+    def pieces_of(self, shown: Ribbons) -> Pieces:
+        """Their middle."""
+        return shown.pieces
+
+    def fill(self, records: NDArray[Any], shown: Ribbons, seen: PiecesInView) -> None:
+        """The vectors across, and how far the strip may be off: as far as these leave the solution at its edges."""
+        across = part_of(shown.across[seen.number], seen.place)
+        records["across"] = across.reshape(len(across), -1)
+        records["swing"] = greatest_bend(across)
+        records["deviation"] = shown.pieces.deviation[seen.number]
