@@ -1,11 +1,16 @@
 """Isosurfaces of quantities: what is certain, and seconds.  Of the Q criterion on bent elements, a field's beside them.
 
-python benchmarks/derived.py [--size 1000] [--rounds 3] [--data FILES QUANTITY=VALUE] [--pictures FOLDER]
+python benchmarks/derived.py [--size 1000] [--rounds 3] [--data FILES QUANTITY=VALUE] [--made NAME QUANTITY=VALUE]
+[--cold] [--pictures FOLDER]
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
+import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -64,6 +69,27 @@ def named(files: str, quantity: str) -> tuple[str, Dataset, list[tuple[str, floa
     return paths[0].stem, read(*paths), [(name, float(value))], "iso"
 
 
+def cases(options: argparse.Namespace) -> Iterator[tuple[str, Dataset, list[tuple[str, float]], Camera | str]]:
+    """What the command line asks for."""
+    if not options.data and not options.made:
+        yield from made()
+    for each in options.data or ():
+        yield named(*each)
+    for wanted, quantity in options.made or ():
+        text, value = quantity.rsplit("=", 1)
+        for name, dataset, _, camera in made():
+            if name == wanted:
+                yield name, dataset, [(text, float(value))], camera
+                break
+
+
+def start_cold() -> None:
+    """Keep kernels, the driver's too, in an empty folder; before any device is opened."""
+    folder = tempfile.mkdtemp(prefix="elvis-cold-")
+    os.environ["XDG_CACHE_HOME"] = folder
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -71,13 +97,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="frames after the first")
     pair = {"nargs": 2, "action": "append", "metavar": ("FILES", "QUANTITY=VALUE")}
     parser.add_argument("--data", **pair, help="files, joined by commas, instead of the cases made here")
+    pair["metavar"] = ("NAME", "QUANTITY=VALUE")
+    parser.add_argument("--made", **pair, help="one of the cases made here, with another quantity")
+    parser.add_argument("--cold", action="store_true", help="begin with empty caches")
     parser.add_argument("--pictures", type=Path, help="a folder for the pictures")
     options = parser.parse_args()
+    if options.cold:
+        start_cold()
     columns = ["", "% certain", "% of hits", "hits", "first s", "first CPU s", "s", "CPU s"]
     table = Table(f"Isosurfaces of quantities, {options.size} x {options.size} pixels", columns)
     print(sentences(description("auto")), flush=True)
-    cases = (named(*each) for each in options.data) if options.data else made()
-    for name, dataset, asked, camera in cases:
+    for name, dataset, asked, camera in cases(options):
         for quantity, value in asked:
             surface = Isosurface(values=(value,), quantity=quantity)
             field = dataset.fields[0].name

@@ -59,11 +59,15 @@ def _fold(choose: Any, arrays: list[Any]) -> Any:
 def over(a: Interval, b: Interval) -> Interval:
     """a / b; everything where b may be zero."""
     has_zero = (b[0] <= 0) & (b[1] >= 0)
-    least = 1 / np.where(has_zero, 1.0, b[1])
-    greatest = 1 / np.where(has_zero, 1.0, b[0])
-    inverse = _entire_where(has_zero, (least, greatest))
-    low, high = _entire_where(has_zero, times(a, inverse))
+    divisors = [np.where(has_zero, 1.0, end) for end in b]
+    quotients = [x / y for x in a for y in divisors]
+    low, high = _entire_where(has_zero, _hull(quotients))
     return _sound(low, high, a, b)
+
+
+def _hull(corners: list[Any]) -> Interval:
+    """From the least to the greatest of some arrays."""
+    return _fold(np.minimum, corners), _fold(np.maximum, corners)
 
 
 def _entire_where(condition: Any, a: Interval) -> Interval:
@@ -77,18 +81,29 @@ def _empty_where(condition: Any, a: Interval) -> Interval:
 
 
 def power(a: Interval, b: Interval) -> Interval:
-    """a^b: exact for whole constant exponents, by logarithms for others."""
+    """a^b: exact for whole constant exponents."""
     is_constant = np.ndim(b[0]) == 0 and b[0] == b[1]
     exponent = float(b[0]) if is_constant else np.nan
-    grow = increasing(lambda x: x**exponent)
     if exponent.is_integer():
         if exponent < 0:
             return over(number(1.0), power(a, number(-exponent)))
         is_even = exponent % 2 == 0
-        return _even(a, int(exponent)) if is_even else grow(a)
-    if exponent > 0:
-        return grow(_clip(a, 0.0, np.inf))
-    return increasing(np.exp)(times(b, logarithm(a)))
+        return _even(a, int(exponent)) if is_even else increasing(lambda x: x**exponent)(a)
+    return _with_negative_bases(_of_corners(_clip(a, 0.0, np.inf), b), a, b)
+
+
+def _of_corners(a: Interval, b: Interval) -> Interval:
+    """a^b of bases that aren't negative: b log a is extreme at the ends of both."""
+    return _hull([np.power(x, y) for x in a for y in b])
+
+
+def _with_negative_bases(found: Interval, a: Interval, b: Interval) -> Interval:
+    """Values of negative bases, too, which have whole powers alone: of one even exponent positive ones."""
+    is_whole = (np.ceil(b[0]) <= np.floor(b[1])) & (a[0] < 0)
+    low, high = _of_corners((np.maximum(-a[1], 0.0), np.maximum(-a[0], 0.0)), b)
+    is_even = (b[0] == b[1]) & (np.remainder(b[0], 2) == 0)
+    low = np.where(is_even, low, -high)
+    return np.where(is_whole, np.fmin(found[0], low), found[0]), np.where(is_whole, np.fmax(found[1], high), found[1])
 
 
 def _even(a: Interval, n: int) -> Interval:
@@ -157,34 +172,36 @@ def hyperbolic_cosine(a: Interval) -> Interval:
 
 def cosine(a: Interval) -> Interval:
     """Extremes at whole multiples of pi, ends elsewhere."""
-    first = np.cos(a[0])
-    last = np.cos(a[1])
-    low = np.where(_holds(a, np.pi), -1.0, np.minimum(first, last))
-    high = np.where(_holds(a, 0.0), 1.0, np.maximum(first, last))
-
-    # all values where an end is infinite
-    total = a[0] + a[1]
-    is_endless = ~np.isfinite(total) & ~np.isnan(total)
-    return np.where(is_endless, -1.0, low), np.where(is_endless, 1.0, high)
-
-
-def _holds(a: Interval, place: float) -> Any:
-    """Whether the interval holds the place or its copies, 2 pi apart."""
-    first = np.ceil((a[0] - place) / (2 * np.pi))
-    last = np.floor((a[1] - place) / (2 * np.pi))
-    return last >= first
+    return _wave(np.cos, a, 0.0, np.pi)
 
 
 def sine(a: Interval) -> Interval:
-    """A cosine, a quarter of a turn later."""
-    return cosine((a[0] - np.pi / 2, a[1] - np.pi / 2))
+    """Extremes a quarter of a turn from whole multiples of pi."""
+    return _wave(np.sin, a, np.pi / 2, -np.pi / 2)
+
+
+def _wave(wave: Callable[[Any], Any], a: Interval, top: float, bottom: float) -> Interval:
+    """A wave that is greatest at a place and least at another, and at their copies, 2 pi apart."""
+    low, high = _hull([wave(end) for end in a])
+    low = np.where(_holds(a, bottom, 2 * np.pi), -1.0, low)
+    high = np.where(_holds(a, top, 2 * np.pi), 1.0, high)
+
+    # all values where an end is infinite
+    total = a[0] + a[1]
+    is_endless = ~np.isfinite(total) & ~np.isnan(a[0])
+    return np.where(is_endless, -1.0, low), np.where(is_endless, 1.0, high)
+
+
+def _holds(a: Interval, place: float, period: float) -> Any:
+    """Whether the interval holds the place or its copies, to rounding; always where rounding hides whole periods."""
+    ends = [(end - place) / period for end in a]
+    rounding = 1e-15 * (1.0 + _fold(np.maximum, [np.abs(end) for end in ends]))
+    return np.floor(ends[1] + rounding) >= np.ceil(ends[0] - rounding)
 
 
 def tangent(a: Interval) -> Interval:
-    """Everything where there is a pole."""
-    first_pole = np.ceil(a[0] / np.pi - 0.5)
-    last_pole = np.floor(a[1] / np.pi - 0.5)
-    has_pole = last_pole >= first_pole
+    """Everything where there is a pole, or where an end is infinite."""
+    has_pole = _holds(a, np.pi / 2, np.pi) | (~np.isfinite(a[0] + a[1]) & ~np.isnan(a[0]))
     return _entire_where(has_pole, (np.tan(a[0]), np.tan(a[1])))
 
 
