@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from elvis.converters.blueprint import from_blueprint
     from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
     from elvis.core.critical_points import CriticalPoints, critical_points
@@ -54,6 +55,7 @@ __all__ = [
     "critical_points",
     "diff",
     "from_arrays",
+    "from_blueprint",
     "from_mfem",
     "from_ngsolve",
     "integrate",
@@ -77,6 +79,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "elvis.converters.blueprint": ("from_blueprint",),
         "elvis.converters.handing": ("to_meshio", "to_pyvista"),
         "elvis.converters.live": ("from_mfem", "from_ngsolve"),
         "elvis.core.critical_points": ("CriticalPoints", "critical_points"),

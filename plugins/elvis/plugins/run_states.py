@@ -15,6 +15,7 @@ from elvis.core.hints import perhaps
 from elvis.plugins.arrays import Arrays, host_array
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import Conversion, convert, convert_again
+from elvis.plugins.series.between import is_one_mesh
 
 
 class States(Protocol):
@@ -76,9 +77,12 @@ class ModalStates:
             )
         self._dataset = dataset
 
-    def at(self, time: float, fields: Mapping[str, Any]) -> Dataset:
-        """The state with these coefficients, copied."""
+    def at(self, time: float, fields: Mapping[str, Any] | Dataset) -> Dataset:
+        """The state with these coefficients, copied; or another dataset, whose mesh is known where it is the same."""
         known = self._dataset
+        if isinstance(fields, Dataset):
+            mesh = known.mesh if is_one_mesh(known, fields) else fields.mesh
+            return replace(fields, mesh=mesh, time=time, rates=None)
         given = {name: self._field(name, values) for name, values in fields.items()}
         kept = [given.pop(field.name, field) for field in known.fields]
         metadata = {**known.metadata, **({"Time": repr(time)} if "Time" in known.metadata else {})}

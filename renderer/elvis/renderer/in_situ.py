@@ -82,8 +82,8 @@ class Session:
 
         step    number of the step, from 0
         time    of the solver
-        fields  arrays by name, of NumPy or of what tells its memory by DLPack, or a function that gives them, which is
-                called only where they are needed
+        fields  arrays by name, of NumPy or of what tells its memory by DLPack; or a dataset, as of `from_blueprint`; or
+                a function that gives them, which is called only where they are needed
 
         Nothing but a signal (Ctrl-C) or an exit comes out of here: what fails is reported on standard error, each
         sentence once, and kept in ``faults``; the next step is tried again.
