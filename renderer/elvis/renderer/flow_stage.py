@@ -17,9 +17,9 @@ from elvis.renderer.passes.ribbons.ribbons import RibbonDrawer
 from elvis.renderer.passes.streams.following import Followers
 from elvis.renderer.passes.tubes.tubes import TubeDrawer
 from elvis.renderer.pieces_in_view import Girth
-from elvis.scene import Glyphs, Scene, Streamlines
+from elvis.scene import Glyphs, Scene, Streamlines, Style
 from elvis.scene.errors import SceneError
-from elvis.scene.flow import RADIUS, curves_in, ribbons_in
+from elvis.scene.flow import RADIUS, curves_in, heads_in, ribbons_in
 from elvis.scene.frame import Legend
 from elvis.scene.frusta import Frusta, frusta_in, keys_of
 from elvis.scene.view import View
@@ -54,11 +54,7 @@ class FlowStage:
 
     def _curves_of(self, item: Streamlines) -> Curves:
         """The lines of an object; SceneError where nothing is known of the elements' neighbours."""
-        if self.dataset is None:
-            raise SceneError(
-                "streamlines: expected elements whose neighbours are known, found what a runtime plugin has opened"
-            )
-        return curves_in(self.dataset, item, self._followers)
+        return curves_in(self._known(), item, self._followers)
 
     def _frusta_of(self, item: Glyphs) -> Frusta:
         """The solids of an object; SceneError where nothing is known of the data but a runtime plugin's elements."""
@@ -66,16 +62,26 @@ class FlowStage:
             raise SceneError("glyphs: expected elements of a dataset, found what a runtime plugin has opened")
         return frusta_in(self.dataset, item)
 
-    def lines(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
-        """Streamlines, coloured by a quantity of the volume."""
-        return self._tubes(name, item, own) if item.ribbon is None else self._ribbons(name, item, own)
+    def lines(self, name: str, item: Streamlines, own: str | None) -> list[DrawCall]:
+        """Streamlines, coloured by a quantity of the volume, and arrow heads along them."""
+        lines = self._tubes(name, item, own) if item.ribbon is None else self._ribbons(name, item, own)
+        if item.arrows is None:
+            return [lines]
+        heads = heads_in(self._known(), item, self._followers)
+        return [lines, self._solids(f"{name} arrows", item.style, heads, own, lines.lit)]
+
+    def _known(self) -> Dataset:
+        """The dataset; SceneError where a runtime plugin has made the volume, of whose neighbours nothing is known."""
+        if self.dataset is None:
+            raise SceneError(
+                "streamlines: expected elements whose neighbours are known, found what a runtime plugin has opened"
+            )
+        return self.dataset
 
     def _ribbons(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
         """Streamlines as ribbons."""
-        self._curves_of(item)
-        assert self.dataset is not None
         assert item.ribbon is not None
-        found = ribbons_in(self.dataset, item, self._followers)
+        found = ribbons_in(self._known(), item, self._followers)
         girth = Girth(0.5 * item.ribbon, None)
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
@@ -97,12 +103,15 @@ class FlowStage:
 
     def glyphs(self, name: str, item: Glyphs, own: str | None) -> DrawCall:
         """Arrows and cones, likewise."""
-        found = self._frusta_of(item)
+        return self._solids(name, item.style, self._frusta_of(item), own, item.style.lit is not False)
+
+    def _solids(self, name: str, style: Style, found: Frusta, own: str | None, lit: bool) -> DrawCall:
+        """Solids across axes."""
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
             return self._glyph_drawer.draw(view, found, beyond, own)
 
-        return DrawCall(name, item.style, own, draw, item.style.lit is not False)
+        return DrawCall(name, style, own, draw, lit)
 
     def keys(self, scene: Scene, view: View) -> tuple[Legend, ...]:
         """How long the glyphs of a scene are."""
@@ -113,6 +122,8 @@ class FlowStage:
         for item in scene.every_object:
             if isinstance(item, Streamlines):
                 yield from self._endings(item)
+                if item.arrows is not None and not len(heads_in(self._known(), item, self._followers).element):
+                    yield f"streamlines: no line is as long as its arrows are apart, {item.arrows:g}"
             if isinstance(item, Glyphs):
                 left = self._frusta_of(item).left
                 yield from (f"points of glyphs that {why}: {count}" for why, count in left.items())

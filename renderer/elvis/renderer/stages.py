@@ -200,7 +200,7 @@ class Stages:
             elif isinstance(item, Faces):
                 found.append(self._faces(name, item, own))
             elif isinstance(item, Streamlines):
-                found.append(self.flow.lines(name, item, own))
+                found += self.flow.lines(name, item, own)
             elif isinstance(item, Glyphs):
                 found.append(self.flow.glyphs(name, item, own))
             else:

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, MakeTracer
 from elvis.core.streamlines.line_pieces import Curves, curves
+from elvis.core.streamlines.marks import marks
 from elvis.core.streamlines.ribbons import Ribbons, ribbons
 from elvis.core.streamlines.tracer import Tracer
 from elvis.scene.errors import SceneError
+from elvis.scene.frusta import Frusta
 from elvis.scene.objects import Streamlines
 from elvis.scene.surfaces import Vector
 
 #: radius of tubes where nothing says it, in parts of the diagonal of the box
 RADIUS = 0.003
+#: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals beside a width in pixels; radius by length
+_HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
 #: courses in the same data whose lines are kept
 _MOST = 8
 _KNOWN: WeakKeyDictionary[Dataset, dict[Course, Curves]] = WeakKeyDictionary()
+_HEADS: WeakKeyDictionary[Curves, dict[tuple[float, str, float], Frusta]] = WeakKeyDictionary()
 _STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictionary()
 
 
@@ -72,3 +79,38 @@ def ribbons_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -
         except ElvisError as error:
             raise SceneError(f"streamlines: {error}") from error
     return known[item.across]
+
+
+def heads_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Frusta:
+    """Arrow heads along the lines of an object, cones about their marks; SceneError as the others."""
+    found = curves_in(dataset, item, make)
+    assert item.arrows is not None
+    key = item.arrows, item.arrows_by, item.arrow_length or _head_length(item, found.size)
+    known = _HEADS.setdefault(found, {})
+    if key not in known:
+        try:
+            known[key] = _heads(dataset, item, found, *key)
+        except ElvisError as error:
+            raise SceneError(f"streamlines: {error}") from error
+    return known[key]
+
+
+def _head_length(item: Streamlines, size: float) -> float:
+    """How long heads are where nothing says it."""
+    if item.ribbon is not None:
+        return _HEAD_WIDTHS * item.ribbon
+    if item.width is not None:
+        return _HEAD_DIAGONALS * size
+    return _HEAD_RADII * (item.radius or RADIUS * size)
+
+
+def _heads(dataset: Dataset, item: Streamlines, found: Curves, spacing: float, by: str, length: float) -> Frusta:
+    """Cones of a length, each with its middle at a mark."""
+    course = course_of(item)
+    own = marks(dataset, found.pieces, spacing, by, course.velocity, course.wall)
+    count = len(own)
+    radii = np.tile([_HEAD_WIDE * length, 0.0], (count, 1))
+    base = own.points - 0.5 * length * own.direction
+    lengths = np.full(count, length)
+    places = own.reference, own.element, own.points
+    return Frusta(base, own.direction, lengths, radii, *places, name="", magnitude=1.0, left={}, size=length)

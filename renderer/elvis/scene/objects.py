@@ -316,6 +316,20 @@ class Streamlines(Model, of="streamlines"):
             default="the axis that lines are least along there",
         ),
     ] = None
+    arrows: Annotated[
+        float | None, Setting("Cones that point with the flow, this far apart along lines.", **POSITIVE)
+    ] = None
+    arrows_by: Annotated[
+        Literal["length", "time"], Setting("Whether that is a length or a time.", names=("length", "time"))
+    ] = "length"
+    arrow_length: Annotated[
+        float | None,
+        Setting(
+            "Length of these cones in world units.",
+            **POSITIVE,
+            default="8 radii, 0.6 widths of a ribbon, 0.02 diagonals beside a width in pixels",
+        ),
+    ] = None
     style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
@@ -336,6 +350,9 @@ class Streamlines(Model, of="streamlines"):
         check(len(sizes) < 2, "streamlines", "a radius, a width or a ribbon", " and ".join(sizes))
         check(self.across is None or any(self.across), "across of streamlines", "a direction", "zero")
         check(self.across is None or self.ribbon, "across of streamlines", "the width of a ribbon, too", "none")
+        check(self.arrows_by in ("length", "time"), "arrows_by of streamlines", "length or time", self.arrows_by)
+        alone = self.arrow_length is None and self.arrows_by == "length"
+        check(self.arrows or alone, "arrows of streamlines", "how far apart they are", "nothing")
         check(self.wall is None or not self.ribbon, "ribbons", "lines in elements", f"lines on the wall {self.wall}")
         lines = self.style.contours or self.style.mesh_lines
         check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")

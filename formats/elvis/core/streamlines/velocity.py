@@ -98,6 +98,18 @@ class Velocity:
             found.velocity[here], found.reference[here], found.jacobians[here] = velocity, reference, jacobians
         return found
 
+    def in_world(self, element: Ints, reference: Floats) -> Floats:
+        """(n, 3) the velocity in elements with these ids (n,) at their reference points (n, 3)."""
+        found = np.full((len(element), 3), np.nan)
+        for number, patch in enumerate(self.patches):
+            order = np.argsort(patch.element_ids, kind="stable")
+            place = np.searchsorted(patch.element_ids, element, sorter=order).clip(0, len(patch) - 1)
+            rows = order[place]
+            here = np.flatnonzero(patch.element_ids[rows] == element)
+            own = reference[here, : patch.dimension]
+            found[here] = self.motion(np.full(len(here), number), rows[here], own).velocity
+        return found
+
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates."""
         found = np.empty((len(points), 3))

@@ -23,7 +23,7 @@ from elvis.reference.scenes.contour_lines import plane_contours
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.cuts import cut_crossings
 from elvis.reference.scenes.faces import face_crossings
-from elvis.reference.scenes.glyphs import glyph_crossings
+from elvis.reference.scenes.glyphs import glyph_crossings, solid_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.ribbons import ribbon_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
@@ -46,6 +46,7 @@ from elvis.scene import (
 )
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
+from elvis.scene.flow import heads_in
 from elvis.scene.frame import Drawing, Frame, Legend, Status, constant_of
 from elvis.scene.frusta import keys_of
 from elvis.scene.palette import Palette, automatic_range
@@ -129,10 +130,8 @@ class Scenery:
                 found = self._levels(quantity or scene.field, values, view)
             case Faces(select=select):
                 found = self._faces(select, view)
-            case Streamlines() if shown.ribbon is not None:
-                found = ribbon_crossings(self.quantities, shown, view)
             case Streamlines():
-                found = tube_crossings(self.quantities, shown, view)
+                found = self._lines(shown, view)
             case Glyphs():
                 found = glyph_crossings(self.quantities, shown, view)
             case _:
@@ -143,6 +142,14 @@ class Scenery:
             found.status[unsure(scene.clip, *asked) & (found.status == Status.CERTAIN)] = Status.AMBIGUOUS
             found = found.part(~is_clipped(scene.clip, *asked))
         return found.once(self.quantities.patches, self.size)
+
+    def _lines(self, shown: Streamlines, view: View) -> Crossings:
+        """Streamlines, and arrow heads along them."""
+        meet = tube_crossings if shown.ribbon is None else ribbon_crossings
+        found = [meet(self.quantities, shown, view)]
+        if shown.arrows is not None and self.quantities.dataset is not None:
+            found.append(solid_crossings(self.quantities, heads_in(self.quantities.dataset, shown), view))
+        return Crossings.concatenate(found)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
         """Isosurfaces of a quantity."""

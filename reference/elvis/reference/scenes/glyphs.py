@@ -101,7 +101,13 @@ def glyph_crossings(quantities: Quantities, shown: Glyphs, view: View) -> Crossi
     """All places at which rays enter or leave arrows or cones; ElvisError for what a runtime plugin has opened."""
     if quantities.dataset is None:
         raise ElvisError("glyphs: expected elements of a dataset, found what a runtime plugin has opened")
-    solids = frusta_in(quantities.dataset, shown)
+    return solid_crossings(quantities, frusta_in(quantities.dataset, shown), view)
+
+
+def solid_crossings(quantities: Quantities, solids: Frusta, view: View) -> Crossings:
+    """All places at which rays enter or leave solids, those that hang together as one."""
+    if not len(solids.element):
+        return Crossings.none()
     lengths = np.linalg.norm(view.every_ray()[1], axis=1)
     columns = [np.zeros(0, INTERVAL)]
     for every in _pairs(solids, view):
