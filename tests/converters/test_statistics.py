@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.dataset import Homogeneous
+from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
-from elvis.core.testing.meshes import grid, mixed_volume
+from elvis.core.testing.meshes import grid, mixed_plane, mixed_volume
 from elvis.formats import Dataset, ElvisError, open_series, read, sample, write
 from elvis.plugins.series.series import Series
 from elvis.plugins.series.statistics import average
@@ -122,6 +124,87 @@ def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
     with pytest.raises(ElvisError, match=r"expected a name ending in \.xml, as the mesh is converted"):
         elvis("average", steps, "-o", tmp_path / "mean.fld")
     assert not list(tmp_path.glob("mean*"))
+
+
+#: Fourier directions: bases, lengths, numbers of the planes along y and z
+WAVES = {
+    "planes": Homogeneous((Basis.FOURIER,), (2.0,), (0, 1, 2, 3, 4, 5)),
+    "some planes": Homogeneous((Basis.FOURIER,), (2.0,), (0, 4, 3)),
+    "one wave": Homogeneous((Basis.FOURIER_SINGLE_MODE,), (2.0,), (2, 3)),
+    "half a wave": Homogeneous((Basis.FOURIER_HALF_MODE_RE,), (2.0,), (0,)),
+    "lines": Homogeneous((Basis.FOURIER,) * 2, (2.0, 3.0), (0, 0, 1, 1, 2, 2), (0, 2, 0, 2, 3, 2)),
+}
+
+
+@pytest.mark.parametrize("name", WAVES)
+def test_statistics_along_fourier_directions_are_those_of_values(tmp_path, name):
+    """Of random coefficients on triangles and quadrilaterals, or on lines."""
+    waves = WAVES[name]
+    mesh = mixed_plane(seed=3) if len(waves.bases) == 1 else grid(Shape.SEGMENT, 3)
+    flat = approximated(Dataset(mesh), "u", lambda p: p[:, 0], 3)
+    random = np.random.default_rng(7)
+
+    def at(time):
+        fields = []
+        for name in "uv":
+            blocks = []
+            for block in flat.blocks:
+                size = len(block), block.coefficients.shape[1] * len(waves.z_ids)
+                expansion = replace(block.expansion, homogeneous=waves)
+                blocks.append(replace(block, expansion=expansion, coefficients=random.normal(size=size)))
+            fields.append(replace(flat, name=name, blocks=tuple(blocks), continuous=False))
+        return replace(Dataset(mesh), fields=tuple(fields), time=time)
+
+    for number in range(4):
+        write(at(float(number)), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
+    series = open_series(tmp_path / "m.xml", tmp_path / "m_*.fld")
+    told = average(series, with_covariances=True, with_extremes=True)
+    write(told.dataset, field_path=tmp_path / "mean.fld")
+    mean = read(tmp_path / "m.xml", tmp_path / "mean.fld")
+    points = random.uniform(0.02, 0.98, (40, 3)) * (1.0, 1.0, 2.0)
+    own = {}
+    for name in "uv":
+        steps = [sample(step, name, points) for step in series]
+        own[name] = np.array([step[name][step.location.status == 1] for step in steps])
+    assert own["u"].shape[1] > 10
+    inside = steps[0].location.status == 1
+    for name in "uv":
+        assert np.abs(sample(mean, name, points)[name][inside] - own[name].mean(axis=0)).max() < 1e-12
+    for pair in ("u_u", "u_v", "v_v"):
+        a, b = (own[name] - own[name].mean(axis=0) for name in pair.split("_"))
+        assert np.abs(sample(mean, pair, points)[pair][inside] - (a * b).mean(axis=0)).max() < 1e-12
+        assert told.errors[pair] < 1e-13
+    lower = average(series, with_covariances=True, order=2)
+    assert 1e-3 < lower.errors["u_u"] < 1.0
+
+
+def test_extremes_along_fourier_directions_are_those_of_steps(tmp_path):
+    """Exact where one step holds them on the whole period."""
+    waves = WAVES["planes"]
+    dataset = Dataset(mixed_plane(seed=3))
+    flat = approximated(dataset, "u", lambda p: 1 + p[:, 0] * p[:, 1], 3)
+    factors = np.array([1.0, 0.0, 0.2, 0.1, -0.1, 0.3])  # of positive values: the waves' sum stays below 1
+    for number, scale in enumerate((2.0, 1.0, 3.0)):
+        blocks = [
+            replace(
+                block,
+                expansion=replace(block.expansion, homogeneous=waves),
+                coefficients=scale * (factors[:, None] * block.coefficients[:, None]).reshape(len(block), -1),
+            )
+            for block in flat.blocks
+        ]
+        field = replace(flat, blocks=tuple(blocks), continuous=False)
+        write(replace(dataset, fields=(field,), time=float(number)), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
+    series = open_series(tmp_path / "m.xml", tmp_path / "m_*.fld")
+    told = average(series, with_extremes=True)
+    points = np.random.default_rng(1).uniform(0.02, 0.98, (30, 3)) * (1.0, 1.0, 2.0)
+    names = ["u_min", "u_max", "u_min_time", "u_max_time"]
+    found = sample(told.dataset, names, points)
+    inside = found.location.status == 1
+    one = sample(series[1], "u", points)["u"]
+    for name, truth in zip(names, (one, 3 * one, 1.0, 2.0), strict=True):
+        assert np.abs(found[name] - truth)[inside].max() < 1e-12
+    assert max(told.errors.values()) < 1e-13
 
 
 def test_each_step_is_read_once(chaotic, monkeypatch):

@@ -234,8 +234,12 @@ def values(expansion: Expansion, points: Floats) -> Floats:
         spatial = _product(*(_take(table, index) for table, index in zip(tables, plan.index, strict=True)))
     if expansion.homogeneous is None:
         return spatial
-    waves = [pair[0] for pair in _waves(expansion.homogeneous, zeta)]
-    return _outer(_product(*waves), spatial)
+    return _outer(wave_values(expansion.homogeneous, zeta), spatial)
+
+
+def wave_values(planes: Homogeneous, zeta: Floats) -> Floats:
+    """(n, l) values of the Fourier factor of each plane or line at coordinates zeta (n, p)."""
+    return _product(*(pair[0] for pair in _waves(planes, zeta)))
 
 
 def line_values(expansion: Expansion, lines: Sequence[Floats]) -> list[Floats]:

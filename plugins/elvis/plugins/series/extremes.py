@@ -15,20 +15,18 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset, Expansion, Field
-from elvis.core.errors import ElvisError
-from elvis.core.polynomials.expansion import values
-from elvis.plugins.projection.operators import Operator, best
 from elvis.plugins.series.between import is_alike
+from elvis.plugins.series.lattices import Fit, Lattice, Table
 
 
 class Extremes:
     """Least and greatest values of all fields so far."""
 
     def __init__(self, state: Dataset) -> None:
-        """Nothing yet, on the fields of a state; ElvisError where these have Fourier directions."""
+        """Nothing yet, on the fields of a state."""
         self._times: list[float] = []
         self._fields = {field.name: field for field in state.solution}
-        self._parts = {field.name: [_Part.of(field, block) for block in field.blocks] for field in state.solution}
+        self._parts = {field.name: [_Part.of(block) for block in field.blocks] for field in state.solution}
 
     def add(self, state: Dataset, time: float) -> None:
         """Take a step in; fields that it has not alike are left out from now on."""
@@ -93,41 +91,36 @@ class _End:
 
 @dataclass(frozen=True)
 class _Part:
-    """The extremes of a block of elements.
-
-    table  (n, m) values of the modes at the points of the operator
-    """
+    """The extremes of a block of elements, at the points of a lattice."""
 
     expansion: Expansion
     element_ids: Ints
-    operator: Operator
-    table: Floats
+    table: Table
     ends: Mapping[str, _End]
 
     @classmethod
-    def of(cls, field: Field, block: Block) -> _Part:
+    def of(cls, block: Block) -> _Part:
         """Nothing yet of a block."""
-        if block.expansion.homogeneous:
-            raise ElvisError(f"extremes are for fields without Fourier directions, {field.name} has some")
-        operator = best(block.expansion, extra=1)
-        count = len(block), len(operator.points)
+        lattice = Lattice.of(block.expansion)
+        count = len(block), len(lattice.points) * len(lattice.zeta)
         ends = {name: _End.of(sign, count) for name, sign in (("min", 1), ("max", -1))}
-        return cls(block.expansion, block.element_ids, operator, values(block.expansion, operator.points), ends)
+        return cls(block.expansion, block.element_ids, Table.of(block.expansion, lattice), ends)
 
     def add(self, coefficients: Floats, step: int) -> None:
         """Take the coefficients (elements, m) of a step in."""
-        samples = coefficients @ self.table.T
+        samples = self.table.samples(coefficients)
 
         # a sum of m products is off by m eps times the sum of their magnitudes (Higham, Accuracy and Stability of
         # Numerical Algorithms, 2002, section 3.1), the coefficients by as much again; so are those of the other step
-        magnitudes = np.abs(coefficients).sum(axis=1, keepdims=True) * np.abs(self.table).max(initial=0.0)
-        rounding = 4 * self.table.shape[1] * np.finfo(float).eps * np.where(np.isfinite(magnitudes), magnitudes, 0.0)
+        largest = np.abs(self.table.modes).max(initial=0.0)  # a wave is 1 at most
+        magnitudes = np.abs(coefficients).sum(axis=1, keepdims=True) * largest
+        rounding = 4 * self.table.size * np.finfo(float).eps * np.where(np.isfinite(magnitudes), magnitudes, 0.0)
         for end in self.ends.values():
             end.add(samples, rounding, step)
 
     def fit(self, samples: Floats) -> tuple[Block, float]:
         """The block of the best approximation of samples (elements, n), and the largest difference from these."""
         with np.errstate(invalid="ignore"):
-            coefficients = samples @ self.operator.matrix
-            left = np.abs(coefficients @ self.table.T - samples)
+            coefficients = Fit.of(self.expansion).coefficients(samples)
+            left = np.abs(self.table.samples(coefficients) - samples)
         return Block(self.expansion, self.element_ids, frozen_floats(coefficients)), float(left.max(initial=0.0))

@@ -1,8 +1,9 @@
 """Statistics over a series: means, exact by coefficients, and covariances, exact in the bases that hold products.
 
 A mean is linear in the coefficients.  The product of two fields of degrees p and q has degree p + q in reference space,
-whatever the map: so its mean is found at points of each element and fitted in the basis of that degree, which holds it,
-but for the rational functions on pyramids; what the fit leaves is measured.
+whatever the map, and wave numbers up to the sum of theirs along Fourier directions: so its mean is found at points of
+each element and fitted in the basis that holds it, but for the rational functions on pyramids; what the fit leaves is
+measured.
 
 All is found in one reading of the steps, by sums of squares of what each differs from the mean so far (Welford, Note on
 a method for calculating corrected sums of squares and products, Technometrics 1962), which lose no digits to the mean.
@@ -20,12 +21,10 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset, Expansion, Field
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
-from elvis.core.polynomials.expansion import values
-from elvis.core.polynomials.interpolation import modified
 from elvis.core.terminal import track
-from elvis.plugins.projection.operators import Operator, best
 from elvis.plugins.series.between import combined, is_one_mesh
 from elvis.plugins.series.extremes import Extremes
+from elvis.plugins.series.lattices import Fit, Lattice, Table, product_space
 from elvis.plugins.series.series import Series
 
 #: what a mean is over: steps, which count the same, or time, in which what lies between steps is linear
@@ -193,7 +192,8 @@ class _Product:
 
     expansion  that holds the product
     lower      the expansion in which it is asked for
-    tables     (n, m) values of the modes of either field at the points of the operator
+    lattice    points of each element at which the product is found
+    tables     of either field on it
     samples    (elements, n) of the product
     """
 
@@ -202,39 +202,37 @@ class _Product:
     element_ids: Ints
     expansion: Expansion
     lower: Expansion
-    operator: Operator
-    tables: tuple[Floats, Floats]
+    lattice: Lattice
+    tables: tuple[Table, Table]
     samples: Floats
 
     @classmethod
     def of(cls, one: Field, other: Field, number: int, order: int | None) -> _Product:
-        """That of two fields on a block; ElvisError where these have no common elements or Fourier directions."""
+        """That of two fields on a block; ElvisError where these are on other elements or Fourier directions."""
         a, b = one.blocks[number], other.blocks[number]
-        if a.expansion.homogeneous or b.expansion.homogeneous:
-            raise ElvisError(f"covariances are for fields without Fourier directions, {one.name} has some")
         if not np.array_equal(a.element_ids, b.element_ids):
             raise ElvisError(f"covariances need fields on the same elements, {one.name} and {other.name} differ")
-        modes = tuple(p + q - 1 for p, q in zip(a.expansion.modes, b.expansion.modes, strict=True))
-        expansion = modified(a.expansion.shape, modes)
-        lower = expansion if order is None else modified(a.expansion.shape, tuple(min(m, order + 1) for m in modes))
-        operator = best(expansion, extra=1)
-        tables = values(a.expansion, operator.points), values(b.expansion, operator.points)
-        samples = np.zeros((len(a), len(operator.points)))
-        return cls((one.name, other.name), number, a.element_ids, expansion, lower, operator, tables, samples)
+        expansion = product_space(a.expansion, b.expansion)
+        most = max(expansion.modes) if order is None else order + 1
+        lower = replace(expansion, modes=tuple(min(count, most) for count in expansion.modes))
+        lattice = Lattice.of(expansion)
+        tables = Table.of(a.expansion, lattice), Table.of(b.expansion, lattice)
+        samples = np.zeros((len(a), len(lattice.points) * len(lattice.zeta)))
+        return cls((one.name, other.name), number, a.element_ids, expansion, lower, lattice, tables, samples)
 
     def add(self, mean: Dataset, state: Dataset, weight: float) -> None:
         """Take in what a state differs from a mean by."""
         product = np.full_like(self.samples, weight)
         for name, table in zip(self.names, self.tables, strict=True):
             own, other = (data.field(name).blocks[self.block].coefficients for data in (state, mean))
-            product *= (own - other) @ table.T
+            product *= table.samples(own - other)
         self.samples += product
 
     def fitted(self, weight: float) -> tuple[Block, float, float]:
         """The block of the mean product, the largest difference from it that is found, and the largest sample."""
         samples = self.samples / weight
-        coefficients = samples @ self.operator.matrix
-        left = coefficients @ values(self.expansion, self.operator.points).T - samples
+        coefficients = Fit.of(self.expansion).coefficients(samples)
+        left = Table.of(self.expansion, self.lattice).samples(coefficients) - samples
         error, size = (float(np.abs(each).max(initial=0.0)) for each in (left, samples))
         if self.lower != self.expansion:
             coefficients, more = _lowered(coefficients, self.expansion, self.lower)
@@ -245,10 +243,13 @@ class _Product:
 def _lowered(coefficients: Floats, expansion: Expansion, lower: Expansion) -> tuple[Floats, float]:
     """The best approximation in a lower expansion, and the largest difference on a lattice that holds the borders."""
     shape = expansion.shape
-    operator = best(lower, extra=max(expansion.modes) - max(lower.modes))
-    found = coefficients @ values(expansion, operator.points).T @ operator.matrix
+    extra = max(expansion.modes) - max(lower.modes) + 1
+    lattice = Lattice.of(lower, extra)
+    found = Fit.of(lower, extra).coefficients(Table.of(expansion, lattice).samples(coefficients))
+
     line = np.linspace(-1.0, 1.0, 2 * max(expansion.modes) + 1)
     axes = np.meshgrid(*[line] * shape.dimension, indexing="ij")
     places = uncollapse(shape, np.stack([axis.reshape(-1) for axis in axes], axis=1))
-    left = coefficients @ values(expansion, places).T - found @ values(lower, places).T
+    lattice = Lattice(places, lattice.zeta)
+    left = Table.of(expansion, lattice).samples(coefficients) - Table.of(lower, lattice).samples(found)
     return found, float(np.abs(left).max(initial=0.0))
