@@ -6,6 +6,7 @@ from click import UsageError
 
 from elvis.core.moments import Moment
 from elvis.formats import ElvisError, open_series, sample
+from elvis.plugins.series.between import weights, window
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
 from elvis.renderer import render
 
@@ -22,6 +23,31 @@ def test_polynomials_in_time_are_reproduced(between, degree, form, tmp_path):
         assert dataset.time == time
         assert np.abs(sample(dataset, "u", POINTS)["u"] - polynomial(POINTS, time, degree)).max() < 1e-12
         assert dataset.mesh is series[0].mesh
+
+
+@pytest.mark.parametrize(("count", "name"), [(2, "linear"), (3, "quadratic"), (4, "cubic")])
+def test_a_cubic_in_fewer_steps_is_of_lower_degree(count, name, tmp_path, elvis):
+    """And is called so; one step is all that there is."""
+    degree = count - 1
+    files = steps_of(tmp_path, [0.0, 0.5, 0.8, 1.7][:count], lambda p, t: polynomial(p, t, degree))
+    dataset = open_series(*files).at(0.3, "cubic")
+    assert np.abs(sample(dataset, "u", POINTS)["u"] - polynomial(POINTS, 0.3, degree)).max() < 1e-12
+    assert str(dataset.instant) == f"time 0.3 ({name})"
+    assert f"interpolated in time ({name}) between steps 0 to {degree}" in dataset.remarks[0]
+    files[2].write_bytes(files[2].read_bytes()[:-60])
+    table = elvis("probe", *files[:3], "--time", "0", "--between", "cubic", "--point", "0.31,0.22", "--field", "u")
+    assert float(table.split(",")[-1]) == pytest.approx(polynomial(POINTS[:1], 0.0, degree)[0], abs=1e-12)
+    with pytest.raises(ElvisError, match=r"expected a time from 0 to 0, found 0\.3 \(run_1\.chk: the file ends before"):
+        open_series(*files[:3]).at(0.3, "cubic")
+
+
+def test_a_cubic_goes_beyond_the_range_of_evenly_spaced_steps_by_an_eighth(tmp_path):
+    """In the first and the last interval by a third: half of what its weights' magnitudes are beyond one."""
+    times = np.arange(6.0)
+    for interval, most in ((0, 0.3156), (1, 0.125), (2, 0.125), (4, 0.3156)):
+        numbers = window(times, interval + 0.5, 4)
+        sums = [np.abs(weights(times[numbers], interval + part)).sum() for part in np.linspace(0, 1, 401)]
+        assert (max(sums) - 1) / 2 == pytest.approx(most, abs=1e-4)
 
 
 @pytest.mark.parametrize(("between", "degree"), [("linear", 1), ("cubic", 3)])

@@ -142,6 +142,16 @@ def test_every_step_is_a_frame_of_a_film_in_one_range(files, tmp_path):
             assert np.array_equal(film.convert("RGB"), Image.open(path).convert("RGB"))
 
 
+def test_cubic_frames_are_stills_in_a_range_over_derivatives(files, tmp_path):
+    how = {"between": "cubic", "field": "d(u,t)", "range": "series"}
+    options = [text for name, value in how.items() for text in (f"--{name}", value)]
+    run("animate", *files, *FAST, *options, "--times", "0:3:3", "-o", tmp_path / "frames")
+    found = pictures(tmp_path / "frames")
+    assert found == [still(files, tmp_path / f"{t}.png", time=t, device="reference", **how) for t in (0.0, 1.5, 3.0)]
+    table = json.loads((tmp_path / "frames" / "film.json").read_text())["frames"][0]
+    assert np.allclose(table["range"], (-1, 1), rtol=0, atol=1e-9)  # of x - y^2, at all times
+
+
 def test_a_range_over_all_steps_is_remembered(files, tmp_path, drawn, monkeypatch):
     """As long as the data are what they were."""
     searched, whole = [], series_range.range_over
@@ -202,7 +212,8 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
     scheduling = pytest.importorskip("distributed.scheduler")
     files[2].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[2].read_text()))
     os.utime(files[2], (1e9, 1e9))
-    with distributed.LocalCluster(1, processes=False, threads_per_worker=1, dashboard_address=None) as cluster:
+    how = {"dashboard_address": None, "scheduler_kwargs": film_workers._STATUS}
+    with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **how) as cluster:
         arguments = ["animate", *files, "-o", tmp_path / "frames", "--scheduler", cluster.scheduler_address]
         assert run(*arguments).count("m_1.chk can't be read and is passed over") == 1
         assert sorted(scene.step for scene in drawn) == [0, 2]

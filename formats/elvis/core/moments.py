@@ -54,7 +54,7 @@ class Instant:
 
     time     theirs, in the unit of the files
     steps    the first and the last step that they are made of
-    between  one of BETWEEN where no step has the time that was asked for, else None
+    between  one of BETWEEN, or quadratic, where no step has the time that was asked for, else None
     """
 
     time: float

@@ -32,6 +32,8 @@ _CONFIGURATION = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.worker.multiprocessing-method": _METHOD,
 }
+#: of the scheduler: its page of status is for this machine alone, at a port that is free
+_STATUS = {"dashboard_address": "localhost:0"}
 #: seconds between looks at what is done
 _LOOK = 0.1
 #: the film that a worker draws, by what it was opened with
@@ -100,6 +102,7 @@ class Workers:
                 threads_per_worker=1,
                 memory_limit=None,
                 dashboard_address=None,
+                scheduler_kwargs=_STATUS,
                 security=True,
                 protocol="tls",
                 silence_logs=logging.CRITICAL,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis.core.moments import BETWEEN
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.terminal import track
@@ -32,14 +33,17 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None)
         series = series_in(tuple(map(Path, scene.data)), reading_for([coloured], is_kept))
     if series is None:
         raise SceneError("range: expected several steps of a series, found one state: say seen, all or two values")
-    return replace(scene, range=range_over(scene.field, series))
+    return replace(scene, range=range_over(scene.field, series, scene.between))
 
 
-def range_over(text: str, series: Series) -> tuple[float, float]:
-    """The least lower and the greatest upper bound of a quantity over all steps; SceneError where none is known."""
+def range_over(text: str, series: Series, between: str = BETWEEN[0]) -> tuple[float, float]:
+    """The least lower and the greatest upper bound of a quantity over all steps; SceneError where none is known.
+
+    between  how derivatives in time are found
+    """
     ends: list[float] = []
     for number in track(series.readable(), "range of all steps", len(series)):
-        dataset = series[number]
+        dataset = series.at(float(series.times[number]), between)
         names = Names.of(dataset)
         text = text or names.fields[0]
         expression = Expression.parse(text, names)

@@ -111,4 +111,4 @@ class Moments:
         """Certified bounds of a quantity over all steps."""
         from elvis.renderer.series_range import range_over
 
-        return list(range_over(text, self._steps().narrowed(text)))
+        return list(range_over(text, self._steps().narrowed(text), self._moment.between))

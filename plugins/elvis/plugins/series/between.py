@@ -18,8 +18,15 @@ from elvis.core.moments import BETWEEN
 
 #: how many steps each way from steps to the time between them looks at
 STEPS_OF = dict(zip(BETWEEN, (2, 4, 1), strict=True))
+#: the polynomial in time through so many steps
+_POLYNOMIALS = {2: "linear", 3: "quadratic", 4: "cubic"}
 #: a time this near to that of a step, as a share of all times, is that of the step
 NEAR = 1e-12
+
+
+def polynomial_name(between: str, count: int) -> str:
+    """What there is between steps as asked for, in a series of ``count`` steps: a cubic needs four."""
+    return _POLYNOMIALS.get(min(STEPS_OF[between], count), between)
 
 
 def window(times: Floats, time: float, count: int) -> list[int]:

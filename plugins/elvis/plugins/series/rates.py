@@ -15,7 +15,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.moments import BETWEEN
-from elvis.plugins.series.between import STEPS_OF, is_one_mesh, sum_of
+from elvis.plugins.series.between import STEPS_OF, is_one_mesh, polynomial_name, sum_of
 
 if TYPE_CHECKING:
     from elvis.plugins.series.series import Series
@@ -51,7 +51,8 @@ class StepRates:
         if not self._found:
             return ""
         numbers = self._numbers
-        what = "difference quotients" if len(numbers) == 2 else "those of the cubic in time"
+        name = polynomial_name(self.between, len(numbers))
+        what = "difference quotients" if len(numbers) == 2 else f"those of the {name} in time"
         ends = f"steps {numbers[0]} to {numbers[-1]}"
         times = f"times {self.series.times[numbers[0]]:.10g} to {self.series.times[numbers[-1]]:.10g}"
         return f"derivatives in time are {what} of coefficients of {ends}, {times}"

@@ -23,7 +23,16 @@ from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
 from elvis.core.quantities.needed import lack_of, needed_fields
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
-from elvis.plugins.series.between import NEAR, STEPS_OF, combined, is_finite, is_one_mesh, weights, window
+from elvis.plugins.series.between import (
+    NEAR,
+    STEPS_OF,
+    combined,
+    is_finite,
+    is_one_mesh,
+    polynomial_name,
+    weights,
+    window,
+)
 from elvis.plugins.series.finding import Found, Step, find_steps
 from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
@@ -180,12 +189,13 @@ class Series(Sequence[Dataset]):
         found, lacking = combined(steps, weights(self.times[numbers], time))
         first, last = numbers[0], numbers[-1]
         places = f"steps {first} to {last}, times {self.times[first]:.10g} to {self.times[last]:.10g}"
-        notes.append(f"time {time:.10g}: coefficients are interpolated in time ({between}) between {places}")
+        name = polynomial_name(between, len(steps))
+        notes.append(f"time {time:.10g}: coefficients are interpolated in time ({name}) between {places}")
         if lacking:
             notes.append(f"fields that differ between steps are left out: {', '.join(lacking)}")
         metadata = {**found.metadata, **({"Time": repr(time)} if "Time" in found.metadata else {})}
         rates = StepRates(self, time, between)
-        instant = Instant(time, (first, last), between)
+        instant = Instant(time, (first, last), name)
         return self._told(replace(found, time=time, metadata=metadata, rates=rates, instant=instant), notes)
 
     def _at_step(self, number: int, notes: Sequence[str], between: str, stands_for: str | None = None) -> Dataset:

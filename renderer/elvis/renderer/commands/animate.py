@@ -210,7 +210,8 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     if scene.range != "series":
         return scene, None
     files = [[str(path), path.stat().st_mtime_ns] for path in film.files if path.exists()]
-    of = {"field": scene.field, "files": files, "reader": list(scene.reader), "others": list(scene.others)}
+    of = {"field": scene.field, "between": scene.between, "files": files}
+    of |= {"reader": list(scene.reader), "others": list(scene.others)}
     known = known_range(folder, of, film.files)
     found = with_range(scene, is_kept, film.series) if known is None else replace(scene, range=known)
     return found, {"of": of, "range": found.range}

@@ -127,9 +127,10 @@ class Data:
         import numpy as np
 
         from elvis.core.terminal import note
+        from elvis.plugins.series.between import polynomial_name
 
         if has_rates or not np.isin(times, series.times).all():
-            note(f"between steps coefficients are interpolated in time ({self.between})")
+            note(f"between steps coefficients are interpolated in time ({polynomial_name(self.between, len(series))})")
         for remark in series.told:
             note(remark)
 
