@@ -7,8 +7,11 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.differences import diff, family
+from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.errors import ElvisError
+from elvis.core.extrema import Extreme, extrema
 from elvis.core.integrals import integrate
+from elvis.core.patch import patches
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
@@ -26,10 +29,42 @@ def with_p(mesh, function=cubic, modes=4):
 
 @pytest.mark.parametrize(("first", "second"), [(Shape.TETRAHEDRON, Shape.HEXAHEDRON), (Shape.PYRAMID, Shape.PRISM)])
 def test_one_function_on_two_meshes_does_not_differ(first, second):
-    """Range 2: every norm is below 1e-11 of it."""
+    """Range 2: every norm is below 1e-11 of it, and so is what the maximum is proved to be at most."""
     found = diff(with_p(grid(first, 1)), with_p(grid(second, 1), modes=5), error=0.1)[0]
     assert max(found.l1, found.l2, found.linf) < 2e-11
+    assert found.linf <= found.bound < 2e-11
     assert found.covered == pytest.approx(1, abs=1e-12)
+
+
+def turned(mesh):
+    """The mesh in another place and direction, in which most of it meets the unit cube."""
+    cosine, sine = np.cos(0.4), np.sin(0.4)
+    turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+    return replace(mesh, vertices=(mesh.vertices - 0.5) @ turn.T + [0.52, 0.47, 0.5])
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("bend", [0.0, 0.04])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(a, b) for a in Shape for b in Shape if 1 < a.dimension == b.dimension and b is not Shape.PYRAMID],
+)
+def test_the_maximum_of_what_is_one_function_is_proved_to_be_rounding(first, second, bend):
+    """1e-11 of the range, 2, whichever elements meet; x is one on bent elements, too."""
+    mesh = grid(first, 2)
+    mesh = curved(mesh, ripple(bend), 3) if bend else mesh
+
+    def function(p):
+        return 2 * p[:, 0] - 1 if bend else 2 * p[:, 0] * p[:, 1] - 1
+
+    found = bound_of_difference(
+        *(
+            [*patches(Dataset(one.mesh, one.fields), ["p"])]
+            for one in (with_p(mesh, function, 4 if bend else 3), with_p(turned(grid(second, 2)), function, 3))
+        ),
+        Extreme(1e-15, np.nan, (0, 0, 0), 0),
+    )
+    assert found.value <= found.bound < 2e-11
 
 
 def test_a_shift_is_the_gradient_times_it():
@@ -65,6 +100,28 @@ def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
     row = diff(own, other, error=0.5)[0]
     assert row.linf == pytest.approx(0.75, rel=1e-3)
     assert 0.75 - 1e-9 <= row.bound <= 0.75 * closer
+    x, y, _ = row.where
+    assert row.linf == pytest.approx(abs(y**2 / 2 + x / 4), abs=1e-3 * any(bends) + 1e-12)
+
+
+def test_the_greatest_value_is_that_of_corners_where_points_have_less():
+    """A peak that no point of the search lies on is found by halving boxes, within a thousandth, and has the value."""
+
+    def peak(p):
+        return 1 / (1 + 400 * ((p[:, 0] - 0.3137) ** 2 + (p[:, 1] - 0.7071) ** 2))
+
+    own, other = (
+        with_p(grid(Shape.QUADRILATERAL, 5), peak, 5),
+        with_p(grid(Shape.TRIANGLE, 3), lambda p: 0 * p[:, 0], 2),
+    )
+    at_points = Extreme(0.01, np.nan, (0.0, 0.0, 0.0), -1)
+    found = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), at_points)
+    assert found.value <= found.bound <= found.value * 1.001
+    least, greatest = extrema(own, "p")
+    assert found.value == pytest.approx(max(greatest.value, -least.value), rel=1e-3)
+    values = sample(own, "p", [found.place]).values[:, 0]
+    assert np.abs(values) == pytest.approx(found.value, abs=1e-12)
+    assert found.element == sample(own, "p", [found.place]).location.element_id[0]
 
 
 def test_fields_on_bent_elements_of_both_are_bounded_by_their_ranges():

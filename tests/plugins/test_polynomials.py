@@ -9,6 +9,7 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.evaluator import Evaluator
@@ -16,7 +17,6 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, one_element, ripple, scattered
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native.polynomials import Leaves, Net, expanded, is_affine
-from elvis.plugins.native.rounding import UNIT
 
 PLAIN = ("u*v - 2*x", "(u - 0.5)^3 + v/4", "1 - u*u*u", "y*u + 3", "u - x*v + element")
 SLOPED = ("d(u, x)", "u*d(v, x) - d(u, y)^2", "d(d(u, y), x) + d(d(v, y), y)*x")

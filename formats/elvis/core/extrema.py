@@ -2,13 +2,14 @@
 
 A field lies below the greatest coefficient of its Bernstein net on a box, and has the values at the box's corners.
 Boxes whose bound is not above the best value found so far are done with; the others are halved.  Near an extreme the
-bound comes down with the square of the size of boxes, so that few are left each time.
+bound comes down with the square of the size of boxes, so that few are left each time.  Bounds hold what nets are
+rounded by, `polynomials.rounding`: that of the coefficients, and of each halving that was done.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,11 +21,17 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets, corners, difference
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.rounding import (
+    UNIT,
+    box_roundings,
+    coefficient_rounding,
+    gamma,
+    halving_roundings,
+    raising_roundings,
+)
 
 #: halvings at most, boxes at once, and the gap to the bound that is small enough, in parts of the field's magnitude
 _ROUNDS, _MANY, _CLOSE = 30, 1 << 12, 1e-13
-#: rounding of nets, in parts of their coefficients
-_ROUNDING = 256 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -55,25 +62,44 @@ def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
 
 
 def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extreme, Extreme]:
-    """The same of the difference of two fields, on elements that have both; bounds hold rounding of the coefficients.
+    """The same of the difference of two fields, on elements that have both.
 
     ElvisError where no element has both, or with Fourier directions.
     """
     held = [patch for patch in patches(dataset, [name, other]) if None not in patch.fields]
     if not held or any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected elements with both fields and without Fourier directions, to bound them")
-    both = [(_nets(patch, 0), _nets(patch, 1)) for patch in held]
-    nets = [difference(one, other) for one, other in both]
-    slack = _ROUNDING * max(float(np.abs(own).max()) for pair in both for own in pair)
-    found = _extreme(held, nets, -1), _extreme(held, nets, 1)
-    least, most = (replace(own, bound=own.bound + sign * slack) for own, sign in zip(found, (-1, 1), strict=True))
-    return least, most
+    nets = [_nets(patch, 0).minus(_nets(patch, 1)) for patch in held]
+    return _extreme(held, nets, -1), _extreme(held, nets, 1)
 
 
-def _nets(patch: Patch, number: int) -> Floats:
-    """Nets (n, D, …) of a field of a patch."""
+@dataclass(frozen=True, eq=False)
+class _Nets:
+    """Nets (n, D, …) that are off by ``error`` (n,) at most."""
+
+    values: Floats
+    error: Floats
+
+    def minus(self, other: _Nets) -> _Nets:
+        """The nets of the difference: of the greater degree each way, and rounded once more."""
+        error = self.error + other.error
+        for own in (self, other):
+            error = error + (gamma(raising_roundings(own.values.shape[1:])) + UNIT) * own.size
+        return _Nets(difference(self.values, other.values), error)
+
+    @property
+    def size(self) -> Floats:
+        """(n,) their greatest magnitudes."""
+        return np.asarray(np.abs(self.values).max(axis=tuple(range(1, self.values.ndim))))
+
+
+def _nets(patch: Patch, number: int) -> _Nets:
+    """Those of a field of a patch."""
     expansion, coefficients = _held(patch, number)
-    return box_nets(bernstein_space(expansion), bernstein_coefficients(expansion, coefficients))
+    space, net = bernstein_space(expansion), bernstein_coefficients(expansion, coefficients)
+    own = coefficient_rounding(expansion, coefficients)
+    error = own + gamma(box_roundings(space)) * np.abs(net).max(axis=1)
+    return _Nets(box_nets(space, net), error)
 
 
 def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
@@ -83,9 +109,9 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _extreme(held: Sequence[Patch], nets: Sequence[Floats], sign: int) -> Extreme:
-    """The greatest value of ``sign`` times what has nets (n, D, …) on the elements of patches."""
-    found = [_greatest(sign * own) for own in nets]
+def _extreme(held: Sequence[Patch], nets: Sequence[_Nets], sign: int) -> Extreme:
+    """The greatest value of ``sign`` times what has nets on the elements of patches."""
+    found = [_greatest(_Nets(sign * own.values, own.error)) for own in nets]
     first = max(range(len(held)), key=lambda number: found[number].value)
     best, patch = found[first], held[first]
     row = np.array([best.row])
@@ -105,48 +131,55 @@ class _Best:
     eta: Floats
 
 
-def _greatest(nets: Floats) -> _Best:
-    """Of what has nets (n, D, …) on elements."""
+def _greatest(nets: _Nets) -> _Best:
+    """Of what has nets on elements."""
     boxes = _whole(nets)
-    best = _Best(-np.inf, -np.inf, 0, np.zeros(nets.ndim - 1))
-    close = _CLOSE * float(np.abs(boxes.nets).max())
+    best = _Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
+    close = _CLOSE * float(nets.size.max())
     for _ in range(_ROUNDS):
         boxes.improve(best)
-        upper = boxes.nets.max(axis=tuple(range(1, boxes.nets.ndim)))
+        upper = boxes.highest()
         open_boxes = np.flatnonzero(upper > best.value + close)
         open_boxes = open_boxes[np.argsort(-upper[open_boxes])][:_MANY]
-        closed = np.delete(upper, open_boxes)
+        closed = np.delete(upper + boxes.nets.error, open_boxes)
         best.bound = max(best.bound, float(closed.max(initial=-np.inf)))
         if not len(open_boxes):
             break
         boxes = boxes.part(open_boxes).halved()
     else:
-        best.bound = max(best.bound, float(boxes.nets.max()))
+        best.bound = max(best.bound, float((boxes.highest() + boxes.nets.error).max()))
     best.bound = max(best.bound, best.value)
     return best
 
 
 @dataclass(frozen=True, eq=False)
 class _Boxes:
-    """Boxes of eta: rows (n,) of the patch, ends (n, d) each, nets (n, D, …)."""
+    """Boxes of eta: rows (n,) of the patch, ends (n, d) each, nets."""
 
     rows: Ints
     low: Floats
     high: Floats
-    nets: Floats
+    nets: _Nets
 
     def part(self, chosen: Ints) -> _Boxes:
         """Some of them."""
-        return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], self.nets[chosen])
+        nets = _Nets(self.nets.values[chosen], self.nets.error[chosen])
+        return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], nets)
 
     def halved(self) -> _Boxes:
         """Both halves in every direction."""
         low, high = all_half_boxes(self.low, self.high)
-        return _Boxes(np.tile(self.rows, 2 ** low.shape[1]), low, high, all_halves(self.nets))
+        nets, count = self.nets.values, 2 ** low.shape[1]
+        error = self.nets.error + gamma(halving_roundings(nets.shape[1:])) * self.nets.size
+        return _Boxes(np.tile(self.rows, count), low, high, _Nets(all_halves(nets), np.tile(error, count)))
+
+    def highest(self) -> Floats:
+        """(n,) the greatest coefficient of each."""
+        return np.asarray(self.nets.values.max(axis=tuple(range(1, self.nets.values.ndim))))
 
     def improve(self, best: _Best) -> None:
         """Let the best value be that of a corner, where one has a greater."""
-        values = corners(self.nets)
+        values = corners(self.nets.values)
         box, corner = np.unravel_index(int(values.argmax()), values.shape)
         if values[box, corner] > best.value:
             d = self.low.shape[1]
@@ -155,7 +188,8 @@ class _Boxes:
             best.eta = np.where(is_high, self.high[box], self.low[box])
 
 
-def _whole(nets: Floats) -> _Boxes:
-    """The boxes of all elements with nets (n, D, …)."""
-    low = np.full((len(nets), nets.ndim - 1), -1.0)
-    return _Boxes(np.arange(len(nets)), low, -low, nets)
+def _whole(nets: _Nets) -> _Boxes:
+    """The boxes of all elements."""
+    count, dimension = len(nets.error), nets.values.ndim - 1
+    low = np.full((count, dimension), -1.0)
+    return _Boxes(np.arange(count), low, -low, nets)

@@ -3,7 +3,7 @@
 On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its greatest magnitude
 is found by branch and bound.  On two meshes the second solution is located at every point of quadrature on the first
 one's elements, which are halved where its borders make kinks, until the error asked for holds; the greatest magnitude
-is sought at points, and bounded on all pairs of elements that may meet.
+is sought at points and on all pairs of elements that may meet, where it is bounded.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Difference:
 
     l1, l2     integral of the magnitude; root of the integral of the square
     h1         root of the integral of the square and of the squared gradient
-    linf       greatest magnitude that was found
-    bound      which the magnitude doesn't exceed anywhere, on borders from either side, by Bernstein coefficients
-               with an estimate of rounding; NaN where that can't be told
+    linf       greatest magnitude that was found, at ``where``
+    bound      which the magnitude doesn't exceed anywhere, on borders from either side: proved by Bernstein
+               coefficients, rounding included; NaN where that can't be told
     where      (x, y, z) of ``linf``
     element    id of the element of the first dataset there
     relative   ``l2`` in parts of the norm of the second dataset's field
@@ -285,18 +285,13 @@ class _Compared:
         if found is not None:
             return found
         at_points = greatest_at_points(self._evaluator, self.held, self._expressions["value"])
-        return replace(at_points, bound=self._bound(at_points.value))
-
-    def _bound(self, found: float) -> float:
-        """What no difference exceeds, which is ``found`` at some point; NaN where that can't be told."""
+        if self._is_common or not np.isfinite(at_points.value):
+            return at_points
         first, second = (
             [patch for patch in patches(one, [self._name]) if patch.fields[0] is not None]
             for one in (self._both, self._both.others[REFERENCE])
         )
-        if self._is_common or not np.isfinite(found):
-            return np.nan
-        bound = bound_of_difference(first, second, found)
-        return np.nan if bound is None else bound
+        return bound_of_difference(first, second, at_points) or at_points
 
     def _summed(self, slopes: Sequence[Node]) -> Sums:
         """The integrals of all expressions.

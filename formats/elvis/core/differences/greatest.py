@@ -1,6 +1,6 @@
 """The greatest magnitude of a difference: proved on one mesh, and from points that close in on it on two.
 
-`overlaps` bounds what is found at points.
+`overlaps` bounds what is found at points, and may find a greater difference.
 """
 
 from __future__ import annotations

@@ -13,9 +13,12 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.shapes import Shape
+
+#: parts of a box's length at which `parts_of_boxes` may begin and end
+GRID = 8
 
 #: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products
 _SHRINKING: dict[Shape, tuple[tuple[int, ...], ...]] = {
@@ -72,6 +75,14 @@ def nets_through(values: Floats, places: Floats, dimension: int) -> Floats:
     return nets
 
 
+def on_lattice(nets: Floats, places: Floats) -> Floats:
+    """(n, q, …, q) values of nets (n, D1, …, Dd) on the lattice of places (q,) in [0, 1]."""
+    for axis in range(1, nets.ndim):
+        table = line_tables(nets.shape[axis] - 1, places)[0]
+        nets = np.moveaxis(np.moveaxis(nets, axis, -1) @ table.T, -1, axis)
+    return nets
+
+
 def corners(nets: Floats) -> Floats:
     """(n, 2^d) values at the corners of the boxes, where the net is the polynomial; the last direction runs fastest."""
     ends = [[0, -1]] * (nets.ndim - 1)
@@ -100,6 +111,39 @@ def all_half_boxes(low: Floats, high: Floats) -> tuple[Floats, Floats]:
         upper[:, axis], lower[:, axis] = middle, middle
         low, high = np.concatenate([low, upper]), np.concatenate([lower, high])
     return low, high
+
+
+def parts_of_boxes(nets: Floats, axis: int, low: Ints, high: Ints) -> Floats:
+    """Nets of the parts of boxes from low / GRID to high / GRID (n,) of their lengths in one direction, 0 to d - 1."""
+    moved = np.moveaxis(nets, 1 + axis, -1)
+    shape = moved.shape
+    flat = moved.reshape(len(nets), -1, shape[-1])
+    return np.moveaxis((flat @ _restrictions(shape[-1] - 1)[low, high]).reshape(shape), -1, 1 + axis)
+
+
+@lru_cache(maxsize=16)
+def _restrictions(degree: int) -> Floats:
+    """(GRID + 1, GRID + 1, D, D) matrices from the right that give the nets of parts from and to a place of the grid.
+
+    Coefficient j of a part from a to b is the blossom at a, degree - j times, and b, j times: the sum over s of
+    b_s^j(b) b_(i-s)^(degree-j)(a) times coefficient i.  Entries are multiples of GRID^-degree: exact up to degree 17.
+    """
+    n = degree + 1
+    lines = [_whole_line(k) for k in range(n)]
+    found = np.zeros((GRID + 1, GRID + 1, n, n), np.int64)
+    for j in range(n):
+        upper, lower = lines[j], lines[degree - j]
+        for s in range(j + 1):
+            for r in range(degree - j + 1):
+                found[:, :, s + r, j] += lower[:, None, r] * upper[None, :, s]
+    return frozen_floats(found / GRID**degree)
+
+
+def _whole_line(degree: int) -> Ints:
+    """(GRID + 1, degree + 1) Bernstein polynomials at the places of the grid, times GRID^degree."""
+    t, power = np.arange(GRID + 1)[:, None], np.arange(degree + 1)
+    choices = np.array([comb(degree, k) for k in range(degree + 1)])
+    return np.asarray(choices * t**power * (GRID - t) ** (degree - power))
 
 
 @lru_cache(maxsize=64)

@@ -15,6 +15,7 @@ from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
+from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
 from elvis.core.quantities.cells import Cells
@@ -27,7 +28,7 @@ from elvis.plugins.formulas import Formula, facets_of, is_continuous
 from elvis.plugins.native.device_spaces import even_space, field_space
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
-from elvis.plugins.native.rounding import UNIT, expression_rounding, field_rounding, operations, polynomial_rounding
+from elvis.plugins.native.rounding import expression_rounding, field_rounding, operations, polynomial_rounding
 from elvis.plugins.native.slopes import ElementSlopes, has_slopes
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves

@@ -21,10 +21,10 @@ from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
 from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
+from elvis.core.polynomials.rounding import UNIT, coefficient_rounding
 from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.tree import Node, field, fold
 from elvis.core.shapes import Shape
-from elvis.plugins.native.rounding import UNIT, basis_rounding
 from elvis.plugins.native.weights import weights
 
 #: coefficients of one element, beyond which a formula is quicker
@@ -118,7 +118,7 @@ class Leaves:
         space = bernstein_space(expansion)
         with np.errstate(invalid="ignore"):
             plain = bernstein_coefficients(expansion, coefficients)
-            error = basis_rounding(expansion, coefficients, space)
+            error = coefficient_rounding(expansion, coefficients, space)
         return Net(space, np.ascontiguousarray(plain.T), error)
 
     def _constant(self, name: str) -> Net | None:

@@ -15,14 +15,13 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
+from elvis.core.polynomials.rounding import UNIT, coefficient_rounding
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval, number
 from elvis.core.quantities.tree import Node, fold, whole_exponent
 from elvis.core.shapes import Shape
 
-#: unit roundoff of 64-bit floats
-UNIT = 2.0**-53
 #: modes this much smaller than the greatest one are none of a constant
 _SMALL = 1e-3
 
@@ -55,7 +54,7 @@ def field_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace, c
     with np.errstate(invalid="ignore"):
         modes, values = np.abs(modal), np.abs(coefficients)
         greatest = values.max(axis=1)
-        rounding = basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest
+        rounding = coefficient_rounding(expansion, modal, space) + UNIT * operations(space) * greatest
 
         # a constant is a sum of modes of about one size
         alike = (coefficients == coefficients[:, :1]).all(axis=1)
@@ -67,19 +66,7 @@ def polynomial_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpa
     """(n,) how far computed values of polynomials, constants too, may be from the true ones; as `field_rounding`."""
     with np.errstate(invalid="ignore"):
         greatest = np.abs(bernstein_coefficients(expansion, modal, space)).max(axis=1, initial=0.0)
-        return np.asarray(basis_rounding(expansion, modal, space) + UNIT * operations(space) * greatest)
-
-
-def basis_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace) -> Floats:
-    """(n,) how far Bernstein coefficients may be from the true ones: in proportion to the magnitudes of the modes."""
-    summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=1, initial=0.0)
-    return np.asarray(UNIT * (_summands(expansion, modal.shape[1]) + 3) * summed)
-
-
-def _summands(expansion: Expansion, modes: int) -> int:
-    """Terms of the sums in the change to Bernstein coefficients: one direction at a time on tensor shapes."""
-    tensor = expansion.shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
-    return sum(expansion.modes) if tensor else modes
+        return np.asarray(coefficient_rounding(expansion, modal, space) + UNIT * operations(space) * greatest)
 
 
 @dataclass(frozen=True, eq=False)

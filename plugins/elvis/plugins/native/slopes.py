@@ -25,12 +25,13 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
+from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.quantities.functions import function, partials
 from elvis.core.quantities.intervals import Interval, number
 from elvis.core.quantities.tree import LEAVES, Node, leaves, ordered, partial, whole_exponent
 from elvis.plugins.native.bending import derived
-from elvis.plugins.native.rounding import UNIT, operations
+from elvis.plugins.native.rounding import operations
 from elvis.plugins.volume import Slopes
 
 #: operators and functions that are analytic wherever the intervals of their derivatives are finite

@@ -80,7 +80,7 @@ def diff(
     whatever their numbers and orientation, differences are taken by coefficients, exactly, and their maximum is
     proved. On others B is located exactly at every point of quadrature on the elements of A, which are halved where
     borders of B's elements make kinks; every norm has an error in --json, and the maximum a bound from Bernstein
-    coefficients, of which rounding is an estimate. What B doesn't cover is left out, and told. With several A, from
+    coefficients that is proved, rounding included. What B doesn't cover is left out, and told. With several A, from
     coarse to fine, the order of convergence to B is told, too. A report shows the fields of the last A, of B and their
     difference in one scene.
     """
