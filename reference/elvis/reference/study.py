@@ -33,6 +33,7 @@ from elvis.reference.baseline.exact import FINE, exact_isosurface
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import LinearMesh, estimate
 from elvis.reference.baseline.vtk import VtkBaseline
+from elvis.reference.line_study import LineStudy, line_studies
 from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
@@ -106,6 +107,7 @@ class Study:
     exact      the picture that is held for true
     ends       of the colour range
     contours   values whose displacement is measured
+    lines      where streamlines end, of each object that has some
     next       cuts beyond the last ones, and the bytes they would need
     stored     bytes of the coefficients that the exact picture is drawn from
     """
@@ -124,6 +126,7 @@ class Study:
     seconds: Mapping[str, float] = field(default_factory=dict)
     remarks: Sequence[str] = ()
     meshes: Mapping[str, LinearMesh] = field(default_factory=dict)
+    lines: Sequence[LineStudy] = ()
 
 
 def compare_records(exact: Record, other: Record, name: str) -> Study:
@@ -198,6 +201,7 @@ def compare_scene(
         seconds,
         (*frame.remarks, *_left_out(completed)),
         {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
+        line_studies(dataset, completed, quantities, levels, allowed),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from elvis.reference.line_study import LineStudy
 from elvis.reference.report.words import count_of, percent, size, some
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
@@ -34,7 +35,17 @@ def conclusion(study: Study) -> str:
         said.append(_linear(study, levels))
     elif study.rivals and study.rivals[0].errors is not None:
         said.append(f"{_upper(how_wrong(study.rivals[0]))}.")
+    said += map(_lines, study.lines)
     return " ".join(said)
+
+
+def _lines(own: LineStudy) -> str:
+    """Where streamlines end, ours and the finest of VTK's."""
+    if own.ours.greatest is None:
+        return f"No streamline of {own.name} was compared: {own.ours.skipped}."
+    said = f"Streamlines of {own.name} end within {own.ours.greatest:.0e} of the box from where they should"
+    known = [other for other in own.others if other.level is not None and other.greatest is not None]
+    return f"{said}; {known[-1].name}: {known[-1].greatest:.0e}." if known else f"{said}."
 
 
 def _exactness(study: Study) -> str:

@@ -196,16 +196,22 @@ def _worst(study: Study, files: Files) -> dict[str, Any]:
 
 
 def _plots(study: Study, files: Files) -> list[dict[str, str]]:
-    """Errors against refinement and memory, where there are several refinements."""
+    """Errors against refinement and memory, where there are several refinements; where streamlines end."""
+    lines = []
+    for number, own in enumerate(study.lines):
+        if any(other.greatest for other in own.others):
+            name = f"plots/lines-{number}.svg"
+            files[name] = plots.of_lines(own)
+            lines.append({"file": name, "name": f"where streamlines end: {own.name}"})
     if sum(rival.level is not None and rival.errors is not None for rival in study.rivals) < 2:
-        return []
+        return lines
     files["plots/refinement.svg"] = plots.against_refinement(study)
     files["plots/memory.svg"] = plots.against_memory(study)
     found = [{"file": f"plots/{name}.svg", "name": f"error against {name}"} for name in ("refinement", "memory")]
     if any(rival.deviations for rival in study.rivals):
         files["plots/distances.svg"] = plots.of_distances(study)
         found.append({"file": "plots/distances.svg", "name": "histogram of distances"})
-    return found
+    return [*found, *lines]
 
 
 def _times(study: Study, files: Files) -> dict[str, Any] | None:

@@ -7,6 +7,7 @@ from io import StringIO
 from typing import Any
 
 from elvis.reference.extras import comparison_module
+from elvis.reference.line_study import LineStudy
 from elvis.reference.report.words import size
 from elvis.reference.study import Rival, Study
 
@@ -70,6 +71,29 @@ def of_distances(study: Study) -> str:
         axes.set_xlabel("distance, units of the data")
         axes.set_ylabel("share of the exact points")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
+
+    return plot(draw)
+
+
+def of_lines(study: LineStudy) -> str:
+    """Distances of VTK's ends of lines by refinement; levels where ours are and where those in its own cells are."""
+    refined = [own for own in study.others if own.level is not None and own.greatest]
+
+    def draw(axes: Any) -> None:
+        places = [own.level for own in refined]
+        for word, color, marker in (("greatest", "#bd0026", "o"), ("median", "#fd8d3c", "s")):
+            label = f"VTK in linear elements, {word}"
+            axes.plot(places, [getattr(own, word) for own in refined], marker=marker, color=color, label=label)
+        for own in (study.ours, *(other for other in study.others if other.level is None)):
+            if own.greatest:
+                is_ours = own is study.ours
+                look = {"color": "black" if is_ours else "#253494", "linestyle": "--" if is_ours else ":"}
+                axes.axhline(own.greatest, label=f"{'ours' if is_ours else own.name}, greatest", **look)
+        axes.set_yscale("log")
+        axes.set_xticks(places)
+        axes.set_xlabel("refinements of every element")
+        axes.set_ylabel("distance of ends, parts of the box")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, fontsize=8)
 
     return plot(draw)
 

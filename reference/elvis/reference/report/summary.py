@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from elvis.core.dataset import Expansion
+from elvis.reference.line_study import line_facts
 from elvis.reference.report.conclusion import conclusion, is_right
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
@@ -35,6 +36,7 @@ def summary(study: Study) -> dict[str, Any]:
             "bars": [check_facts(check) for check in validation.checks],
         },
         "rivals": [rival_facts(rival) for rival in study.rivals],
+        "lines": [line_facts(own) for own in study.lines],
         "next": study.next and {"level": study.next[0], "bytes": study.next[1]},
         "remarks": list(study.remarks),
     }
