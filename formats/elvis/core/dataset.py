@@ -17,6 +17,7 @@ from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
     from elvis.core.common_elements import CommonElements
+    from elvis.core.streamlines.moving import Interval
 
 #: key of the metadata that names the fields which hold the map of the elements
 MAP_KEY = "GeometryMap"
@@ -121,6 +122,9 @@ class Rates(Protocol):
 
     def field(self, name: str) -> Field:
         """The derivative of a field, named as `rate_name` says; ElvisError where there is none."""
+
+    def intervals(self, start: float, stop: float) -> Iterator[Interval]:
+        """The parts of time between steps from one time to another; ElvisError where these are not of the series."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from elvis.plugins.opening import PluginData
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
-from elvis.scene.quantities import quantities
+from elvis.scene.quantities import quantities, vector_components
 from elvis.scene.tables import input_files
 
 #: how names of files end, and texts of quantities don't
@@ -33,7 +33,7 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:
     """How files are read of which nothing but pictures of scenes is made, all of the moment of the first."""
-    texts = dict.fromkeys(text for scene in scenes for text in quantities(scene))
+    texts = dict.fromkeys(text for scene in scenes for text in (*quantities(scene), *vector_components(scene)))
     return replace(reading_of(scenes[0], is_kept), quantities=tuple(texts))
 
 

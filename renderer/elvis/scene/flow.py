@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,6 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, MakeTracer
 from elvis.core.streamlines.line_pieces import Curves, curves
 from elvis.core.streamlines.marks import marks
+from elvis.core.streamlines.pathlines import path_curves, streak_curves
 from elvis.core.streamlines.ribbons import Ribbons, ribbons
 from elvis.core.streamlines.tracer import Tracer
 from elvis.scene.errors import SceneError
@@ -23,9 +25,11 @@ from elvis.scene.surfaces import Vector
 RADIUS = 0.003
 #: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals beside a width in pixels; radius by length
 _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
+#: what lines are, and of particles since when, and how many releases of them
+_Key: TypeAlias = tuple[Course, float | None, int | None]
 #: courses in the same data whose lines are kept
 _MOST = 8
-_KNOWN: WeakKeyDictionary[Dataset, dict[Course, Curves]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Dataset, dict[_Key, Curves]] = WeakKeyDictionary()
 _HEADS: WeakKeyDictionary[Curves, dict[tuple[float, str, float], Frusta]] = WeakKeyDictionary()
 _STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictionary()
 
@@ -52,21 +56,35 @@ def curves_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) ->
 
     make  of what follows lines that aren't known yet
     """
-    course = course_of(item)
+    key = (course_of(item), item.since, item.releases)
     known = _KNOWN.setdefault(dataset, {})
     if "-" in item.seeds:
         raise SceneError("seeds of streamlines: expected the name of a table, found -")
-    if course not in known:
+    if key not in known:
         if len(known) >= _MOST:
             known.clear()
         try:
-            known[course] = curves(dataset, course, make)
+            known[key] = _followed(dataset, *key, make)
         except ElvisError as error:
             raise SceneError(f"streamlines: {error}") from error
-    found = known[course]
+    found = known[key]
     if not found.lines:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
+
+
+def _followed(dataset: Dataset, course: Course, since: float | None, releases: int | None, make: MakeTracer) -> Curves:
+    """Streamlines, or since a time paths or streaks of particles, as curves."""
+    if since is None:
+        return curves(dataset, course, make)
+    if dataset.rates is None or dataset.time is None:
+        raise ElvisError("since: expected a moment of a series, found one state")
+    intervals, stop = dataset.rates.intervals, dataset.time
+    if releases is None:
+        return path_curves(dataset, intervals, course, since, stop)
+    if since > stop:
+        raise ElvisError(f"since: expected a time up to that of the picture, {stop:.10g}, found {since:.10g}")
+    return streak_curves(dataset, intervals, course, since, stop, releases)
 
 
 def ribbons_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:

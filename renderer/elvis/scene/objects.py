@@ -330,6 +330,21 @@ class Streamlines(Model, of="streamlines"):
             default="8 radii, 0.6 widths of a ribbon, 0.02 diagonals beside a width in pixels",
         ),
     ] = None
+    since: Annotated[
+        float | None,
+        Setting(
+            "In place of streamlines the paths of particles that seeds released at this time of a series, up to that "
+            "of the picture.",
+        ),
+    ] = None
+    releases: Annotated[
+        int | None,
+        Setting(
+            "With since: in place of paths balls where the particles are that each seed has released at so many even "
+            "steps of time: streaks, as dye makes them.",
+            ge=2,
+        ),
+    ] = None
     style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
@@ -354,6 +369,10 @@ class Streamlines(Model, of="streamlines"):
         alone = self.arrow_length is None and self.arrows_by == "length"
         check(self.arrows or alone, "arrows of streamlines", "how far apart they are", "nothing")
         check(self.wall is None or not self.ribbon, "ribbons", "lines in elements", f"lines on the wall {self.wall}")
+        others = self.wall, self.ribbon, self.duration, self.arrows
+        is_plain = self.direction == "forward" and all(own is None for own in others)
+        check(self.since is None or is_plain, "since", "no wall, ribbon, arrows, duration and direction with it", "some")
+        check(self.releases is None or self.since is not None, "releases", "since with it", "none")
         lines = self.style.contours or self.style.mesh_lines
         check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+
+if TYPE_CHECKING:
+    from elvis.core.streamlines.moving import Interval
 
 #: what is known of an element by the fields on it
 _OF_FIELDS = "order"
@@ -77,3 +81,7 @@ class _AskedRates:
         """A field without values."""
         self.names.add(name)
         return Field(rate_name(name), ())
+
+    def intervals(self, start: float, stop: float) -> Iterator[Interval]:
+        """None: nothing is followed here."""
+        return iter(())

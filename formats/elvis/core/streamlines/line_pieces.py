@@ -162,18 +162,32 @@ def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curve
     ends = np.zeros(len(names), np.int64)
     for direction, tracer in enumerate(flow.tracers(make)):
         first = direction * len(flow.location)
-        for part in _pieces_of(tracer, first, flow.velocity, DEVIATION * flow.size):
+        for part in pieces_of(tracer, first, flow.velocity, DEVIATION * flow.size):
             found.append(part)
             count += len(part)
-            if count > _MOST_PIECES:
-                raise ElvisError(f"expected curves of {_MOST_PIECES} pieces in all at most; a smaller length has fewer")
+            check_count(count)
         ends += np.bincount(tracer.end, minlength=len(names))
     counts = {name: int(number) for name, number in zip(names, ends, strict=True) if number}
     lines = int(ends.sum() - ends[End.OUTSIDE])
     return Curves(Pieces.joined(found), lines, counts, flow.size)
 
 
-def _pieces_of(tracer: Tracer, first: int, velocity: Velocity, most: float) -> Iterator[Pieces]:
+def check_count(pieces: int) -> None:
+    """ElvisError where there are too many pieces."""
+    if pieces > _MOST_PIECES:
+        raise ElvisError(f"expected curves of {_MOST_PIECES} pieces in all at most; a smaller length has fewer")
+
+
+def resting(points: Floats, reference: Floats, element: Ints, line: Ints, time: Floats) -> Pieces:
+    """Particles (n, 3) as curves that stay where they are: reference coordinates (n, D), ids, lines and times (n,)."""
+    nets = np.zeros((2, len(points), DEGREE + 1, 3))
+    nets[0, :, 0] = points
+    nets[1, :, 0, : reference.shape[1]] = reference
+    times = np.stack([time, time], axis=1)
+    return Pieces(nets[0], nets[1], element, np.zeros(len(points)), line, times, np.zeros((len(points), DEGREE + 1)))
+
+
+def pieces_of(tracer: Tracer, first: int, velocity: Velocity, most: float) -> Iterator[Pieces]:
     """The steps of all lines, many at a time, as curves that deviate by ``most`` at most, lines from ``first`` on."""
     kept: list[Piece] = []
     count = 0
@@ -231,7 +245,7 @@ def _in_patch(velocity: Velocity, number: int, steps: _Steps, most: float) -> Pi
     for halving in range(_HALVINGS + 1):
         if not len(steps.row):
             break
-        nets = steps.nets[:, :, : patch.dimension]
+        nets = steps.nets[:, :, : patch.dimension + velocity.clocks]
         points, deviation = _image(velocity, number, steps.row, nets)
         is_done = (deviation <= most) | (halving == _HALVINGS)
         done = np.flatnonzero(is_done)

@@ -18,13 +18,14 @@ from elvis.core.errors import ElvisError
 from elvis.core.mapping.locate import Locator
 from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.course import Course, diagonal, limits_of
-from elvis.core.streamlines.endings import End
+from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.streamlines import SPACING, Along, Points, Streamlines, collected, joined
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
-from elvis.core.streamlines.tracer import Limits, Tracer
+from elvis.core.streamlines.tracer import Limits, Piece, Tracer
 from elvis.core.streamlines.velocity import velocity_expressions
 
 #: from one time to another, earlier or later, the intervals between
@@ -165,6 +166,74 @@ def pathlines(
     return joined(directions, scene.neighbours.names, np.concatenate(exponents) if ftle else None)
 
 
+def path_curves(dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float) -> Curves:
+    """The paths of `pathlines` as curves, for pictures of them; seeds alone where the times are the same."""
+    scene = _Scene.of(dataset, course, (), False)
+    if start == stop:
+        return _resting_curves(scene, dataset, np.full(len(scene.seeds), start), start)
+    sign = 1 if stop > start else -1
+    particles = _Particles(scene, scene.seeds, np.full(len(scene.seeds), start), start, sign)
+    most = DEVIATION * diagonal(scene.locator)
+    found, count = list[Pieces](), 0
+    for velocity, _ in particles.through(intervals(start, stop)):
+        for part in pieces_of(particles.tracer, 0, velocity, most):
+            found.append(part)
+            count += len(part)
+            check_count(count)
+    return _curves(scene, Pieces.joined(found), particles.tracer.end)
+
+
+def path_steps(
+    dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float
+) -> Iterator[tuple[MovingVelocity, Piece]]:
+    """The steps of `pathlines`, with the velocity of each; none where the times are the same."""
+    if start == stop:
+        return
+    scene = _Scene.of(dataset, course, (), False)
+    release = np.full(len(scene.seeds), start)
+    particles = _Particles(scene, scene.seeds, release, start, 1 if stop > start else -1)
+    for velocity, _ in particles.through(intervals(start, stop)):
+        for piece in particles.tracer.run():
+            yield velocity, piece
+
+
+def streak_curves(
+    dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float, releases: int
+) -> Curves:
+    """The particles of `streaklines` as curves that stay where they are, for pictures of them."""
+    scene = _Scene.of(dataset, course, (), False)
+    count = len(scene.seeds)
+    release = np.tile(np.linspace(stop, start, releases), count)
+    if start == stop:
+        return _resting_curves(scene, dataset, np.full(count, start), start)
+    particles = _Particles(scene, np.repeat(scene.seeds, releases, axis=0), release, start, 1)
+    points, velocity = _streaks(particles, intervals(start, stop), releases)
+    known = Along.of(points, velocity, ())
+    reference = points.state[:, :-2]
+    pieces = resting(known.points, reference, known.element, points.line, known.time)
+    return _curves(scene, pieces, particles.tracer.end)
+
+
+def _resting_curves(scene: _Scene, dataset: Dataset, time: Floats, start: float) -> Curves:
+    """Seeds at the time of their release."""
+    velocity = scene.velocity(Interval(start, start + 1.0, np.array([start]), (dataset,)))
+    location = scene.locator.locate(scene.seeds)
+    there = np.flatnonzero(location.patch >= 0)
+    reference = location.reference[there]
+    patch, row = location.patch[there], location.row[there]
+    places = velocity.positions(patch, row, np.column_stack([reference, np.zeros(len(there))]))
+    pieces = resting(places, reference, location.element_id[there], there, time[there])
+    return _curves(scene, pieces, np.where(location.patch >= 0, End.DURATION, End.OUTSIDE))
+
+
+def _curves(scene: _Scene, pieces: Pieces, ends: Ints) -> Curves:
+    """Pieces of lines that end so (n,)."""
+    names = (*(WORDS[end][0] for end in End), *scene.neighbours.names)
+    counts = np.bincount(ends, minlength=len(names))
+    told = {name: int(number) for name, number in zip(names, counts, strict=True) if number}
+    return Curves(pieces, int((ends != End.OUTSIDE).sum()), told, diagonal(scene.locator))
+
+
 def streaklines(
     dataset: Dataset,
     intervals: Intervals,
@@ -188,8 +257,17 @@ def streaklines(
     count = len(scene.seeds)
     times = np.linspace(stop, start, releases)
     particles = _Particles(scene, np.repeat(scene.seeds, releases, axis=0), np.tile(times, count), start, 1)
+    points, velocity = _streaks(particles, intervals(start, stop), releases)
+    tracer = particles.tracer
+    outside = tracer.end.reshape(count, releases)[:, 0] == End.OUTSIDE
+    ends = np.where(outside, End.OUTSIDE, End.DURATION)
+    return joined([(ends, [Along.of(points, velocity, scene.others)])], scene.neighbours.names)
+
+
+def _streaks(particles: _Particles, intervals: Iterator[Interval], releases: int) -> tuple[Points, MovingVelocity]:
+    """Where particles that are not at their ends are after intervals, and the velocity there; lines are seeds."""
     velocity = None
-    for moved, _ in particles.through(intervals(start, stop)):
+    for moved, _ in particles.through(intervals):
         velocity = moved
         for _ in particles.tracer.run():
             pass
@@ -198,9 +276,5 @@ def streaklines(
     there = np.flatnonzero(tracer.end == End.DURATION)
     # a particle that is released at the end has not moved, but is in the last interval
     tracer.state[there, -2] = 1.0
-    points = Points(
-        there // releases, tracer.patch[there], tracer.row[there], particles.release[there], tracer.state[there]
-    )
-    outside = tracer.end.reshape(count, releases)[:, 0] == End.OUTSIDE
-    ends = np.where(outside, End.OUTSIDE, End.DURATION)
-    return joined([(ends, [Along.of(points, velocity, scene.others)])], scene.neighbours.names)
+    own = tracer.patch[there], tracer.row[there], particles.release[there], tracer.state[there]
+    return Points(there // releases, *own), velocity

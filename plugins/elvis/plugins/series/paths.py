@@ -94,6 +94,16 @@ def streaklines(
     return streaks_through(time.dataset(begin), time.intervals, course, begin, stop, releases, fields=fields)
 
 
+def intervals(series: Series, between: str, start: float, stop: float) -> Iterator[Interval]:
+    """The parts of time between steps from one time to another, earlier or later one.
+
+    ElvisError for times that the series has not, steps with nothing continuous between, and a mesh that changes.
+    """
+    time = _Time(series, between)
+    begin, end = (time.begin(each, "forward") for each in (start, stop))
+    return time.intervals(begin, end)
+
+
 def _course(
     seeds: Any,
     velocity: Sequence[str] | str | None,

@@ -6,6 +6,7 @@ have a kink, it is that of what follows; at the last, of what comes before.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from elvis.core.moments import BETWEEN
 from elvis.plugins.series.between import STEPS_OF, is_one_mesh, polynomial_name, sum_of
 
 if TYPE_CHECKING:
+    from elvis.core.streamlines.moving import Interval
     from elvis.plugins.series.series import Series
 
 
@@ -72,6 +74,12 @@ class StepRates:
                 raise ElvisError(f"steps {numbers[0]} to {numbers[-1]} don't have the same {name}: {_none(name)}")
             self._found[name] = Field(rate_name(name), rate.blocks)
         return self._found[name]
+
+    def intervals(self, start: float, stop: float) -> Iterator[Interval]:
+        """The parts of time between steps, along which particles are followed (`paths`)."""
+        from elvis.plugins.series.paths import intervals
+
+        return intervals(self.series, self.between, start, stop)
 
     def _steps(self) -> list[int]:
         """The steps that are taken; ElvisError where there are no two."""

@@ -13,14 +13,19 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.core.streamlines.line_pieces import Pieces
+from elvis.core.streamlines.pathlines import path_steps
+from elvis.core.streamlines.tracer import Piece
+from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.unions import INTERVAL, union
 from elvis.scene import Streamlines
-from elvis.scene.flow import RADIUS, course_of
+from elvis.scene.flow import RADIUS, course_of, curves_in
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -70,14 +75,14 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
     """All places at which rays enter or leave tubes of streamlines; ElvisError where neighbours aren't known."""
     if quantities.dataset is None:
         raise ElvisError("the reference follows no lines in what a runtime plugin has opened")
-    flow = Flow.of(quantities.dataset, course_of(shown))
+    size, steps = _followed(quantities.dataset, shown)
     if shown.width is None:
-        radius, growth = shown.radius or RADIUS * flow.size, 0.0
+        radius, growth = shown.radius or RADIUS * size, 0.0
     else:
         half = 0.5 * shown.width * float(np.linalg.norm(view.column))
         radius, growth = (0.0, half) if view.perspective else (half, 0.0)
     columns = []
-    for step in _steps(flow):
+    for step in steps:
         check_time()
         columns.append(_intervals(step, view, radius, growth))
     if not columns:
@@ -85,19 +90,42 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
     return union(np.concatenate(columns), quantities)
 
 
-def _steps(flow: Flow) -> Iterator[_Step]:
+def _followed(dataset: Dataset, shown: Streamlines) -> tuple[float, Iterator[_Step]]:
+    """The diagonal of the box, and all steps of all lines."""
+    if shown.since is None:
+        flow = Flow.of(dataset, course_of(shown))
+        pieces = ((flow.velocity, piece) for tracer in flow.tracers() for piece in tracer.run())
+        return flow.size, _steps(pieces)
+    curves = curves_in(dataset, shown)
+    if shown.releases is not None or shown.since == dataset.time:
+        return curves.size, _rests(curves.pieces)
+    assert dataset.rates is not None
+    assert dataset.time is not None
+    return curves.size, _steps(
+        path_steps(dataset, dataset.rates.intervals, course_of(shown), shown.since, dataset.time)
+    )
+
+
+def _rests(pieces: Pieces) -> Iterator[_Step]:
+    """Particles that stay where they are."""
+    for point, place, element in zip(pieces.points[:, 0], pieces.reference[:, 0], pieces.element, strict=True):
+        series = np.zeros((_NODES, 3))
+        series[0] = point
+        yield _Step(series, np.tile(place, (8, 1)), 1.0, int(element))
+
+
+def _steps(pieces: Iterator[tuple[Velocity, Piece]]) -> Iterator[_Step]:
     """All steps of all lines."""
-    for tracer in flow.tracers():
-        for piece in tracer.run():
-            count = len(piece.line)
-            t = 0.5 * (_POINTS + 1.0) * piece.part[:, None]
-            states = bernstein_at(np.repeat(piece.nets[:, :, :-1], _NODES, axis=0), t.ravel())
-            patch, row = np.repeat(piece.patch, _NODES), np.repeat(piece.row, _NODES)
-            world = flow.velocity.positions(patch, row, states).reshape(count, _NODES, 3)
-            for k in range(count):
-                own = flow.velocity.patches[piece.patch[k]]
-                net = piece.nets[k, :, : own.dimension]
-                yield _Step(_TO_SERIES @ world[k], net, float(piece.part[k]), int(own.element_ids[piece.row[k]]))
+    for velocity, piece in pieces:
+        count = len(piece.line)
+        t = 0.5 * (_POINTS + 1.0) * piece.part[:, None]
+        states = bernstein_at(np.repeat(piece.nets[:, :, :-1], _NODES, axis=0), t.ravel())
+        patch, row = np.repeat(piece.patch, _NODES), np.repeat(piece.row, _NODES)
+        world = velocity.positions(patch, row, states).reshape(count, _NODES, 3)
+        for k in range(count):
+            own = velocity.patches[piece.patch[k]]
+            net = piece.nets[k, :, : own.dimension]
+            yield _Step(_TO_SERIES @ world[k], net, float(piece.part[k]), int(own.element_ids[piece.row[k]]))
 
 
 def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndarray:
