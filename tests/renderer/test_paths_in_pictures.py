@@ -9,7 +9,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats import open_series, read, write
-from elvis.renderer import Streamlines, Style, render
+from elvis.renderer import Glyphs, Streamlines, Style, render
 from elvis.scene.errors import SceneError
 
 TIMES = (0.0, 0.5, 1.1, 1.6)
@@ -90,3 +90,11 @@ def test_what_has_no_paths(files):
     with pytest.raises(SceneError, match="since: expected a moment of a series, found one state"):
         render(still, objects=[Streamlines(("point:0.3,0.5",), since=0.0)], device="reference")
     assert len(open_series(*files)) == 4
+
+
+def test_films_read_the_fields_of_velocities_that_nothing_names(files, tmp_path):
+    """Of native files only fields that are needed are read: u is drawn, lines and arrows need v as well."""
+    lines = Streamlines(("point:0.3,0.5",), radius=RADIUS)
+    arrows = Glyphs(("plane:0,0,0:0,0,1:4",), length=0.1)
+    frame = render(*files, "u", objects=[lines, arrows], time=1.3, size=(24, 24), camera="top", device="reference")
+    assert frame.seen.any()

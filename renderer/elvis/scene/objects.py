@@ -371,7 +371,9 @@ class Streamlines(Model, of="streamlines"):
         check(self.wall is None or not self.ribbon, "ribbons", "lines in elements", f"lines on the wall {self.wall}")
         others = self.wall, self.ribbon, self.duration, self.arrows
         is_plain = self.direction == "forward" and all(own is None for own in others)
-        check(self.since is None or is_plain, "since", "no wall, ribbon, arrows, duration and direction with it", "some")
+        check(
+            self.since is None or is_plain, "since", "no wall, ribbon, arrows, duration and direction with it", "some"
+        )
         check(self.releases is None or self.since is not None, "releases", "since with it", "none")
         lines = self.style.contours or self.style.mesh_lines
         check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
