@@ -145,6 +145,42 @@ def test_families_show_their_order(modes):
     assert list(found.columns()["elements"]) == [16, 64]
 
 
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+def test_inverted_elements_hold_what_they_cover(shape):
+    """The second mesh is a mirror image, with negative Jacobians: points inside, on borders and corners have values."""
+    first = Shape.HEXAHEDRON if shape.dimension == 3 else Shape.TRIANGLE
+    mesh = grid(shape, 1)
+    mirrored = replace(mesh, vertices=mesh.vertices * [-1, 1, 1] + [1, 0, 0])
+
+    def square(p):
+        return p[:, 0] ** 2 - p[:, 0] * p[:, 1]
+
+    own, other = with_p(grid(first, 2), square, 3), with_p(mirrored, square, 3)
+    row = diff(own, other, error=0.5)[0]
+    assert row.covered == pytest.approx(1, abs=1e-12)
+    assert max(row.l1, row.l2, row.linf) < 1e-11
+    top = float(shape.dimension == 3)
+    points = [(0.3, 0.2, 0.1 * top), (0.5, 0.5, 0.5 * top), (0, 0, 0), (1, 1, top), (1, 0.3, 0)]
+    assert np.abs(sample(own.beside(ref=other), "p - ref:p", points).values).max() < 1e-11
+    assert np.isnan(sample(own.beside(ref=other), "p - ref:p", [(1.5, 0, 0)]).values).all()
+
+
+def test_a_folded_element_of_the_second_covers_what_its_map_reaches():
+    """A corner of a quadrilateral is moved so far that it folds: values there are those of either sheet, x + y."""
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    vertices = mesh.vertices.copy()
+    vertices[np.abs(vertices - [0.5, 0.5, 0]).sum(axis=1).argmin()] = [0.9, 0.9, 0]
+    folded = replace(mesh, vertices=vertices)
+
+    def plane(p):
+        return p[:, 0] + p[:, 1]
+
+    row = diff(with_p(grid(Shape.TRIANGLE, 3), plane, 3), with_p(folded, plane, 3), error=0.3)[0]
+    assert row.covered == pytest.approx(1, abs=1e-12)
+    assert max(row.l1, row.l2, row.linf) < 2e-11
+    assert row.linf <= row.bound < 2e-11
+
+
 def half(points):
     return points * [0.5, 1, 1]
 

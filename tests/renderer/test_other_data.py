@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.core.shapes import Shape
-from elvis.core.testing import grid, with_field
+from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.formats import write
 from elvis.renderer import (
     Clip,
@@ -111,15 +111,46 @@ def test_on_one_mesh_differences_are_drawn_by_coefficients(draw, own):
 def test_what_is_not_drawn_is_refused(draw, own, jumping):
     both, text = own.beside(ref=jumping), "u - ref:u"
     scenes = {
-        "an isosurface": {"objects": (Isosurface((0.1,)),)},
-        "a volume": {"objects": (VolumeRendering(Transfer((0.0, 1.0), (0.0, 1.0))),)},
-        "contours": {"objects": (Faces(style=Style(contours=Contours(count=3))),)},
-        "a surface or clip": {"objects": (Faces(),), "clip": (Clip(Implicit(text)),)},
+        "a quantity of one mesh for an isosurface, which this one colours": {"objects": (Isosurface((0.1,)),)},
+        "a quantity of one mesh for a volume, or planes": {
+            "objects": (VolumeRendering(Transfer((0.0, 1.0), (0.0, 1.0))),)
+        },
+        "contours of a quantity of one mesh, or steps of colour, --bar bands=10": {
+            "objects": (Faces(style=Style(contours=Contours(count=3))),)
+        },
+        "a surface of one mesh": {"objects": (Faces(),), "clip": (Clip(Implicit(text)),)},
     }
-    for what, scene in scenes.items():
-        words = rf"'u - ref:u' names data on another mesh \(ref\).*expected a quantity of one mesh for {what}"
+    for instead, scene in scenes.items():
+        words = rf"'u - ref:u' names data on another mesh \(ref\).*: expected {instead}"
         with pytest.raises(SceneError, match=words):
             draw(both, field=text, size=(8, 8), **scene)
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize("first", [Shape.TRIANGLE, Shape.QUADRILATERAL])
+@pytest.mark.parametrize("second", [Shape.TRIANGLE, Shape.QUADRILATERAL])
+def test_in_the_plane_bent_elements_of_both_have_their_own_places(draw, first, second):
+    """x - x^2 on other shapes and orders; beyond the border of the second, bent otherwise, there is no value."""
+    own = with_field(curved(grid(first, 2), ripple(0.05), 3), lambda p: p[:, 0], 4)
+    theirs = with_field(curved(grid(second, 3), ripple(-0.03), 4), lambda p: p[:, 0], 7)
+    frame = draw(own.beside(ref=theirs), field="u - ref:u^2", objects=(Faces(),), size=(90, 70))
+    held = frame.seen & np.isfinite(frame.field)
+    x = frame.position[..., 0]
+    assert np.abs(frame.field - x + x**2)[held].max() < 1e-11
+    assert held.sum() > 2000
+    assert 20 < frame.counts()["not_a_number"] == (frame.seen & ~held).sum() < 500
+    assert frame.counts()["ambiguous"] <= 0.02 * held.sum()
+
+
+@pytest.mark.parametrize("name", ["plane", "faces", "isosurface"])
+def test_inverted_elements_of_the_other_have_values(draw, own, name):
+    """A mirrored mesh has negative Jacobians everywhere."""
+    mesh = grid(Shape.PRISM, 2)
+    mirrored = replace(mesh, vertices=mesh.vertices * [-1.0, 1.0, 1.0] + [1.0, 0.0, 0.0])
+    both = own.beside(ref=with_field(mirrored, cubic, 5))
+    frame = draw(both, field=ZERO, objects=SURFACES[name], camera="iso", size=(40, 30))
+    assert np.abs(frame.field + frame.position[..., 2])[frame.seen].max() <= 1e-11
+    assert frame.counts()["failed"] == 0
 
 
 def test_files_of_others_in_scenes_and_keywords(own, jumping, tmp_path):

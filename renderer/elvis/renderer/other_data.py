@@ -36,6 +36,14 @@ from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView, View
 
+#: what is not drawn of quantities on two meshes, and what shows the same
+_INSTEAD = {
+    "a volume": "a quantity of one mesh for a volume, or planes, cuts and faces that this one colours",
+    "an isosurface": "a quantity of one mesh for an isosurface, which this one colours as the quantity of its style, "
+    "--set objects[0].style.quantity=…",
+    "contours": "contours of a quantity of one mesh, or steps of colour, --bar bands=10, whose borders are this one's",
+    "a surface or clip": "a surface of one mesh, whose cut this one colours",
+}
 #: parts of elements: how far from a side points count as on it, and how far away another element is looked for
 _NEAR, _AWAY = 2 * BORDER, 1e-6
 
@@ -262,8 +270,8 @@ class OtherData:
         if text in self.compounds:
             names = ", ".join(dict.fromkeys(name for name, _ in self.compounds[text].others))
             raise SceneError(
-                f"{text!r} names data on another mesh ({names}): it colours planes, cuts, faces and isosurfaces of "
-                f"other quantities; expected a quantity of one mesh for {what}"
+                f"{text!r} names data on another mesh ({names}), and nothing bounds it between points: "
+                f"expected {_INSTEAD[what]}"
             )
 
     def shown(self, loaded: DeviceVolume, hits: HitBuffer, text: str, view: View, plane: Plane | None) -> HitBuffer:

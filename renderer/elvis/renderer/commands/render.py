@@ -215,7 +215,8 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
             verb = "failed" if name == "failed" else f"are {name}"
             warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of what is seen: {reason}")
     if counts["not_a_number"]:
-        warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number")
+        end = ", or where other data end" if frame.scene.others else ""
+        warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number{end}")
     for remark in frame.remarks:
         (note if remark in known else warn)(remark)
     if sys.stderr.isatty():
