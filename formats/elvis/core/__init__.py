@@ -10,7 +10,7 @@ describing                       what these show of themselves at a prompt and i
 integrals                        over elements and boundaries, exact or with a stated error
 critical_points, wall_points     where a velocity is zero, and the shear on a wall, all places
 streamlines                      lines along a velocity
-extrema                          the least and greatest value of a field, certified
+extrema, quantity_extrema        the least and greatest value of a field, and of any quantity, certified
 norms, sampling, queries         numbers that are asked of a dataset
 moments                          steps and times of series
 files, terminal, arguments       files that are read and written safely, messages, what commands have in common

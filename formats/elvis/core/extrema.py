@@ -9,7 +9,7 @@ rounded by, `polynomials.rounding`: that of the coefficients, and of each halvin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,18 +74,18 @@ def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extr
 
 
 @dataclass(frozen=True, eq=False)
-class _Nets:
+class Nets:
     """Nets (n, D, …) that are off by ``error`` (n,) at most."""
 
     values: Floats
     error: Floats
 
-    def minus(self, other: _Nets) -> _Nets:
+    def minus(self, other: Nets) -> Nets:
         """The nets of the difference: of the greater degree each way, and rounded once more."""
         error = self.error + other.error
         for own in (self, other):
             error = error + (gamma(raising_roundings(own.values.shape[1:])) + UNIT) * own.size
-        return _Nets(difference(self.values, other.values), error)
+        return Nets(difference(self.values, other.values), error)
 
     @property
     def size(self) -> Floats:
@@ -93,13 +93,13 @@ class _Nets:
         return np.asarray(np.abs(self.values).max(axis=tuple(range(1, self.values.ndim))))
 
 
-def _nets(patch: Patch, number: int) -> _Nets:
+def _nets(patch: Patch, number: int) -> Nets:
     """Those of a field of a patch."""
     expansion, coefficients = _held(patch, number)
     space, net = bernstein_space(expansion), bernstein_coefficients(expansion, coefficients)
     own = coefficient_rounding(expansion, coefficients)
     error = own + gamma(box_roundings(space)) * np.abs(net).max(axis=1)
-    return _Nets(box_nets(space, net), error)
+    return Nets(box_nets(space, net), error)
 
 
 def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
@@ -109,32 +109,40 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _extreme(held: Sequence[Patch], nets: Sequence[_Nets], sign: int) -> Extreme:
+def _extreme(held: Sequence[Patch], nets: Sequence[Nets], sign: int) -> Extreme:
     """The greatest value of ``sign`` times what has nets on the elements of patches."""
-    found = [_greatest(_Nets(sign * own.values, own.error)) for own in nets]
-    first = max(range(len(held)), key=lambda number: found[number].value)
-    best, patch = found[first], held[first]
-    row = np.array([best.row])
-    place = pointwise.positions(patch, row, uncollapse(patch.shape, best.eta[None]))[0]
-    bound = max(own.bound for own in found)
+    best = greatest_of_nets(nets, sign)
+    patch = held[best.number]
+    place = pointwise.positions(patch, np.array([best.row]), uncollapse(patch.shape, best.eta[None]))[0]
     x, y, z = map(float, place)
-    return Extreme(sign * best.value, sign * bound, (x, y, z), int(patch.element_ids[best.row]))
+    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[best.row]))
+
+
+def greatest_of_nets(nets: Sequence[Nets], sign: int) -> Best:
+    """The greatest value of ``sign`` times what has nets on elements, some nets for each of several patches."""
+    found = [_greatest(Nets(sign * own.values, own.error)) for own in nets]
+    first = max(range(len(nets)), key=lambda number: found[number].value)
+    return replace(found[first], bound=max(own.bound for own in found), number=first)
 
 
 @dataclass
-class _Best:
-    """The greatest value so far and where it is; what no other exceeds."""
+class Best:
+    """The greatest value so far, and what no other exceeds.
+
+    number  of the nets, row among their elements, and place eta (d,) there
+    """
 
     value: float
     bound: float
     row: int
     eta: Floats
+    number: int = 0
 
 
-def _greatest(nets: _Nets) -> _Best:
+def _greatest(nets: Nets) -> Best:
     """Of what has nets on elements."""
     boxes = _whole(nets)
-    best = _Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
+    best = Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
     close = _CLOSE * float(nets.size.max())
     for _ in range(_ROUNDS):
         boxes.improve(best)
@@ -159,11 +167,11 @@ class _Boxes:
     rows: Ints
     low: Floats
     high: Floats
-    nets: _Nets
+    nets: Nets
 
     def part(self, chosen: Ints) -> _Boxes:
         """Some of them."""
-        nets = _Nets(self.nets.values[chosen], self.nets.error[chosen])
+        nets = Nets(self.nets.values[chosen], self.nets.error[chosen])
         return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], nets)
 
     def halved(self) -> _Boxes:
@@ -171,13 +179,13 @@ class _Boxes:
         low, high = all_half_boxes(self.low, self.high)
         nets, count = self.nets.values, 2 ** low.shape[1]
         error = self.nets.error + gamma(halving_roundings(nets.shape[1:])) * self.nets.size
-        return _Boxes(np.tile(self.rows, count), low, high, _Nets(all_halves(nets), np.tile(error, count)))
+        return _Boxes(np.tile(self.rows, count), low, high, Nets(all_halves(nets), np.tile(error, count)))
 
     def highest(self) -> Floats:
         """(n,) the greatest coefficient of each."""
         return np.asarray(self.nets.values.max(axis=tuple(range(1, self.nets.values.ndim))))
 
-    def improve(self, best: _Best) -> None:
+    def improve(self, best: Best) -> None:
         """Let the best value be that of a corner, where one has a greater."""
         values = corners(self.nets.values)
         box, corner = np.unravel_index(int(values.argmax()), values.shape)
@@ -188,7 +196,7 @@ class _Boxes:
             best.eta = np.where(is_high, self.high[box], self.low[box])
 
 
-def _whole(nets: _Nets) -> _Boxes:
+def _whole(nets: Nets) -> _Boxes:
     """The boxes of all elements."""
     count, dimension = len(nets.error), nets.values.ndim - 1
     low = np.full((count, dimension), -1.0)

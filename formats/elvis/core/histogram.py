@@ -1,7 +1,8 @@
-"""How much of the domain has which values of a quantity, from the points of the quadrature that norms use."""
+"""How much of the domain has which values of a quantity, from points of Gauss rules, the more the fewer elements."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,16 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.norms import integration_points
-from elvis.core.patch import patches
+from elvis.core.integrals.reference_cells import Piece, box_rule, whole_elements
+from elvis.core.mapping.orientation import chunks
 from elvis.core.quantities import Expression
+from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.evaluator import Evaluator
 
-#: points that are looked at, about, where a dataset has more
+#: points that are looked at, about
 MOST = 100_000
+#: of these in each direction of an element at most, and at once
+_EACH, _BATCH = 64, 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +41,15 @@ class Histogram:
 
 
 def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: float = MOST) -> Histogram:
-    """The histogram of an expression by volume; of more points than ``most``, on each n-th element of each patch.
+    """The histogram of an expression by volume; where elements are too many for ``most`` points, on each n-th of them.
 
     ElvisError where no element of the domain has a finite value of it.
     """
-    parts = list(integration_points(dataset, expression, most))
-    values = np.concatenate([np.empty(0), *(found.reshape(-1) for found, _ in parts)])
-    measures = np.concatenate([np.empty(0), *(measure.reshape(-1) for _, measure in parts)])
+    evaluator = Evaluator(dataset, [expression])
+    pieces = [piece for piece in whole_elements(evaluator.patches) if None not in piece.patch.fields]
+    parts = list(_values(evaluator, expression, pieces, most))
+    values = np.concatenate([np.empty(0), *(found for found, _ in parts)])
+    measures = np.concatenate([np.empty(0), *(measure for _, measure in parts)])
 
     # derivatives have no value where the map is singular
     is_finite = np.isfinite(values)
@@ -50,6 +57,35 @@ def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: f
     if not measures.sum() > 0.0:
         raise ElvisError(f"{expression.text}: there is no finite value to count")
     counts, ends = np.histogram(values, bins, weights=measures)
-    elements = sum(len(found) for found, _ in parts)
-    total = sum(map(len, patches(dataset, expression.fields)))
+    every = _every(pieces, most)
+    elements = sum(len(piece.rows[::every]) for piece in pieces)
+    total = sum(map(len, evaluator.patches))
     return Histogram(ends, counts / measures.sum(), len(values), elements, total)
+
+
+def _values(
+    evaluator: Evaluator, expression: Expression, pieces: Sequence[Piece], most: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Values (n,) at points, and what measure each stands for (n,), some elements after the other."""
+    every, count = _every(pieces, most), max(1, sum(map(len, pieces)))
+    for piece in pieces:
+        each = int((most / count) ** (1 / piece.dimension))
+        nodes, weights = box_rule((int(np.clip(each, _least(piece), _EACH)),) * piece.dimension)
+        chosen = piece.rows[::every]
+        for part in chunks(len(chosen), max(1, _BATCH // len(nodes))):
+            places = Lattice(piece.patch, chosen[part], piece.points(nodes))
+            eta, shares = np.tile(nodes, (len(chosen[part]), 1)), np.tile(weights, len(chosen[part]))
+            (values,) = evaluator.values_at([expression], places)
+            yield np.broadcast_to(values, len(places)), piece.measures(places.jacobians, eta) * shares
+
+
+def _least(piece: Piece) -> int:
+    """Points each way that tell a quantity on an element: one more than modes."""
+    expansions = [own for own in (piece.patch.geometry, *piece.patch.fields) if own is not None]
+    return 1 + max(max(own.modes) for own in expansions)
+
+
+def _every(pieces: Sequence[Piece], most: float) -> int:
+    """Each how many-th element is looked at, so that there are no more points."""
+    needed = sum(len(piece) * _least(piece) ** piece.dimension for piece in pieces)
+    return max(1, int(np.ceil(needed / most)))

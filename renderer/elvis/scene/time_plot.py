@@ -1,8 +1,8 @@
-"""Plots of numbers over time or length, by matplotlib: a panel a quantity, a curve a place."""
+"""Plots of numbers over time or length, and of histograms, by matplotlib: a panel a quantity, a curve a place."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,22 +41,15 @@ class Plot:
 
         Raises ElvisError where the suffix is another, matplotlib is missing, or the file can't be written.
         """
-        suffix = check_plot(path)
-        with settings(Scene()), Outputs() as outputs, outputs.file(path) as new:
-            figure = self._figure()
-            figure.savefig(new, format=suffix[1:], dpi=150, metadata=DATES[suffix])
+        _save(path, self._figure)
 
     def _figure(self) -> Any:
         """The panels, one below the other."""
         from matplotlib import colormaps
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
 
         count = len(self.places)
         colors = colormaps["viridis"](np.linspace(0.0, 0.85, count))
-        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(self.values)), layout="constrained")
-        FigureCanvasAgg(figure)
-        panels = figure.subplots(len(self.values), 1, sharex=True, squeeze=False)[:, 0]
+        figure, panels = _panels(len(self.values), is_shared=True)
         marker = "." if len(self.times) <= _MARKED else None
         for panel, (name, curves) in zip(panels, self.values.items(), strict=True):
             for place, curve, color in zip(self.places, curves, colors, strict=True):
@@ -70,6 +63,52 @@ class Plot:
         elif count == 1 and self.places[0]:
             panels[0].set_title(_plain(self.places[0]), fontsize="medium")
         return figure
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """How much of the data has which values of quantities.
+
+    bins  ends (n + 1,) of bins and shares (n,) in them, by quantity
+    """
+
+    bins: Mapping[str, tuple[Floats, Floats]]
+
+    def save(self, path: Path) -> None:
+        """As `Plot.save`."""
+        _save(path, self._figure)
+
+    def _figure(self) -> Any:
+        """A panel for each quantity, whose shares go over four decades."""
+        figure, panels = _panels(len(self.bins), is_shared=False)
+        for panel, (name, (ends, shares)) in zip(panels, self.bins.items(), strict=True):
+            style = {"color": "#3b528b", "edgecolor": "white", "linewidth": 0.3}
+            panel.bar(ends[:-1], shares, np.diff(ends), align="edge", **style)
+            panel.set_xlim(ends[0], ends[-1])
+            panel.set_yscale("log")
+            panel.set_ylim(shares.max() * 1e-4, shares.max() * 2)
+            panel.set_xlabel(_plain(name))
+            panel.set_ylabel("share of the domain")
+            panel.grid(axis="y", alpha=0.3)
+            panel.set_axisbelow(True)
+        return figure
+
+
+def _save(path: Path, build: Callable[[], Any]) -> None:
+    """Write a figure as PNG, SVG or PDF; ElvisError where that can't be."""
+    suffix = check_plot(path)
+    with settings(Scene()), Outputs() as outputs, outputs.file(path) as new:
+        build().savefig(new, format=suffix[1:], dpi=150, metadata=DATES[suffix])
+
+
+def _panels(count: int, is_shared: bool) -> tuple[Any, Any]:
+    """A figure, and its panels one below the other, which may share what is below them."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * count), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(count, 1, sharex=is_shared, squeeze=False)[:, 0]
 
 
 def check_plot(path: Path) -> str:

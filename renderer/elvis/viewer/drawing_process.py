@@ -346,14 +346,17 @@ class _Drawing:
         return self._histograms[text]
 
     def _extremes(self, _: int, text: str) -> list[Table]:
-        """The least and the greatest value of a field over all elements, and where they are."""
+        """The least and the greatest value of a quantity over all elements, and where they are."""
         from elvis.core.dataset import Dataset
         from elvis.core.errors import ElvisError
-        from elvis.core.extrema import extrema
+        from elvis.core.quantities import Expression
+        from elvis.core.quantity_extrema import quantity_extrema
+        from elvis.plugins.serving import names_of
 
         if not isinstance(self._data, Dataset):
             raise ElvisError("extremes need a dataset; a runtime plugin's data have pictures alone")
-        found = zip(("least", "greatest"), extrema(self._data, text), strict=True)
+        ends = quantity_extrema(self._data, Expression.parse(text, names_of(self._data)))
+        found = zip(("least", "greatest"), ends, strict=True)
         return [
             {"field": text, "value": own.value, "position": list(own.place), "element": own.element, "status": name}
             for name, own in found

@@ -208,7 +208,10 @@ def test_extremes_have_places(nektar, elvis, elvis_json):
     assert found["u"]["greatest"]["value"] == pytest.approx(1, abs=1e-12)
     assert found["u"]["greatest"]["place"][2] == pytest.approx(0, abs=1e-5)
     assert abs(found["u"]["least"]["place"][2]) == pytest.approx(1)
-    assert elvis("info", *channel, "--extrema", "--field", "p").splitlines()[0].split()[:2] == ["field", "value"]
+    assert elvis("info", *channel, "--extrema", "--field", "p").splitlines()[0].split()[:2] == ["quantity", "value"]
+    (found,) = elvis_json("info", *channel, "--extrema", "--field", "u^2 + 0.1*z").values()
+    turns = np.roots([4, 0, -4, 0.1])  # of (1 - z^2)^2 + z/10
+    assert found["greatest"]["value"] == pytest.approx(max((1 - z**2) ** 2 + 0.1 * z for z in turns[1:]), rel=1e-12)
 
 
 def test_points_of_walls_have_kinds(tmp_path, elvis, elvis_json):

@@ -83,3 +83,19 @@ def test_integrals_over_a_series(elvis, elvis_json, tmp_path):
     assert (tmp_path / "u.svg").read_text().startswith("<?xml")
     with pytest.raises(Exception, match="expected --plot with --times"):
         elvis("integrate", *files, "--field", "u", "--plot", tmp_path / "u.svg")
+
+
+def test_a_histogram_by_volume(channel, elvis, elvis_json, tmp_path):
+    """Of x and 1 + |x| in the cube [-1, 1]^3, in halves and in a table, a file and a plot."""
+    found = elvis_json("integrate", *channel, "--field", "x", "--field", "1 + abs(x)", "--histogram", "2")
+    assert [list(row) for row in found] == [["quantity", "low", "high", "share"]] * 4
+    assert [row["share"] for row in found] == pytest.approx([0.5] * 4, abs=0.02)
+    outputs = ("-o", tmp_path / "shares.csv", "--plot", tmp_path / "shares.svg")
+    assert elvis("integrate", *channel, "--field", "x", "--histogram", "8", *outputs) == ""
+    with (tmp_path / "shares.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    assert sum(float(row["share"]) for row in rows) == pytest.approx(1)
+    assert (tmp_path / "shares.svg").read_text().startswith("<?xml")
+    with pytest.raises(Exception, match="--histogram: expected --field"):
+        elvis("integrate", *channel, "--field", "x", "--histogram", "8", "--over", "all")

@@ -14,17 +14,14 @@ from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.integrals.touching import touched
-from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch
-from elvis.core.polynomials.bernstein import bernstein_space
-from elvis.core.polynomials.boxnets import box_degrees, nets_through
 from elvis.core.polynomials.collapse import uncollapse
-from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import Node, call, fold, number
+from elvis.core.quantities.polynomials import NetsOf, degree_on, lattice_of, places_of
+from elvis.core.quantities.tree import call, fold, number
 from elvis.core.shapes import Shape
 
 _OUTSIDE = "outside:"
@@ -41,8 +38,6 @@ _ROUNDING, _MOST_JUMP = 2e-15, 1e-10
 _MOVED = 50.0
 #: the same within which they are 0 at the apex of a pyramid
 _AT_APEX = 4.0
-#: values at once, of elements that are asked whether a surface meets them
-_BATCH = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +151,15 @@ class Level:
         ElvisError where it is not that of a polynomial.
         """
         patch, degree = piece.patch, self._degree(piece, evaluator)
-        d, t = patch.shape.dimension, (1 + gauss(degree + 1)[0]) / 2
-        lattice = np.stack(np.meshgrid(*[t] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        d, t = patch.shape.dimension, places_of(degree)
+        lattice = lattice_of(t, d)
         met, below, doubt = self._met(piece, evaluator, lattice, t)
-        sampled = _Sampled(self.expression, evaluator, patch, doubt.moves(piece.rows[met], len(patch)), t)
+        moved = NetsOf(self.expression, evaluator, patch, t, doubt.moves(piece.rows[met], len(patch)))
         rounding = sizes[met] * (parts[met] + _MOVED * doubt.away)[:, None]
         found = []
         for cell in range(len(corners(patch.shape))):
             reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
-            nets = sampled.nets(piece.rows[met], reference)
+            nets = moved.on(piece.rows[met], reference)
             if patch.shape is Shape.PYRAMID:
                 nets = without_apex(nets, _AT_APEX * np.maximum(doubt.away, _ROUNDING) * doubt.size)
             nets = nets.reshape(len(met), *(1,) * (3 - d), *nets.shape[1:])
@@ -173,7 +168,7 @@ class Level:
         boxes = joined(found)
         if is_filled:
             return boxes, below
-        areas = touched(piece.part(met), sampled.nets, t, doubt.within(degree))
+        areas = touched(piece.part(met), moved.on, t, doubt.within(degree))
         return replace(boxes, lost=boxes.lost + areas @ sizes[met]), below
 
     def _met(self, piece: Piece, evaluator: Evaluator, lattice: Floats, t: Floats) -> tuple[Ints, Ints, _Doubt]:
@@ -183,7 +178,7 @@ class Level:
         """
         patch, degree = piece.patch, len(t) - 1
         whole = uncollapse(patch.shape, 2 * lattice - 1)
-        nets = _Sampled(self.expression, evaluator, patch, np.zeros(len(patch)), t).nets(piece.rows, whole)
+        nets = NetsOf(self.expression, evaluator, patch, t).on(piece.rows, whole)
         axes = tuple(range(1, nets.ndim))
         least, most = nets.min(axis=axes), nets.max(axis=axes)
 
@@ -202,15 +197,7 @@ class Level:
         patch = piece.patch
         if patch.homogeneous is not None or patch.shape.dimension < 2:
             raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
-        is_affine = bool(piece.is_affine.all())
-
-        def leaf(node: Node) -> int | None:
-            if node.op == "attribute" or (node.axes and node.op == "field" and not is_affine):
-                return None
-            own = patch.geometry if node.op == "coordinate" else patch.fields[evaluator.names.index(node.name)]
-            return None if own is None else max(box_degrees(bernstein_space(own)))
-
-        degree = self.expression.degree(leaf)
+        degree = degree_on(self.expression, evaluator, patch, bool(piece.is_affine.all()))
         if degree is None:
             raise ElvisError(
                 f"{self.name}: expected a polynomial of fields and coordinates, whose surface can be proved"
@@ -266,29 +253,6 @@ class _Doubt:
         found = np.zeros(count)
         found[rows] = self.away * self.size
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Sampled:
-    """An expression of a patch, moved by ``away`` (elements,), from its values at places t (n,) in [0, 1] each way."""
-
-    expression: Expression
-    evaluator: Evaluator
-    patch: Patch
-    away: Floats
-    places: Floats
-
-    def nets(self, rows: Ints, reference: Floats) -> Floats:
-        """(m, n, …, n) Bernstein nets on parts of elements (m,) where reference points (n^k, d) are those of places."""
-        count = len(self.places)
-        k = round(np.log(len(reference)) / np.log(count))
-        parts = [np.empty((0, *(count,) * k))]
-        for part in chunks(len(rows), max(1, _BATCH // len(reference))):
-            lattice = Lattice(self.patch, rows[part], reference)
-            (values,) = self.evaluator.values_at([self.expression], lattice)
-            found = np.broadcast_to(values, len(lattice)) + np.repeat(self.away[rows[part]], len(reference))
-            parts.append(nets_through(found, self.places, k))
-        return np.concatenate(parts)
 
 
 def _boxes(patch: Patch, rows: Ints, cell: int, nets: Floats, rounding: Floats, sizes: Floats) -> LevelBoxes:

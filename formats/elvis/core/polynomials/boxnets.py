@@ -53,6 +53,36 @@ def difference(one: Floats, other: Floats) -> Floats:
     return one - other
 
 
+def total(one: Floats, other: Floats) -> Floats:
+    """(n, D1, …, Dd) nets of the sum of polynomials, of degrees that may differ."""
+    return difference(one, -other)
+
+
+def product(one: Floats, other: Floats) -> Floats:
+    """(n, D1, …, Dd) nets of the product of polynomials with nets (n, …) each, whose degrees add up.
+
+    In each direction b_i^p b_j^q = C(p, i) C(q, j) / C(p + q, i + j) b_(i+j)^(p+q) (Farin, Curves and Surfaces for
+    CAGD, section 6.10).
+    """
+    sizes = [a + b - 1 for a, b in zip(one.shape[1:], other.shape[1:], strict=True)]
+    one, other = _with_binomials(one, 1.0), _with_binomials(other, 1.0)
+    found = np.zeros((max(len(one), len(other)), *sizes))
+    for index in np.ndindex(*one.shape[1:]):
+        place = tuple(slice(first, first + count) for first, count in zip(index, other.shape[1:], strict=True))
+        factor = one[(slice(None), *index)].reshape(-1, *(1,) * len(index))
+        found[(slice(None), *place)] += factor * other
+    return _with_binomials(found, -1.0)
+
+
+def _with_binomials(nets: Floats, power: float) -> Floats:
+    """The nets, each coefficient times a power of the binomial coefficients of its indices."""
+    for axis in range(1, nets.ndim):
+        degree = nets.shape[axis] - 1
+        binomials = np.array([float(comb(degree, k)) for k in range(degree + 1)]) ** power
+        nets = nets * binomials.reshape(-1, *(1,) * (nets.ndim - 1 - axis))
+    return nets
+
+
 def _raised(nets: Floats, axis: int, degree: int) -> Floats:
     """The nets in a higher degree along an axis."""
     own = nets.shape[axis] - 1

@@ -32,7 +32,7 @@ Examples:
   elvis info wing.xml wing.fld --field vorticity
   elvis info wing.xml wing.fld --field "distance(wall)"
   elvis info wing.xml wing.fld --quantities
-  elvis info wing.xml wing.fld --extrema --field p
+  elvis info wing.xml wing.fld --extrema --field p --field speed
   elvis info wing.xml wing.fld --critical
   elvis info wing.xml wing.fld --critical --wall wing
   elvis info wing.xml wing_*.chk
@@ -54,7 +54,10 @@ Examples:
     "--quantities", "predefined", is_flag=True, help="List the predefined quantities, and what the data lack for them."
 )
 @click.option(
-    "--extrema", "extremes", is_flag=True, help="Find the least and greatest value of fields, with places, certified."
+    "--extrema",
+    "extremes",
+    is_flag=True,
+    help="Find the least and greatest value of quantities, with places, certified.",
 )
 @click.option(
     "--critical",
@@ -119,16 +122,20 @@ def info(
 
 
 def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
-    """Print the least and the greatest value of fields, where they are, and what is certain of them."""
+    """Print the least and the greatest value of quantities, where they are, and what is certain of them."""
     from dataclasses import asdict
 
     from elvis.core.arguments import field_names
-    from elvis.core.extrema import extrema
+    from elvis.core.quantities import Expression
+    from elvis.core.quantity_extrema import quantity_extrema
     from elvis.core.terminal import print_json, print_table, stage
 
-    known = [own for each in names for own in field_names(dataset, each)] or field_names(dataset, None)
+    known = [Expression.of(dataset, name) for name in names or field_names(dataset, None)]
     with stage("bounding"):
-        found = {name: dict(zip(("least", "greatest"), extrema(dataset, name), strict=True)) for name in known}
+        pairs = [quantity_extrema(dataset, each) for each in known]
+    found = {
+        each.text: dict(zip(("least", "greatest"), own, strict=True)) for each, own in zip(known, pairs, strict=True)
+    }
     if as_json:
         print_json({name: {end: asdict(own) for end, own in ends.items()} for name, ends in found.items()})
         return
@@ -137,7 +144,7 @@ def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
         for end, own in ends.items():
             place = ", ".join(f"{x:.10g}" for x in own.place)
             rows.append((name, end, f"{own.value:.15g}", f"{abs(own.bound - own.value):.2g}", place, str(own.element)))
-    print_table(("field", "", "value", "certain to", "place", "element"), rows)
+    print_table(("quantity", "", "value", "certain to", "place", "element"), rows)
 
 
 def _isolate(dataset: Dataset, names: Sequence[str], wall: str | None, as_json: bool) -> None:

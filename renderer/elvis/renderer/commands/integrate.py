@@ -27,6 +27,7 @@ Examples:
   elvis integrate duct.xml duct.fld --field volume --clip sphere:0.5,0.5,0.5:0.3
   elvis integrate wing.xml wing_*.chk --field force --over wing --times all --plot force.png
   elvis integrate duct.xml duct.fld --field flux --over plane:0,0,0.5:0,0,1
+  elvis integrate duct.xml duct.fld --field p --field speed --histogram 64 --plot shares.png -o shares.csv
 """
 
 
@@ -62,11 +63,19 @@ Examples:
     help="Leave out what is inside (outside:…) of plane:POINT:NORMAL, sphere:CENTRE:RADIUS, "
     "cylinder:POINT:AXIS:RADIUS or QUANTITY=VALUE, where the quantity is less, of the domain or of regions.",
 )
+@click.option(
+    "--histogram",
+    "bins",
+    type=click.IntRange(1, 100_000),
+    metavar="BINS",
+    help="How much of the domain has values of each quantity in even bins, by volume at points of quadrature.",
+)
 @times_option
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
-    help="Draw the values over --times, .png, .svg or .pdf; the table is left out where -o names none.",
+    help="Draw the values over --times, or the --histogram, .png, .svg or .pdf; the table is left out where -o names "
+    "none.",
 )
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .parquet.")
@@ -79,6 +88,7 @@ def integrate(
     error: float,
     coefficients: str | None,
     clip: str | None,
+    bins: int | None,
     times: tuple[float, float, int] | str | None,
     plot: Path | None,
     as_json: bool,
@@ -106,9 +116,13 @@ def integrate(
         )
     if not 0 < error < 1:
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
-    if plot is not None and times is None:
-        raise click.UsageError("expected --plot with --times", click.get_current_context())
+    if plot is not None and times is None and bins is None:
+        raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
+    if bins is not None:
+        _check_histogram(quantities, over, coefficients, clip, times)
+        _histogram(data, quantities, bins, plot, as_json, output)
+        return
 
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
         return source.integrate(quantities, over, error, coefficients, clip, progress)
@@ -148,6 +162,66 @@ def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], ove
 
         check_plot(plot)
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
+
+
+def _check_histogram(
+    quantities: Sequence[str],
+    over: Sequence[str],
+    coefficients: str | None,
+    clip: str | None,
+    times: tuple[float, float, int] | str | None,
+) -> None:
+    """UsageError where a histogram is asked for of what it isn't made of."""
+    if not quantities or coefficients is not None or clip is not None or times is not None or over != ("domain",):
+        raise click.UsageError(
+            "--histogram: expected --field, of one state and the whole domain, found also one of --over, --clip, "
+            "--coefficients, --times, or no --field",
+            click.get_current_context(),
+        )
+
+
+def _histogram(
+    data: Data, quantities: Sequence[str], bins: int, plot: Path | None, as_json: bool, output: Path | None
+) -> None:
+    """Write, draw or print how much of the domain has values of quantities in bins."""
+    import numpy as np
+
+    from elvis.core.errors import ElvisError
+    from elvis.core.files.columns import write_columns
+    from elvis.core.histogram import histogram
+    from elvis.core.terminal import note, print_json, print_table, stage
+
+    source = data.source(quantities)
+    dataset = source.dataset
+    if dataset is None:
+        raise ElvisError("--histogram: expected native or converted data, found those of a runtime plugin")
+    with stage("counting"):
+        found = {each.text: histogram(dataset, each, bins, _POINTS) for each in source.expressions(quantities)}
+    for name, own in found.items():
+        note(f"{name}: from {own.points} points on {own.elements} of {own.total} elements")
+    if plot is not None:
+        from elvis.scene.time_plot import Bars
+
+        Bars({name: (own.ends, own.shares) for name, own in found.items()}).save(plot)
+    columns: Columns = {
+        "quantity": np.repeat(list(found), bins),
+        "low": np.concatenate([own.ends[:-1] for own in found.values()]),
+        "high": np.concatenate([own.ends[1:] for own in found.values()]),
+        "share": np.concatenate([own.shares for own in found.values()]),
+    }
+    rows = list(zip(*(own.tolist() for own in columns.values()), strict=True))
+    if output is not None:
+        write_columns(output, columns)
+    elif as_json:
+        print_json([dict(zip(columns, row, strict=True)) for row in rows])
+    elif plot is None:
+        print_table(
+            tuple(columns), [(name, f"{low:.10g}", f"{high:.10g}", f"{share:.6g}") for name, low, high, share in rows]
+        )
+
+
+#: points that a histogram is made from, about
+_POINTS = 1_000_000
 
 
 def _of_one_state(

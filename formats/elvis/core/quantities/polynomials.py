@@ -1,0 +1,148 @@
+"""Expressions that are polynomials on elements: their degrees, and Bernstein nets from their values."""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.orientation import chunks
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space, line_tables
+from elvis.core.polynomials.boxnets import box_degrees, box_nets, nets_through, product, total
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import Node, fold, whole_exponent
+
+#: values at once
+_BATCH = 1 << 20
+#: rounding of a number, and of nets of fields in parts of their coefficients and of it
+_EPS, _BASIS = float(np.finfo(np.float64).eps), 32
+
+
+def degree_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_affine: bool) -> int | None:
+    """The degree of an expression in any direction of the collapsed coordinates of elements; None: it is no polynomial.
+
+    is_affine  whether the elements' maps are, so that derivatives are polynomials
+    """
+
+    def leaf(node: Node) -> int | None:
+        if node.op == "attribute" or (node.axes and node.op == "field" and not is_affine):
+            return None
+        own = patch.geometry if node.op == "coordinate" else patch.fields[evaluator.names.index(node.name)]
+        return None if own is None else max(box_degrees(bernstein_space(own)))
+
+    return expression.degree(leaf)
+
+
+def places_of(degree: int) -> Floats:
+    """(degree + 1,) places in [0, 1] whose values tell polynomials of a degree."""
+    return np.asarray((1 + gauss(degree + 1)[0]) / 2)
+
+
+def lattice_of(places: Floats, dimension: int) -> Floats:
+    """(n^dimension, dimension) points of the unit cube with places (n,) each way; the last direction runs fastest."""
+    return np.stack(np.meshgrid(*[places] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+
+
+@dataclass(frozen=True, eq=False)
+class NetsOf:
+    """Nets of an expression on parts of a patch's elements, moved by ``away`` (elements,).
+
+    places  (n,) in [0, 1], at whose lattice it is evaluated
+    """
+
+    expression: Expression
+    evaluator: Evaluator
+    patch: Patch
+    places: Floats
+    away: Floats | None = None
+
+    def on(self, rows: Ints, reference: Floats) -> Floats:
+        """(m, n, …, n) nets on parts of elements (m,) where reference points (n^k, d) are those of places."""
+        count = len(self.places)
+        k = round(np.log(len(reference)) / np.log(count))
+        parts = [np.empty((0, *(count,) * k))]
+        for part in chunks(len(rows), max(1, _BATCH // len(reference))):
+            lattice = Lattice(self.patch, rows[part], reference)
+            (values,) = self.evaluator.values_at([self.expression], lattice)
+            found = np.broadcast_to(values, len(lattice))
+            if self.away is not None:
+                found = found + np.repeat(self.away[rows[part]], len(reference))
+            parts.append(nets_through(found, self.places, k))
+        return np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Rounded:
+    """Nets (n, D1, …, Dd) of a polynomial, and by how much rounding may have moved it."""
+
+    nets: Floats
+    slack: float
+
+    @property
+    def size(self) -> float:
+        """Of the coefficients, at most."""
+        return float(np.abs(self.nets).max(initial=0.0))
+
+    def __add__(self, other: Rounded) -> Rounded:
+        nets = total(self.nets, other.nets)
+        return Rounded(nets, self.slack + other.slack + _EPS * sum(nets.shape[1:]) * (self.size + other.size))
+
+    def __mul__(self, other: Rounded) -> Rounded:
+        # sums of so many terms as the first has coefficients, with weights that add up to 1
+        terms = self.nets[0].size + sum(self.nets.shape[1:]) + sum(other.nets.shape[1:])
+        own = _EPS * terms * self.size * other.size
+        slack = own + self.size * other.slack + other.size * self.slack + self.slack * other.slack
+        return Rounded(product(self.nets, other.nets), slack)
+
+
+def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch) -> Rounded:
+    """The nets of an expression, a polynomial on all elements of a patch: of those of fields, added and multiplied."""
+    rows, d = np.arange(len(patch)), patch.shape.dimension
+
+    def constant(value: float) -> Rounded:
+        return Rounded(np.full((1, *(1,) * d), value), 0.0)
+
+    def leaf(node: Node) -> Rounded:
+        if node.op == "number":
+            return constant(node.value)
+        field = None if node.op == "coordinate" else evaluator.names.index(node.name)
+        expansion = patch.geometry if field is None else patch.fields[field]
+        own = patch.geometry_coefficients[:, node.axes[0]] if field is None else patch.coefficients[field]
+        assert expansion is not None
+        assert own is not None
+        space = bernstein_space(expansion)
+        if field is not None and node.axes:
+            return _through(Expression(expression.text, node), evaluator, patch, rows, max(box_degrees(space)))
+        nets = box_nets(space, bernstein_coefficients(expansion, own))
+        return Rounded(nets, _BASIS * _EPS * float(np.abs(own).max(initial=0.0)))
+
+    def inner(node: Node, parts: list[Rounded]) -> Rounded:
+        first, last = parts[0], parts[-1]
+        exponent = whole_exponent(node)
+        if exponent is not None:
+            return reduce(operator.mul, [first] * exponent, constant(1.0))
+        if node.op == "/":
+            return first * constant(1 / node.operands[1].value)
+        if node.op == "-":
+            last = Rounded(-last.nets, last.slack)
+        return first * last if node.op == "*" else first + last
+
+    return fold(expression.root, leaf, inner)
+
+
+def _through(expression: Expression, evaluator: Evaluator, patch: Patch, rows: Ints, degree: int) -> Rounded:
+    """The nets of a polynomial from its values, whose rounding a matrix enlarges in each direction."""
+    places = places_of(degree)
+    reference = uncollapse(patch.shape, 2 * lattice_of(places, patch.shape.dimension) - 1)
+    found = Rounded(NetsOf(expression, evaluator, patch, places).on(rows, reference), 0.0)
+    inverse = np.linalg.inv(line_tables(degree, places)[0])
+    growth = float(np.abs(inverse).sum(axis=1).max()) ** patch.shape.dimension
+    return Rounded(found.nets, _BASIS * _EPS * found.size * growth)
