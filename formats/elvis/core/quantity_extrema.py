@@ -24,9 +24,9 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression_nets import degree_on, lattice_of, rounded_nets
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.polynomials import degree_on, lattice_of, rounded_nets
 from elvis.core.quantities.tree import Node, negative
 
 #: functions that grow with their operand

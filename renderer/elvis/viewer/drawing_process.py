@@ -351,16 +351,13 @@ class _Drawing:
         from elvis.core.errors import ElvisError
         from elvis.core.quantities import Expression
         from elvis.core.quantity_extrema import quantity_extrema
-        from elvis.plugins.serving import names_of
 
         if not isinstance(self._data, Dataset):
             raise ElvisError("extremes need a dataset; a runtime plugin's data have pictures alone")
-        ends = quantity_extrema(self._data, Expression.parse(text, names_of(self._data)))
+        ends = quantity_extrema(self._data, Expression.of(self._data, text))
         found = zip(("least", "greatest"), ends, strict=True)
-        return [
-            {"field": text, "value": own.value, "position": list(own.place), "element": own.element, "status": name}
-            for name, own in found
-        ]
+        keys = ("field", "value", "position", "element", "status")
+        return [dict(zip(keys, (text, own.value, list(own.place), own.element, n), strict=True)) for n, own in found]
 
     def _check(self, _: int, text: str) -> str:
         """Nothing; ElvisError where a text names no quantity."""

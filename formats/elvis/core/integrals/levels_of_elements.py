@@ -19,8 +19,8 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.polynomials import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.quantities.tree import call, fold, number
 from elvis.core.shapes import Shape
 

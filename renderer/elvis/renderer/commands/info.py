@@ -53,12 +53,7 @@ Examples:
 @click.option(
     "--quantities", "predefined", is_flag=True, help="List the predefined quantities, and what the data lack for them."
 )
-@click.option(
-    "--extrema",
-    "extremes",
-    is_flag=True,
-    help="Find the least and greatest value of quantities, with places, certified.",
-)
+@click.option("--extrema", "extremes", is_flag=True, help="Find extremes of quantities, with places, certified.")
 @click.option(
     "--critical",
     is_flag=True,
