@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -14,6 +15,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.integrals import Integrals
+from elvis.core.integrals.integrands import integrands_of
 from elvis.core.mapping.boxes import BoxTree
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.tangents import duals
@@ -21,6 +23,7 @@ from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.streamlines import Streamlines
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
@@ -28,6 +31,7 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
+from elvis.renderer.plugin_integrals import PluginIntegration
 from elvis.renderer.rendering import Renderer
 
 #: modes of rules that are tried in turn, the change below which a norm has converged, and the most points of a rule
@@ -97,10 +101,18 @@ class Evaluation:
         clip: str | None = None,
         progress: Progress | None = None,
     ) -> Integrals:
-        """None yet: ElvisError."""
-        raise ElvisError(
-            f"expected elements of a known map, to integrate over; the plugin {self.opened.name} tells norms alone"
-        )
+        """Integrals over the domain, outer faces and boundaries, by rules that are refined until they agree."""
+        if coefficients is not None or clip is not None:
+            option, name = "--clip" if coefficients is None else "--coefficients", self.opened.name
+            raise ElvisError(f"{option}: expected elements of a known map, found what the plugin {name} opens")
+        wanted = integrands_of(self.names, texts)
+        own = [each.expression for each in wanted]
+        served = [each for each in own if each.root.op != "number" and not set(each.attributes) & set(SIDES)]
+        served += [Expression.parse(name, self.names) for each in own for name in each.fields]
+        served = served or [Expression.parse(self.opened.fields[0], self.names)]
+        with self._load(served) as (volume, device):
+            sample = partial(_samples_in, device=device)
+            return PluginIntegration(volume, sample, _rule).over(wanted, over, error, progress)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """None yet: ElvisError."""

@@ -46,17 +46,21 @@ class Integrand:
 
     def check(self, over: str, pieces: Sequence[Part]) -> None:
         """ElvisError where it means nothing on pieces: a volume of a surface, a normal inside of elements."""
+        for piece in pieces:
+            in_plane = piece.patch.dimension == 2 and piece.patch.is_flat
+            self.check_on(over, piece.dimension, in_plane, piece.has_normals)
+
+    def check_on(self, over: str, dimension: int, in_plane: bool, has_normals: bool) -> None:
+        """The same for what has a dimension; ``in_plane``: of 2D data, where it counts by unit span, too."""
         needed = sorted(set(SIDES) & set(self.expression.attributes))
-        if needed and not all(piece.has_normals for piece in pieces):
+        if needed and not has_normals:
             raise ElvisError(
                 f"{self.text}: {needed[0]} is known on boundaries and cuts alone, not on {over}; name one with --over"
             )
         if self.text in _MEASURES:
-            dimension, by_span = _MEASURES[self.text]
-            for piece in pieces:
-                in_plane = piece.patch.dimension == 2 and piece.patch.is_flat
-                if piece.dimension != dimension and not (in_plane and piece.dimension == by_span):
-                    raise ElvisError(f"{over} has {_OF_DIMENSION[piece.dimension]}, no {self.text}")
+            own, by_span = _MEASURES[self.text]
+            if dimension != own and not (in_plane and dimension == by_span):
+                raise ElvisError(f"{over} has {_OF_DIMENSION[dimension]}, no {self.text}")
 
 
 _OF_DIMENSION = {1: "a length", 2: "an area", 3: "a volume"}
@@ -74,6 +78,11 @@ def integrands(dataset: Dataset, texts: Sequence[str], end: Floats | None = None
         for text, layer in zip(texts, layers, strict=True)
         for found in (_integrands(text, names) if layer is None else [_thickness(dataset, text, layer, end)])
     ]
+
+
+def integrands_of(names: Names, texts: Sequence[str]) -> list[Integrand]:
+    """What some texts ask for that is no thickness of a layer, of data whose names are known."""
+    return [found for text in texts for found in _integrands(text, names)]
 
 
 def _thickness(dataset: Dataset, text: str, layer: re.Match[str], end: Floats | None) -> Integrand:
