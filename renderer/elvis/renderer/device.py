@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from zlib import crc32
 
 import numpy as np
@@ -48,6 +48,8 @@ FIRST_CAPACITY = 1 << 16
 OFFSET = "first_group"
 #: the number of items of all dispatches together, for kernels that declare it: buffers may have room for more
 COUNT = "item_count"
+#: what kernels are given by name: buffers, and records (1,)
+Given: TypeAlias = Mapping[str, Buffer | NDArray[Any]]
 
 
 class Device:
@@ -247,6 +249,8 @@ class Device:
 class Kernel:
     """A linked compute kernel; buffers are given by the names of its module's globals, bound or read through pointers.
 
+    Globals may be records, too: of what all threads read these are read soonest.
+
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
 
@@ -264,8 +268,8 @@ class Kernel:
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._is_in_c = is_in_c
-        # buffers by name, and whether the module reads them through pointers
-        self._needed = {name: _is_pointer(own) for name, own in self._globals.items() if name not in (OFFSET, COUNT)}
+        # the kind of what is given, by name
+        self._needed = {name: own.type.kind for name, own in self._globals.items() if name not in (OFFSET, COUNT)}
         # arguments stay from one dispatch to the next: what has changed is written
         self._arguments = device.create_root_shader_object(program)
         cursor = slangpy.ShaderCursor(self._arguments)
@@ -279,15 +283,14 @@ class Kernel:
         self._globals, self._places, self._written = {}, {}, {}
 
     def dtype(self, name: str) -> np.dtype[Any]:
-        """The NumPy dtype of one element of a buffer, bound or read through a pointer, as Slang lays it out."""
+        """The NumPy dtype of a record, or of one element of a buffer, as Slang lays it out."""
         if name not in self._dtypes:
-            self._dtypes[name] = dtype_of(self._globals[name].element_type_layout, self._is_in_c)
+            layout = self._globals[name]
+            self._dtypes[name] = dtype_of(layout.element_type_layout or layout, self._is_in_c)
         return self._dtypes[name]
 
-    def __call__(
-        self, count: int, buffers: dict[str, Buffer], *, groups: bool = False, work: NDArray[Any] | None = None
-    ) -> None:
-        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with the buffers it knows of.
+    def __call__(self, count: int, given: Given, *, groups: bool = False, work: NDArray[Any] | None = None) -> None:
+        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with what it knows of all given.
 
         work  (count,) how much each group has to do, in any unit, where they differ much
         Long work is done in several dispatches (see Device.watch); it is done on return.
@@ -295,11 +298,10 @@ class Kernel:
         if self._device is None or self._watch is None:
             raise DeviceError(CLOSED)
         try:
-            for name, by_address in self._needed.items():
-                buffer = buffers[name]
-                self._write(name, buffer.address if by_address else buffer.memory)
+            for name, kind in self._needed.items():
+                self._give(name, kind, given[name])
         except KeyError:
-            missing = self._needed.keys() - buffers.keys()
+            missing = self._needed.keys() - given.keys()
             raise DeviceError(f"kernel buffers {', '.join(sorted(missing))} are not bound") from None
         if COUNT in self._globals:
             self._write(COUNT, count)
@@ -311,6 +313,14 @@ class Kernel:
                 self._watch.after_dispatch()
         if fresh:
             self._watch.compiled(perf_counter() - start)
+
+    def _give(self, name: str, kind: object, given: Buffer | NDArray[Any]) -> None:
+        """Let a global be a record, or refer to a buffer."""
+        if isinstance(given, Buffer):
+            self._write(name, given.address if kind == _pointer() else given.memory)
+        else:
+            size = self._globals[name].size
+            self._places[name].set_data(given.view(np.uint8)[:size])
 
     def _write(self, name: str, argument: slangpy.Buffer | int) -> None:
         """Let a global have a value, unless it has it already."""
@@ -333,11 +343,12 @@ class Kernel:
         self._device.submit_command_buffer(encoder.finish())
 
 
-def _is_pointer(layout: slangpy.TypeLayoutReflection) -> bool:
-    """Whether a module reads a global through a pointer."""
+@cache
+def _pointer() -> object:
+    """The kind of global through which a module reads a buffer by its address."""
     import slangpy
 
-    return bool(layout.type.kind == slangpy.TypeReflection.Kind.pointer)
+    return slangpy.TypeReflection.Kind.pointer
 
 
 @cache

@@ -84,40 +84,42 @@ class FragmentShader:
         record["opacity"], record["ambient"], record["behind"] = material.opacity, material.ambient, behind
         is_lit = material.ambient < 1.0 or len(material.lights) > 0
         wanted = [name for name, needed in (("normal", is_lit), ("depth", not whole)) if needed]
-        buffers = {
+        given: dict[str, Buffer | NDArray[Any]] = {
             **dict.fromkeys(("hit_normal", "hit_depth"), self._nothing),
             **hits.bindings(device, "owner", "field", *wanted),
-            "material": device.buffer(record),
+            "material": record,
             "table": device.buffer(table),
             "edges": self._nothing if edges is None else device.buffer(edges),
-            "view": device.buffer(record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None)),
-            "lights": device.buffer(_light_records(material.lights, kernel.dtype("lights"))),
-            **self._lines(material, kernel.dtype("line_styles")),
+            "view": record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None),
+            "lights": device.buffer(_light_records(material.lights, view, kernel.dtype("lights"))),
+            **self._marks(material, record),
         }
-        kernel(view.count, {**buffers, **made})
+        kernel(view.count, {**given, **made})
 
-    def _lines(self, material: Material, dtype: np.dtype[Any]) -> dict[str, Buffer]:
-        """Marks of mesh lines and contours, and the LineStyle records of both."""
-        line_styles, marks = np.zeros(2, dtype), {}
-        for line_style, name in zip(line_styles, ("mesh", "contours"), strict=True):
-            lines = getattr(material, name)
+    def _marks(self, material: Material, record: NDArray[Any]) -> dict[str, Buffer]:
+        """Marks of mesh lines and contours; the Material record is told how these are drawn."""
+        marks = {}
+        for name, style, lines in (("mesh", "mesh_line", material.mesh), ("contours", "contour", material.contours)):
             if lines is None:
                 marks[name] = self._nothing
                 continue
             own, color = lines
             marks[name] = own.held
-            line_style["mask"] = own.mask
-            line_style["color"] = color
-            line_style["half_width"] = 0.5 * own.width + 0.5
-            line_style["most"] = min(1.0, own.width)
-        return {**marks, "line_styles": self._device.buffer(line_styles)}
+            record[style]["mask"] = own.mask
+            record[style]["color"] = color
+            record[style]["half_width"] = 0.5 * own.width + 0.5
+            record[style]["most"] = min(1.0, own.width)
+        return marks
 
 
-def _light_records(lights: Sequence[Light], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _light_records(lights: Sequence[Light], view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
     """The Light records of paint.slang."""
     records = np.zeros(len(lights), dtype)
     for record, light in zip(records, lights, strict=True):
         if light.direction is not None:
             record["towards"] = unit(light.direction, "the direction of a light")
+        elif not view.perspective:
+            forward = view.camera.basis()[2]
+            record["towards"] = -forward / np.sqrt(forward @ forward)
         record["intensity"] = light.intensity
     return records
