@@ -71,6 +71,31 @@ def test_what_changes_while_it_is_read_does_not_count(made, run, monkeypatch):
     assert [following.look().time for _ in range(2)] == [0.0, 0.5]
 
 
+@pytest.mark.parametrize("gone", ["mesh.xml", "run_1.chk", "all"])
+def test_runs_whose_files_vanish_while_they_are_read_are_survived(made, run, monkeypatch, gone):
+    for file in made:
+        shutil.copy(file, run)
+    following = Following([run], Reading())
+    following.look()
+    newest = Following._newest
+
+    def vanishing(self, stable):
+        if gone == "all":
+            shutil.rmtree(run)
+        else:
+            (run / gone).unlink()
+        return newest(self, stable)
+
+    monkeypatch.setattr(Following, "_newest", vanishing)
+    assert following.look() is None
+    assert following.waiting.startswith("waiting: ")
+    monkeypatch.undo()
+    run.mkdir(exist_ok=True)
+    for file in made:
+        shutil.copy(file, run)
+    assert [found and found.time for found in (following.look(), following.look())] in ([None, 1.0], [1.0, None])
+
+
 def test_files_of_a_run_are_told_from_what_lies_beside_them(tmp_path):
     names = [*(f"flow-{n}.pyfrs" for n in range(3)), "flow.pyfrm", "run.log", "latest.png", ".hidden"]
     for name in names:
@@ -84,7 +109,7 @@ def test_the_picture_of_the_newest_step_is_that_of_render(made, run, tmp_path, e
     for file in made:
         shutil.copy(file, run)
     options = ["--size", "12x9", "--device", "reference", "--plain"]
-    told = elvis("watch", run, *options, "--every", "0.05", "--idle", "0.2", "-o", tmp_path / "latest.png")
+    told = elvis("watch", run, *options, "--every", "0.4", "--idle", "0.1", "-o", tmp_path / "latest.png")
     assert told == f"{tmp_path}/latest.png: time 1\n"
     render(*made, size=(12, 9), device="reference", plain=True, output=str(tmp_path / "still.png"))
     assert (tmp_path / "latest.png").read_bytes() == (tmp_path / "still.png").read_bytes()

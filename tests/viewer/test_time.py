@@ -7,9 +7,9 @@ from test_page import as_rendered
 
 from elvis.formats import ElvisError
 from elvis.plugins.data import Reading
+from elvis.plugins.series import following
 from elvis.plugins.testing.steps import polynomial, steps_of
 from elvis.scene import Scene
-from elvis.viewer import moments
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.moments import Moments
 
@@ -80,7 +80,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
 
 
 def test_a_run_is_followed_until_another_moment_is_asked_for(files, tmp_path, monkeypatch):
-    monkeypatch.setattr(moments, "SOON", 0.0)
+    monkeypatch.setattr(following, "SOON", 0.0)
     last = tmp_path / "run_2.chk"
     content = last.read_bytes()
     last.unlink()

@@ -27,10 +27,14 @@ _BLOCKS = 4
 #: how processes begin: where a system can, as copies of one that has loaded these modules and holds no device
 _METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 _PRELOADED = ["distributed", "elvis.renderer.film_workers"]
-#: of Dask: the work of a worker that was ended is not given to another
+#: of Dask: the work of a worker that was ended is not given to another, and none is watched by threads of its own
 _CONFIGURATION = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.worker.multiprocessing-method": _METHOD,
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "1m",
+    "distributed.admin.system-monitor.gil.enabled": False,
 }
 #: of the scheduler: its page of status is for this machine alone, at a port that is free
 _STATUS = {"dashboard_address": "localhost:0"}

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 #: steps at which values over time are found, at most
 MOST_STEPS = 200
-#: seconds between the first two looks at a run
-SOON = 0.3
 
 
 class Moments:
@@ -50,7 +48,7 @@ class Moments:
 
     def _first(self, files: tuple[Path, ...], reading: Any) -> Dataset:
         """The newest step of a run."""
-        from elvis.plugins.series.following import Following
+        from elvis.plugins.series.following import SOON, Following
 
         self._following = Following(files, reading)
         self._following.look()

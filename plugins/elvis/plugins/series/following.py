@@ -20,6 +20,8 @@ from elvis.plugins.series.step_names import expanded, groups
 
 #: how files that list steps end
 _INDICES = (".pvd", ".series", ".nek5000")
+#: seconds between the first two looks, so that what is whole already comes soon
+SOON = 0.3
 #: bytes, and when a file was changed
 Stamp = tuple[int, int]
 
@@ -58,7 +60,7 @@ class Following:
             return None
         try:
             return self._newest(stable)
-        except ElvisError as error:
+        except (ElvisError, OSError) as error:  # whoever runs the solver may also delete its files meanwhile
             self.waiting = f"waiting: {error}"
             return None
 
@@ -94,11 +96,8 @@ class Following:
         """The files as they are now."""
         found: list[Path] = []
         for path in self._paths:
-            if path.is_dir() and not is_native(path):
-                found += files_of_run(path)
-            else:
-                with suppress(ElvisError):  # none of such names yet
-                    found += expanded([path])
+            with suppress(ElvisError, OSError):  # none of such names yet, or no longer
+                found += files_of_run(path) if path.is_dir() and not is_native(path) else expanded([path])
         return found
 
 

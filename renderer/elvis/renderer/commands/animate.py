@@ -25,7 +25,7 @@ Examples:
   elvis animate wing.xml wing_*.chk --field p --range series -o wing.webp
   elvis animate wing.xml wing_*.chk --times 0:2:100 --between cubic -o wing.mp4
   elvis animate wing.xml wing.fld --faces all --camera iso --orbit 360 --frames 90 -o frames/ -o around.webp
-  elvis animate wing.xml wing.fld --faces all --path iso --path 3,-4,2:0,0,0:0,0,1:30 --frames 90 -o flight.mp4
+  elvis animate wing.xml wing.fld --faces all --path iso --path 3,-4,2:0,0,0:0,0,1 --frames 90 -o flight.mp4
   elvis animate wing.xml wing.fld --cut sphere:0,0,0:1 --key objects[0].surface.radius=0.1:0.9 -o grow.webp
 """
 

@@ -52,7 +52,7 @@ def watch(
 
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import note, say
-    from elvis.plugins.series.following import Following
+    from elvis.plugins.series.following import SOON, Following
     from elvis.renderer.rendering import Pictures
     from elvis.renderer.request import reading_for
     from elvis.scene.commandline.composing import composed
@@ -63,8 +63,9 @@ def watch(
     following = Following([Path(file) for file in scene.data], reading_for([scene], not no_cache))
     pictures: Pictures | None = None
     last, told, is_drawn = monotonic(), "", False
+    looks = 0
     try:
-        while idle is None or monotonic() - last <= idle:
+        while idle is None or looks < 2 or monotonic() - last <= idle:
             found = following.look()
             if found is not None:
                 pictures = _shown(pictures, found, scene)
@@ -79,7 +80,8 @@ def watch(
             if following.waiting not in ("", told):
                 note(following.waiting)
             told = following.waiting
-            sleep(every)
+            looks += 1
+            sleep(min(every, SOON) if looks == 1 else every)
     finally:
         if pictures is not None:
             pictures.close()
