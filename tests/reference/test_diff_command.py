@@ -80,6 +80,19 @@ def test_a_report_of_a_family(files, tmp_path):
     assert (tmp_path / "table.csv").read_text().startswith("data,field,elements,size,L1,L1_order")
 
 
+def test_moments_of_series(files, tmp_path):
+    """A series that grows with time, beside itself at its last step; a single state has no moments."""
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    for step in range(3):
+        field = approximated(Dataset(mesh), "p", lambda p, step=step: (1 + step) * p[:, 0], 3)
+        write(Dataset(mesh, (field,), float(step)), tmp_path / "s.xml", tmp_path / f"s_{step}.chk")
+    series, last = f"{tmp_path}/s.xml,{tmp_path}/s_*.chk", f"{tmp_path}/s.xml,{tmp_path}/s_2.chk"
+    for how, off in ((["--step", "1"], 1.0), (["--time", "0.5"], 1.5), ([], 0.0)):
+        assert json.loads(run(series, last, *how, "--json"))["p"]["Linf"] == pytest.approx(off, abs=1e-12)
+    with pytest.raises(ElvisError, match="--step, --time: expected a series among the solutions, found none"):
+        run(last, files["b"], "--time", "0.5")
+
+
 def test_wrong_use(files, tmp_path):
     with pytest.raises(Exception, match="expected at least two datasets"):
         run(files["a"])

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import TextType, cache_option, json_option, overwrite_option, texts_of
+from elvis.core.arguments import (
+    TextType,
+    between_option,
+    cache_option,
+    json_option,
+    overwrite_option,
+    step_option,
+    texts_of,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.core.differences import Differences, Family
+    from elvis.plugins.data import Reading
     from elvis.reference.report.difference_maps import Maps
 
 EPILOG = """\b
@@ -21,6 +33,7 @@ Examples:
   elvis diff run.xml,run.fld kept.xml,kept.fld --max 1e-9
   elvis diff a.xml,a.fld b.xml,b.fld c.xml,c.fld -o report/
   elvis diff wing.xml,wing.fld fine.xml,fine.fld --scene wing.toml -o report/
+  elvis diff 'coarse.xml,coarse_*.chk' 'fine.xml,fine_*.chk' --time 0.6 --between cubic
 
 Exit status 1 where --max is exceeded; what was asked for is written all the same.
 """
@@ -60,6 +73,9 @@ def _files(text: str) -> tuple[Path, ...]:
     "2D data in their plane]",
 )
 @click.option("--maps/--no-maps", "has_maps", default=True, show_default=True, help="Whether a report has maps.")
+@step_option
+@time_option
+@between_option
 @overwrite_option
 @cache_option
 def diff(
@@ -71,6 +87,9 @@ def diff(
     output: Path | None,
     scene_file: Path | None,
     has_maps: bool,
+    step: int | None,
+    time: float | None,
+    between: str,
     overwrite: bool,
     no_cache: bool,
 ) -> None:
@@ -82,10 +101,12 @@ def diff(
     borders of B's elements make kinks; every norm has an error in --json, and the maximum a bound from Bernstein
     coefficients that is proved, rounding included. What B doesn't cover is left out, and told. With several A, from
     coarse to fine, the order of convergence to B is told, too. A report shows the fields of the last A, of B and their
-    difference in one scene.
+    difference in one scene. --step and --time choose a moment of those that are series.
     """
     from elvis.core.differences import family
+    from elvis.core.moments import Moment
     from elvis.core.terminal import print_json, stage, warn
+    from elvis.plugins.data import Reading
     from elvis.reference.report.differences import write_difference_report
     from elvis.reference.report.writing import check_folder
 
@@ -97,7 +118,7 @@ def diff(
     is_table = output is not None and output.suffix != ""
     if output is not None:
         _check_table(output, read, overwrite) if is_table else check_folder(output, read, overwrite)
-    *members, reference = (_dataset(paths, not no_cache) for paths in data)
+    *members, reference = _datasets(data, Reading(is_kept=not no_cache, moment=Moment(step, time, between)))
     names = [",".join(path.name for path in paths) for paths in data]
     with stage("comparing"):
         found = family(members, reference, names[:-1], texts_of(fields), error)
@@ -145,12 +166,22 @@ def _check_table(output: Path, read: list[Path], overwrite: bool) -> None:
     check_places([output], read, overwrite)
 
 
-def _dataset(paths: tuple[Path, ...], is_kept: bool) -> Dataset:
+def _datasets(data: Sequence[tuple[Path, ...]], reading: Reading) -> list[Dataset]:
+    """The solutions, those that are series at a moment; ElvisError where one is asked for and none is a series."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.moments import Moment
     from elvis.core.terminal import note
-    from elvis.plugins.data import Reading, dataset_of
+    from elvis.plugins.data import dataset_of
+    from elvis.plugins.series.series import series_in
 
-    found = dataset_of(paths, Reading(is_kept=is_kept))
-    for remark in found.remarks:
+    single = replace(reading, moment=Moment())
+    are_series = [reading.moment.is_asked and series_in(paths, reading) is not None for paths in data]
+    if reading.moment.is_asked and not any(are_series):
+        raise ElvisError("--step, --time: expected a series among the solutions, found none")
+    found = [
+        dataset_of(paths, reading if is_series else single) for paths, is_series in zip(data, are_series, strict=True)
+    ]
+    for remark in (remark for dataset in found for remark in dataset.remarks):
         note(remark)
     return found
 
