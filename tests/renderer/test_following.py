@@ -110,3 +110,15 @@ def test_a_closed_orbit_is_closed_after_a_hundred_turns(follow):
     assert taken > 3000
     assert np.abs(lines[0][-1] - [0.75, 0.5, 0]).max() < 1e-10
     assert np.abs(lines[1][-1] - [0.5, 0.15, 0]).max() < 1e-10
+
+
+def test_few_lines_that_are_long_go_on_on_the_device(follow, monkeypatch):
+    monkeypatch.setattr(following, "FEW", 1000)
+    dataset = rotating(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 2), 4)
+    seeds, settings = [[0.75, 0.5, 0.45], [0.5, 0.15, 0.45]], {"duration": 9.0}
+    truth = trace(dataset, seeds, **settings)
+    for long, goes_on in ((5, True), (1000, False)):
+        monkeypatch.setattr(following, "LONG", long)
+        lines, taken = follow(dataset, seeds, **settings)
+        check_same(lines, truth)
+        assert (taken > 0) == goes_on

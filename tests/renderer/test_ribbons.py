@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Field, Homogeneous
+from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.line_pieces import curves
@@ -178,6 +179,29 @@ def test_plane_data_have_strips_in_the_plane(draw):
         # a pixel's centre within the ring shows it
         ring = np.hypot(*(frame.view.every_ray()[0][:, :2] - 0.5).T)
         assert np.array_equal(frame.seen.ravel(), np.abs(ring - 0.3) <= 0.05)
+
+
+def test_quasi_3d_data_have_ribbons(draw):
+    """A screw about z whose velocity is the same in all planes, beyond the period."""
+    mesh = curved(grid(Shape.QUADRILATERAL, 1), ripple(0.04), 3)
+    plane = data(mesh, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5)
+    waves = Homogeneous((Basis.FOURIER,), (0.5,), (0, 1))
+    fields = []
+    for name in "uv":
+        (block,) = plane.field(name).blocks
+        both = np.hstack([block.coefficients, 0 * block.coefficients])
+        spread = replace(block, expansion=replace(block.expansion, homogeneous=waves), coefficients=both)
+        fields.append(Field(name, (spread,)))
+    whole = Dataset(mesh, tuple(fields))
+    shown = Streamlines(("point:0.5,0.5,0.05",), "u,v,0.3", duration=2.5, ribbon=0.4, across=(1.0, 0.0, 0.0))
+    camera = Camera((2.5, -1.5, 0.9), (0.5, 0.5, 0.4), fov=24.0)
+    for device in ("vulkan", "reference"):
+        frame = draw(whole, device, field="u", objects=(shown,), camera=camera, size=(50, 40))
+        away = frame.position[frame.seen] - [0.5, 0.5, 0.05]
+        assert len(away) > 100
+        angle = away[:, 2] / 0.3
+        assert np.abs(away[:, 1] * np.cos(angle) - away[:, 0] * np.sin(angle)).max() < 1e-10
+        assert np.hypot(away[:, 0], away[:, 1]).max() <= 0.2 + 1e-12
 
 
 BASE = Streamlines(("point:0.5,0.8,0.5", "point:0.7,0.23,0.4"), length=0.9, ribbon=0.2)

@@ -7,6 +7,7 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
+from elvis.core.streamlines.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.renderer import (
     Camera,
@@ -201,3 +202,37 @@ def test_several_objects_are_prepared_once_for_a_view(renderer, helices, monkeyp
     for _ in range(2):
         drawing.render(scene)
     assert len(prepared) == 2
+
+
+@pytest.mark.parametrize("size", [{"radius": 0.05}, {"ribbon": 0.1, "arrows": 0.1}])
+def test_lines_that_do_not_move_are_told(draw, size):
+    still = data(grid(Shape.HEXAHEDRON, 1), u=constant(0), v=constant(0), w=constant(0))
+    shown = Streamlines(("random:3",), **size)
+    for device in ("vulkan", "reference"):
+        frame = draw(still, device, field="x", objects=(Faces(), shown), size=(20, 20))
+        assert frame.seen.any()
+    frame = draw(still, field="x", objects=(Faces(), shown), size=(20, 20))
+    assert any("none is drawn, as none of the 3 lines moves" in remark for remark in frame.remarks)
+    with pytest.raises(SceneError, match="none is drawn, as none of the 3 lines moves"):
+        draw(still, field="x", objects=(shown,), size=(20, 20))
+
+
+def test_lines_on_surfaces_in_space(draw):
+    flat = grid(Shape.QUADRILATERAL, 3)
+    tilted = replace(flat, space=3, vertices=flat.vertices + np.outer(flat.vertices[:, 0], [0, 0, 2.0]))
+    whole = data(tilted, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5, w=lambda p: 1.0 - 2.0 * p[:, 1])
+    found = trace(whole, [[0.8, 0.5, 1.6]], duration=2 * np.pi)
+    assert found[0][-1] == pytest.approx([0.8, 0.5, 1.6], abs=1e-10)
+    assert np.abs(found.points[:, 2] - 2 * found.points[:, 0]).max() < 1e-12
+    shown = Streamlines(("point:0.8,0.5,1.6",), duration=6.0, radius=0.03, arrows=0.4)
+    camera = Camera((2.2, -1.7, 3.0), (0.5, 0.5, 1.0), fov=30.0)
+    frame = draw(whole, field="u", objects=(replace(shown, arrows=None),), camera=camera, size=(60, 48))
+    # the ellipse over the circle of radius 0.3: a pixel's place is a radius from it
+    angle = np.linspace(0, 2 * np.pi, 20001)
+    line = np.stack([0.5 + 0.3 * np.cos(angle), 0.5 + 0.3 * np.sin(angle), 1 + 0.6 * np.cos(angle)], axis=1)
+    place = frame.position[frame.seen]
+    assert len(place) > 60
+    assert np.abs(np.linalg.norm(place[:, None] - line, axis=2).min(axis=1) - 0.03).max() < 1e-6
+    assert draw(whole, field="u", objects=(shown,), camera=camera, size=(60, 48)).seen.sum() > len(place)
+    with pytest.raises(SceneError, match="ribbons: expected 2D data in the plane or 3D data, found surfaces in space"):
+        draw(whole, objects=(Streamlines(shown.seeds, ribbon=0.1),), size=(8, 8))

@@ -122,14 +122,23 @@ class FlowStage:
         for item in scene.every_object:
             if isinstance(item, Streamlines):
                 yield from self._endings(item)
-                if item.arrows is not None and not len(heads_in(self._known(), item, self._followers).element):
-                    yield f"streamlines: no line is as long as its arrows are apart, {item.arrows:g}"
+                yield from self._missing_heads(item)
             if isinstance(item, Glyphs):
                 left = self._frusta_of(item).left
                 yield from (f"points of glyphs that {why}: {count}" for why, count in left.items())
 
+    def _missing_heads(self, item: Streamlines) -> Iterator[str]:
+        """A sentence where lines are too short for arrow heads."""
+        if item.arrows is None or not len(self._curves_of(item).pieces):
+            return
+        if not len(heads_in(self._known(), item, self._followers).element):
+            yield f"streamlines: no line is as long as its arrows are apart, {item.arrows:g}"
+
     def _endings(self, item: Streamlines) -> Iterator[str]:
-        ends = self._curves_of(item).ends
+        found = self._curves_of(item)
+        ends = found.ends
+        if not len(found.pieces):
+            yield f"streamlines: none is drawn, as none of the {found.lines} lines moves"
         for end in (End.OUTSIDE, End.STEPS, End.JUMP, End.NAN, End.INVERTED, End.FAILED):
             name, meaning = WORDS[end]
             if name in ends:

@@ -88,8 +88,8 @@ class PieceDrawer(ABC, Generic[Shown]):
         seen = pieces_in_view(view, pieces, girth, np.flatnonzero(known))
         reference = part_of(pieces.reference[seen.number], seen.place)
         records = np.zeros(len(seen.number), kernel.dtype(self.list_name))
-        records["points"] = seen.points.reshape(len(records), -1)
-        records["reference"] = reference.reshape(len(records), -1)
+        records["points"] = flattened(seen.points)
+        records["reference"] = flattened(reference)
         records["turn"] = greatest_bend(seen.points)
         records["near"] = seen.near
         records["owner"] = owner[seen.number]
@@ -98,6 +98,11 @@ class PieceDrawer(ABC, Generic[Shown]):
         work = (tiles["end"] - tiles["first"]).astype(np.int64)
         data = {self.list_name: records, "listed": listed, "tiles": tiles}
         return _Prepared(view, girth, {name: device.buffer(array) for name, array in data.items()}, work)
+
+
+def flattened(points: Floats) -> Floats:
+    """(n, 3 k) the numbers of curves (n, k, 3), one coefficient after the other."""
+    return points.reshape(len(points), 3 * points.shape[1])
 
 
 def greatest_bend(points: Floats) -> Floats:

@@ -16,7 +16,7 @@ from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Limits, Tracer
 from elvis.core.streamlines.velocity import Velocity, velocity_expressions
-from elvis.core.streamlines.walls import WallVelocity, corners_of, shear_expressions
+from elvis.core.streamlines.walls import WallVelocity, check_walls, corners_of, shear_expressions
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
@@ -126,6 +126,7 @@ def _moving(dataset: Dataset, course: Course, others: Sequence[Expression]) -> t
     if course.wall is None:
         velocity = Velocity(dataset, velocity_expressions(dataset, course.velocity), others)
         return velocity, Neighbours.of(dataset, velocity.patches)
+    check_walls(dataset, course.wall)
     on_wall = WallVelocity(dataset, shear_expressions(dataset, course.velocity), others, course.wall)
     vertices = [corners_of(dataset, piece) for piece in on_wall.pieces]
     return on_wall, Neighbours.of_faces(on_wall.patches, vertices)

@@ -47,10 +47,15 @@ def shear_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Exp
     return [Expression(name, flow.node(name, {"mu": tree.number(1.0)})) for name in names]
 
 
-def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str) -> list[Piece]:
-    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none."""
+def check_walls(dataset: Dataset, wall: str) -> None:
+    """ElvisError for data that have no walls of faces."""
     if dataset.mesh.dimension != 3:
         raise ElvisError(f"lines on the wall {wall}: expected 3D data, whose walls have faces")
+
+
+def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str) -> list[Piece]:
+    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none."""
+    check_walls(dataset, wall)
     target = Places(dataset, tuple(patches), {}).named(wall)
     rows = target.rows if target.total is None else (target.total,)
     return [piece for row in rows for piece in row.pieces if isinstance(piece, Piece)]

@@ -155,7 +155,8 @@ def _solved(directions: Floats, velocity: Floats, gradient: Floats, rate: float,
 
 
 def _units(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+    sizes = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(sizes > 0.0, sizes, 1.0))
 
 
 def _turned(vector: Floats, direction: Floats) -> Floats:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from elvis.core.streamlines.line_pieces import Pieces
 from elvis.core.streamlines.ribbons import Ribbons
-from elvis.renderer.piece_drawer import PieceDrawer, greatest_bend
+from elvis.renderer.piece_drawer import PieceDrawer, flattened, greatest_bend
 from elvis.renderer.pieces_in_view import PiecesInView, part_of
 
 
@@ -27,6 +27,6 @@ class RibbonDrawer(PieceDrawer[Ribbons]):
     def fill(self, records: NDArray[Any], shown: Ribbons, seen: PiecesInView) -> None:
         """The vectors across, and how far the strip may be off: as far as these leave the solution at its edges."""
         across = part_of(shown.across[seen.number], seen.place)
-        records["across"] = across.reshape(len(across), -1)
+        records["across"] = flattened(across)
         records["swing"] = greatest_bend(across)
         records["deviation"] = shown.pieces.deviation[seen.number]

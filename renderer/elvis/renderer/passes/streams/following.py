@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ from elvis.renderer.pixels import NOBODY
 
 #: lines below which the host is sooner done than a device is opened and its kernel compiled
 FEW = 128
+#: steps that the host takes of few lines before a device goes on
+LONG = 400
 #: steps that a dispatch has room for, which lines share; those of a line at least and at most
 _ROOM, _LEAST, _MOST = 1 << 16, 8, 128
 #: stands for an element of another part, as in trace_follow.slang
@@ -128,9 +131,12 @@ class DeviceTracer(Tracer):
         self._dimension = velocity.patches[0].dimension
 
     def run(self) -> Iterator[Piece]:
-        """The steps of all lines until each has ended, many lines at a time: few lines are the host's."""
+        """The steps of all lines until each has ended, many lines at a time: few lines are the host's, if not long."""
         many = np.count_nonzero(self.end == End.GOING) >= FEW
-        found = self._followers.device_for(self.velocity, self.neighbours) if many else None
+        yield from islice(super().run(), 0 if many else LONG)
+        if not (self.end == End.GOING).any():
+            return
+        found = self._followers.device_for(self.velocity, self.neighbours)
         if found is None:
             yield from super().run()
             return
