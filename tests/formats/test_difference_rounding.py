@@ -281,7 +281,9 @@ def test_differences_on_boxes_are_bounded_with_all_rounding(outer, inner):
     low = np.full((len(boxes), d), -1.0)
     high = -low
     for _ in range(2):
-        composed = composition.compose(boxes)
+        (group, composed), *more = composition.compose(boxes)
+        assert len(group) == len(boxes)
+        assert not more
         assert np.isfinite(composed.slack).all()
         meets = composition.meet(boxes)
         for k, t in common_points(composition, boxes, theirs, 3):

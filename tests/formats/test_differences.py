@@ -85,7 +85,7 @@ def test_a_shift_is_the_gradient_times_it():
         assert point == pytest.approx([SHIFT * 0.4 + SHIFT**2, -SHIFT], abs=1e-12)
 
 
-@pytest.mark.parametrize(("bends", "closer"), [((False, False), 1.002), ((True, False), 1.01), ((False, True), 1.01)])
+@pytest.mark.parametrize(("bends", "closer"), [((False, False), 2e-4), ((True, False), 2e-3), ((False, True), 2e-3)])
 def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
     """|x y - (x y + y^2 / 2 + x / 4)| <= 3/4, at (1, 1) of the unit square, whichever of the meshes is bent inside."""
 
@@ -99,13 +99,14 @@ def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
     other = with_p(meshes[1], lambda p: p[:, 0] * p[:, 1] + p[:, 1] ** 2 / 2 + p[:, 0] / 4, 9 if bends[1] else 3)
     row = diff(own, other, error=0.5)[0]
     assert row.linf == pytest.approx(0.75, rel=1e-3)
-    assert 0.75 - 1e-9 <= row.bound <= 0.75 * closer
+    assert 0.75 - 1e-9 <= row.bound <= 0.75 * (1 + closer)
+    assert row.linf <= row.bound <= row.linf * (1 + 2e-4)
     x, y, _ = row.where
     assert row.linf == pytest.approx(abs(y**2 / 2 + x / 4), abs=1e-3 * any(bends) + 1e-12)
 
 
 def test_the_greatest_value_is_that_of_corners_where_points_have_less():
-    """A peak that no point of the search lies on is found by halving boxes, within a thousandth, and has the value."""
+    """A peak that no point of the search lies on is found by halving boxes, within 1e-4, and has the value."""
 
     def peak(p):
         return 1 / (1 + 400 * ((p[:, 0] - 0.3137) ** 2 + (p[:, 1] - 0.7071) ** 2))
@@ -116,7 +117,7 @@ def test_the_greatest_value_is_that_of_corners_where_points_have_less():
     )
     at_points = Extreme(0.01, np.nan, (0.0, 0.0, 0.0), -1)
     found = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), at_points)
-    assert found.value <= found.bound <= found.value * 1.001
+    assert found.value <= found.bound <= found.value * 1.0002
     least, greatest = extrema(own, "p")
     assert found.value == pytest.approx(max(greatest.value, -least.value), rel=1e-3)
     values = sample(own, "p", [found.place]).values[:, 0]
@@ -130,6 +131,20 @@ def test_fields_on_bent_elements_of_both_are_bounded_by_their_ranges():
     found = diff(own, other, error=0.5)
     assert found[0].linf < found[0].bound < 3.5
     assert found.facts()["p"]["Linf_bound"] == found[0].bound
+
+
+def test_elements_of_parallel_sides_are_bounded_as_closely():
+    """Cubic waves on two grids of hexahedra, whose difference is about the same at thousands of places."""
+
+    def wave(p):
+        return np.sin(3 * p[:, 0] + 2 * p[:, 1]) * np.cos(2 * p[:, 2])
+
+    own, other = (with_p(grid(Shape.HEXAHEDRON, count), wave) for count in (4, 3))
+    least = Extreme(1e-6, np.nan, (0.0, 0.0, 0.0), -1)
+    found = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), least)
+    values = sample(own.beside(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))])
+    assert values.values[0, 0] == pytest.approx(found.value, abs=1e-12)
+    assert values.values.max() <= found.bound <= found.value * 1.0002
 
 
 def wave(points):

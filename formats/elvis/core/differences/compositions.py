@@ -18,7 +18,7 @@ inverse map, which are taken where xi is in the element: there the slopes of u2 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -175,17 +175,33 @@ class Composition:
         theirs = (modes @ inner.net[boxes.others][:, :, None])[:, :, 0]
         return np.asarray(on_lattice(boxes.own, self.line).reshape(theirs.shape) - theirs)
 
-    def compose(self, boxes: PairBoxes) -> Composed:
-        """The nets of the differences."""
+    def compose(self, boxes: PairBoxes) -> Iterator[tuple[PairBoxes, Composed]]:
+        """The boxes in groups, with the nets of their differences.
+
+        Elements of parallel sides have nets of the fields' own degree, a part of the coefficients of the others.
+        """
         values = self.values(boxes)
-        nets = nets_through(values, self.line, self._outer.patch.dimension)
-        size = _size(nets, 1)
-        apart = np.abs(on_lattice(nets, self.line).reshape(values.shape) - values).max(axis=1)
-        apart += gamma(value_roundings(nets.shape[1:]) + 1) * _MORE * size
         slack = self.lebesgue * self.rounding_of_values(boxes) + self._slack_of_places(boxes)
-        trusted = slack + self.lebesgue * apart
-        limit = np.minimum(size + trusted, self.lebesgue * np.abs(values).max(axis=1) + slack)
-        return Composed(nets, limit, trusted)
+        limit = self.lebesgue * np.abs(values).max(axis=1) + slack
+        low = min(self.degree, max(self._outer.degree, *self._inner.space.degrees))
+        is_left = np.ones(len(boxes), bool)
+        for degree in dict.fromkeys((low, self.degree)):
+            nets, apart = self._fitted(values, degree)
+            is_near = is_left & ((self.lebesgue * apart <= slack) | (degree == self.degree))
+            is_left &= ~is_near
+            if is_near.any():
+                trusted = (slack + self.lebesgue * apart)[is_near]
+                own = nets[is_near]
+                yield boxes.part(is_near), Composed(own, np.minimum(limit[is_near], _size(own, 1) + trusted), trusted)
+            if not is_left.any():
+                return
+
+    def _fitted(self, values: Floats, degree: int) -> tuple[Floats, Floats]:
+        """Nets (n, D, …) of a degree near values (n, q) at the lattice, and (n,) how far they may be from these."""
+        d = self._outer.patch.dimension
+        nets = nets_through(values, self.line, d, degree)
+        apart = np.abs(on_lattice(nets, self.line).reshape(values.shape) - values).max(axis=1)
+        return nets, apart + gamma(value_roundings(nets.shape[1:]) + 1) * _MORE * _size(nets, 1)
 
     def _slack_of_places(self, boxes: PairBoxes) -> Floats:
         """(n,) how far the true difference may be from that of the boxes' nets, at common points of both elements."""

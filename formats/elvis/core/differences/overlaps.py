@@ -24,9 +24,9 @@ from elvis.core.polynomials.boxnets import all_halves, corners
 from elvis.core.polynomials.rounding import UNIT, gamma, halving_roundings
 
 #: coefficients of differences that may be taken in all, and together; halvings of boxes, and of those before nets
-_MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 26, 1 << 17, 20, 8
+_MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 28, 1 << 17, 20, 8
 #: part of the greatest difference found by which the bound may be more
-_CLOSE = 1e-3
+_CLOSE = 1e-4
 #: rounding of values that is allowed for without halving boxes, in parts of the fields, and growth that is halved
 _SMALL, _GROWN = 1e-12, 1.5
 #: times that boxes are cut down
@@ -117,7 +117,8 @@ class _Pairs:
             boxes = self._composition.clipped(boxes)
         bound = 0.0
         for part in self._near(boxes):
-            bound = max(bound, self._halved(part, self._composition.compose(part)))
+            for group, composed in self._composition.compose(part):
+                bound = max(bound, self._halved(group, composed))
         return bound
 
     def _near(self, boxes: PairBoxes) -> Iterator[PairBoxes]:

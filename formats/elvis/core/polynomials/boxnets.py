@@ -92,13 +92,15 @@ def _raised(nets: Floats, axis: int, degree: int) -> Floats:
     return np.moveaxis(np.moveaxis(nets, axis, -1) @ matrix, -1, axis)
 
 
-def nets_through(values: Floats, places: Floats, dimension: int) -> Floats:
-    """(n, D, …, D) nets of the polynomials with values (n, D^dimension) on the lattice of places (D,) in [0, 1].
+def nets_through(values: Floats, places: Floats, dimension: int, degree: int | None = None) -> Floats:
+    """(n, D, …, D) nets of the polynomials with values (n, q^dimension) on the lattice of places (q,) in [0, 1].
 
-    The last direction runs fastest.
+    The last direction runs fastest.  Of a ``degree`` less than q - 1 they are fitted by least squares.
     """
     count = len(places)
-    inverse = np.linalg.inv(line_tables(count - 1, places)[0])
+    is_full = degree is None or degree == count - 1
+    table = line_tables(count - 1 if degree is None else degree, places)[0]
+    inverse = np.linalg.inv(table) if is_full else np.linalg.pinv(table)
     nets = values.reshape(-1, *(count,) * dimension)
     for axis in range(dimension):
         nets = np.moveaxis(np.moveaxis(nets, 1 + axis, -1) @ inverse.T, -1, 1 + axis)
