@@ -72,16 +72,17 @@ def test_the_area_of_a_sphere(shape):
     assert abs(area - 4 * np.pi * 0.16) <= found[0].error < 2e-9
 
 
-@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+@pytest.mark.sampled(least=2)
+@pytest.mark.parametrize("shape", SOLIDS)
 def test_spheres_and_cylinders_by_name(shape):
     """Area, and flux of what comes from the centre or the axis, whose length is that of the cube; normals point out."""
     dataset = Dataset(grid(shape, 2))
     surfaces = ["sphere:0.5,0.45,0.5:0.4", "cylinder:0.5,0.45,3:0,0,-2:0.4"]
     flux = "(x-0.5)*nx + (y-0.45)*ny + (z-0.5)*nz"
-    found = integrate(dataset, ["area", flux], surfaces, error=1e-7)
+    found = integrate(dataset, ["area", flux], surfaces, error=1e-10)
     areas = 4 * np.pi * 0.16, 2 * np.pi * 0.4
     truth = [areas[0], 0.4 * areas[0], areas[1], 0.4 * areas[1]]
-    assert [row.value for row in found] == pytest.approx(truth, rel=1e-8)
+    assert [row.value for row in found] == pytest.approx(truth, rel=1e-10)
     assert all(abs(row.value - own) <= row.error for row, own in zip(found, truth, strict=True))
 
 

@@ -70,6 +70,7 @@ class Coefficients:
         lift = self.lift or next(axis for axis in axes[::-1] if axis != self.drag)
         if self.drag not in axes or lift not in axes:
             raise ElvisError(f"--coefficients: expected axes among {', '.join(axes)}, found {self.drag}{lift}")
+        Expression.parse(f"pressure_force_{self.drag}", names)  # tells what is lacking
         along, across = cos(radians(self.angle)), sin(radians(self.angle))
         for part, suffix in self._parts(names):
             for name, (a, b) in {"drag": (along, across), "lift": (-across, along)}.items():
