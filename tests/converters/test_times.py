@@ -8,7 +8,7 @@ import pytest
 
 from elvis.converters.mfem_files import read_root
 from elvis.converters.vtk_times import time_in
-from elvis.formats import FormatError, open_series
+from elvis.formats import FormatError, open_series, read
 from elvis.plugins.data import Reading
 from elvis.plugins.series.finding import find_steps
 
@@ -68,6 +68,20 @@ def test_every_way_of_writing_it(tmp_path):
     for part in (0, 40, 200, 300):
         (tmp_path / "half.vtu").write_bytes(whole[:part])
         assert time_in(tmp_path / "half.vtu") is None
+
+
+@pytest.mark.parametrize("damaged", [0, 1, 3])
+def test_a_file_that_is_begun_is_left_out(tmp_path, monkeypatch, damaged):
+    """Wherever it stands, and whether it is asked for as a series or not."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    files = [written(tmp_path / f"flow_{number}.vtu", square(number / 2)) for number in range(4)]
+    files[damaged].write_bytes(files[damaged].read_bytes()[:700])
+    series = open_series(*files)
+    assert series.times.tolist() == [number / 2 for number in range(4) if number != damaged]
+    assert any(f"flow_{damaged}.vtu" in told and "the step is left out" in told for told in series.remarks)
+    last = read(*files)
+    assert last.time == series.times[-1]
+    assert f"flow_{damaged}.vtu" in last.remarks[1]
 
 
 def test_files_without_an_index_have_their_own_times(tmp_path, monkeypatch):

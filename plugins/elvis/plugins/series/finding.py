@@ -172,9 +172,10 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
             found.remarks.append(f"{error}: the step is left out")
         else:
             by_number[number] = Step(times[-1] if times else None, files)
-    # parts of one state have one time
+    # parts of one state have one time; a file that is begun has none yet
     told = [step.time for step in by_number.values()]
-    are_steps = reading.moment.is_asked or (None not in told and len(set(told)) == len(told) > 1)
+    known = [time for time in told if time is not None]
+    are_steps = reading.moment.is_asked or len(set(known)) == len(known) > 1
     if converter is None or not by_number or (converter.joins and not are_steps):
         return None
     if not converter.joins and _is_one_time(told):
@@ -195,19 +196,25 @@ def _one_time(told: Sequence[float | None]) -> str:
 
 def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) -> Found:
     """Steps without times get those that a whole reading tells, else their numbers."""
-    found.steps = list(by_number.values())
-    if all(step.time is not None for step in found.steps):
-        return found
     from elvis.plugins.data import state_of
 
-    first = state_of((*found.common, *found.steps[0].files), reading)
-    steps = []
+    has_times = any(step.time is not None for step in by_number.values())
+    steps: list[Step] = []
     for number, step in by_number.items():
-        time = number
-        if first.time is not None:
-            time = state_of((*found.common, *step.files), reading).time or 0.0
-        steps.append(replace(step, time=time))
-    if first.time is None:
+        time = step.time
+        if time is None and (has_times or not steps):
+            try:
+                time = state_of((*found.common, *step.files), reading).time
+            except ElvisError as error:
+                found.remarks.append(f"{error}: the step is left out")
+                continue
+            has_times = has_times or time is not None
+        fault = _fault_of(time) if has_times else ""
+        if fault:
+            found.remarks.append(f"{step.name}: {fault}: the step is left out")
+        else:
+            steps.append(replace(step, time=time if has_times else number))
+    if not has_times:
         found.remarks.append(NO_TIMES)
     return replace(found, steps=steps)
 
