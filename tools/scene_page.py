@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from elvis.scene import scene_schema
-from elvis.scene.objects import ColorBar, Contours, MeshLines, SceneObject, Style, Transfer
+from elvis.scene.objects import ColorBar, Contours, Lic, MeshLines, SceneObject, Style, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
 from elvis.scene.surfaces import Surface
 from elvis.scene.whole import Camera, Clip, Light, Scene
@@ -19,7 +19,7 @@ CHAPTERS = {
     "Scene": (Scene,),
     "Camera": (Camera,),
     "Objects": get_args(SceneObject),
-    "Styles": (Style, ColorBar, Contours, MeshLines),
+    "Styles": (Style, ColorBar, Contours, MeshLines, Lic),
     "Transfer": (Transfer,),
     "Surfaces": get_args(Surface),
     "Lights and clips": (Light, Clip),

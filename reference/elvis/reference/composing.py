@@ -15,6 +15,7 @@ from elvis.reference.hits import Hits
 from elvis.reference.record import Record
 from elvis.scene import Scene, Style, Transfer
 from elvis.scene.palette import Palette
+from elvis.scene.streaks import toned
 from elvis.scene.view import View
 
 
@@ -25,6 +26,7 @@ class SurfaceHits:
     quantity  the name of the values that colour it
     lit       whether lights shade it
     lines     (n,) coverage of its contours, then of its mesh lines, of each set
+    tones     (n,) of its streaks
     """
 
     hits: Hits
@@ -32,6 +34,7 @@ class SurfaceHits:
     quantity: str
     lit: bool
     lines: tuple[tuple[Floats, tuple[float, float, float]], ...] = ()
+    tones: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,8 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
     colors = (
         np.tile(style.color or (0.0,) * 3, (view.count, 1)) if flat else palette.colors(hits.values[surface.quantity])
     )
+    if style.lic is not None and surface.tones is not None:
+        colors = toned(colors, surface.tones, style.lic.contrast)
     if surface.lit:
         colors = colors * _light(hits, scene, view)[:, None]
 

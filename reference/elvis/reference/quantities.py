@@ -39,6 +39,7 @@ def names_of(scene: Scene) -> tuple[str, ...]:
             style = shown.style
             names.append(style.quantity or scene.field)
             names.append((style.contours.quantity if style.contours else None) or scene.field)
+            names += style.lic.components if style.lic else ()
     names += [clip.surface.expression for clip in scene.clip if isinstance(clip.surface, Implicit)]
     return tuple(dict.fromkeys(names))
 

@@ -60,6 +60,8 @@ def _finer(scene: Scene, n: int) -> Scene:
         for name in ("contours", "mesh_lines"):
             lines = getattr(style, name)
             kept[name] = lines and replace(lines, width=n * lines.width)
+        lic = style.lic
+        kept["lic"] = lic and replace(lic, length=n * lic.length, width=n * lic.width)
         return replace(item, style=replace(style, **kept))
 
     return replace(scene, objects=tuple(map(widen, scene.objects)))

@@ -79,7 +79,7 @@ class Canvas:
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.done, self.total, self.undefined = 0, 0, 0
+        self.done, self.total, self.undefined, self.still = 0, 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
         self.tracer = Tracer(self.painter)
         self.draw_calls = self.stages.draw_calls(self.scene)
@@ -113,7 +113,10 @@ class Canvas:
         through = arrays["through"] if self.scene.is_clear else None
         drawing = replace(drawing, through=through, strokes=self.tracer.strokes())
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
-        stats |= {"remarks": self.painter.remarks(self.draw_calls), "not_a_number": self.undefined}
+        remarks = self.painter.remarks(self.draw_calls)
+        if self.still:
+            remarks.append(f"pixels without streaks, where nothing moves along the surface: {self.still}")
+        stats |= {"remarks": remarks, "not_a_number": self.undefined}
         if self._proves:
             stats["contours"] = {status.name.lower(): self.contours[status] for status in self.contours}
         if self.painter.volume_counts:
@@ -139,6 +142,7 @@ class Canvas:
         record = record_of(drawn, band.view, whole=self.records)
         self.undefined += int(np.count_nonzero(inner(~np.isfinite(record.field) & (record.owner != NOBODY))))
         color = inner(self._colors(drawn, band.view))
+        self.still += int(np.count_nonzero(inner(self.painter.still(drawn, band.view))))
         if self.scene.is_clear:
             self._keep("through", rows, inner(self.through))
         if self.scene.is_traced:

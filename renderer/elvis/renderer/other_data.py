@@ -262,6 +262,8 @@ class OtherData:
             contours = item.style.contours
             if contours is not None:
                 self._refuse(contours.quantity or item.style.quantity or scene.field, "contours")
+            for text in item.style.lic.components if item.style.lic else ():
+                self._refuse(text, "streaks")
         for surface in surfaces:
             if isinstance(surface, Implicit):
                 self._refuse(surface.expression, "a surface or clip")

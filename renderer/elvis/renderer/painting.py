@@ -28,6 +28,7 @@ class Material:
     lights   none where it is unlit; its colours are multiplied by ambient + sum of intensity times cosine, at most 1,
              on the side that the viewer sees
     mesh, contours  lines and their colours, contours on top
+    streaks  tones of a line integral convolution (lic_convolve.slang), and their contrast
     """
 
     colors: Palette | Vector
@@ -36,6 +37,7 @@ class Material:
     ambient: float = 1.0
     mesh: tuple[Marks, Vector] | None = None
     contours: tuple[Marks, Vector] | None = None
+    streaks: tuple[Buffer, float] | None = None
 
 
 class FragmentShader:
@@ -82,6 +84,7 @@ class FragmentShader:
         record["steps"], record["lights"], record["whole"] = len(table) - 1, len(material.lights), whole
         record["first"] = first
         record["opacity"], record["ambient"], record["behind"] = material.opacity, material.ambient, behind
+        tones, record["contrast"] = material.streaks or (self._nothing, 0.0)
         is_lit = material.ambient < 1.0 or len(material.lights) > 0
         wanted = [name for name, needed in (("normal", is_lit), ("depth", not whole)) if needed]
         given: dict[str, Buffer | NDArray[Any]] = {
@@ -89,6 +92,7 @@ class FragmentShader:
             **hits.bindings(device, "owner", "field", *wanted),
             "material": record,
             "table": device.buffer(table),
+            "tones": tones,
             "edges": self._nothing if edges is None else device.buffer(edges),
             "view": record_of(kernel, "view", view, count=view.count, flat=hits.flat is not None),
             "lights": device.buffer(_light_records(material.lights, view, kernel.dtype("lights"))),

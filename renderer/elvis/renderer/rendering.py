@@ -46,7 +46,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
-from elvis.scene.quantities import quantities
+from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
 
@@ -129,7 +129,8 @@ def default_field(data: Dataset | PluginData) -> str:
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    return _arrange(_with_quantity(scene, dataset), Kind.of(dataset))
+    kind = Kind.of(dataset)
+    return _arrange(_with_velocities(_with_quantity(scene, dataset), dataset, kind), kind)
 
 
 def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
@@ -139,6 +140,13 @@ def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
     except ElvisError as error:
         raise SceneError(str(error)) from error
     return scene
+
+
+def _with_velocities(scene: Scene, data: Dataset | PluginData, kind: Kind) -> Scene:
+    """The scene, whose streaks have velocities; curves have no streaks."""
+    names = names_of(data)
+    own = 2 if kind is Kind.PLANE else 3
+    return scene if kind is Kind.LINE else with_velocities(scene, names, own)
 
 
 def _arrange(scene: Scene, kind: Kind) -> Scene:
@@ -248,7 +256,7 @@ class Pictures:
             self._checked = scene.field, scene.time
         self._kind = self._kind or _kind(data, scene)
         remarks = data.remarks if isinstance(data, Dataset) else ()
-        asked, scene = scene, _arrange(scene, self._kind)
+        asked, scene = scene, _arrange(_with_velocities(scene, data, self._kind), self._kind)
         other = _other(self.device)
         remarks = (*remarks, *_rates(data, scene))
         if other is not None:

@@ -207,9 +207,10 @@ class Painter:
         style, scene = draw_call.style, self.scene
         colors = style.color if style.color is not None else self._palette(draw_call.quantity, style)
         light = (tuple(scene.lights), scene.ambient) if draw_call.lit else ((), 1.0)
-        mesh, contours = style.mesh_lines, style.contours
+        mesh, contours, lic = style.mesh_lines, style.contours, style.lic
+        streaks = None if lic is None else (self.stages.streaks(view, hits, lic, scene), lic.contrast)
         if scene.is_traced:
-            return Material(colors, style.opacity, *light)
+            return Material(colors, style.opacity, *light, streaks=streaks)
         edges = None if mesh is None else (self.stages.lines.mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
@@ -217,7 +218,15 @@ class Painter:
             of = self.stages.resampled(hits, draw_call.quantity, quantity)
             marks = self.stages.lines.contours(view, of, self.values(draw_call), contours.width, quantity)
             levels = marks, contours.color
-        return Material(colors, style.opacity, *light, edges, levels)
+        return Material(colors, style.opacity, *light, edges, levels, streaks)
+
+    def still(self, drawn: Drawn, view: View) -> Bools:
+        """(n,) pixels in which a surface that has streaks elsewhere has none."""
+        found = np.zeros(view.count, bool)
+        for draw_call, hits in drawn:
+            if draw_call.style.lic is not None:
+                found |= self.stages.still(view, hits, draw_call.style.lic, self.scene)
+        return found
 
     def contour_status(self, drawn: Drawn, view: View) -> NDArray[np.uint8]:
         """(n,) what is proved of the contours in each pixel's square, of all surfaces together (see contour_proof)."""
@@ -289,10 +298,11 @@ class Painter:
 
     @property
     def radius(self) -> int:
-        """Pixels around one that its lines depend on, in each direction."""
+        """Pixels around one that its lines and streaks depend on, in each direction."""
         styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
-        least = 4 if self.scene.is_traced else 0
+        reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
+        least = max(4 if self.scene.is_traced else 0, int(np.ceil(reach)) + 1)
         return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=least)
 
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:

@@ -10,10 +10,12 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
+from elvis.core.streamlines.course import REST
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.volume import Volume
@@ -22,10 +24,12 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.flow_stage import FlowStage
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.memory import Buffer
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.passes.faces.faces import FaceDrawer, FacesInView
 from elvis.renderer.passes.isosurface.distance import DistanceDrawer
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
+from elvis.renderer.passes.lic.convolver import Convolver
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.hits import outside
@@ -40,6 +44,7 @@ from elvis.scene import (
     Glyphs,
     Implicit,
     Isosurface,
+    Lic,
     Plane,
     Scene,
     Streamlines,
@@ -91,6 +96,29 @@ class Stages:
     def flow(self) -> FlowStage:
         """Streamlines and glyphs."""
         return FlowStage(self.loaded, self.dataset)
+
+    @cached_property
+    def _convolver(self) -> Convolver:
+        """Line integral convolution."""
+        return Convolver(self.loaded)
+
+    def streaks(self, view: View, hits: HitBuffer, lic: Lic, scene: Scene) -> Buffer:
+        """(n,) tones of streaks on hits, which keep them."""
+        names = lic.components
+        own = [self.parts_quantity(name, scene) for name in names]
+        return self._convolver.tones(view, hits, lic, own, REST * self._greatest(names))
+
+    def still(self, view: View, hits: HitBuffer, lic: Lic, scene: Scene) -> Bools:
+        """(n,) hits without streaks, as nothing moves along the surface."""
+        self.streaks(view, hits, lic, scene)
+        return self._convolver.still(hits)
+
+    def _greatest(self, names: Sequence[str]) -> float:
+        """What no component of a vector exceeds anywhere; zero where that is not known."""
+        try:
+            return float(np.abs([self.bounds(name) for name in names]).max())
+        except ElvisError:
+            return 0.0
 
     @cached_property
     def distances(self) -> DistanceDrawer:

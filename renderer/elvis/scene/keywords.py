@@ -26,6 +26,7 @@ from elvis.scene import (
     Faces,
     Glyphs,
     Isosurface,
+    Lic,
     Light,
     MeshLines,
     Plane,
@@ -198,6 +199,14 @@ def _mesh_lines(value: Any) -> Any:
     return value
 
 
+def _lic(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return Lic(**value)
+    if isinstance(value, bool):
+        return Lic() if value else None
+    return _of(Lic, value)
+
+
 def _isosurface(value: Any) -> Isosurface:
     if isinstance(value, Mapping):
         ((quantity, values),) = value.items()
@@ -268,6 +277,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "camera": _camera,
     "contours": _contours,
     "mesh_lines": _mesh_lines,
+    "lic": _lic,
     "isosurface": _isosurface,
     "faces": _faces,
     "streamlines": _streamlines,

@@ -5,6 +5,7 @@ from itertools import pairwise
 from math import inf, isfinite
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
+from elvis.core.arguments import texts_of
 from elvis.core.seed_forms import FORMS
 from elvis.scene.settings import Model, PaletteName, Quantity, Seeds, Setting, check
 from elvis.scene.surfaces import Surface, Vector
@@ -52,6 +53,33 @@ class MeshLines(Model, of="mesh lines"):
 
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.0
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.25, 0.25, 0.25)
+
+
+@dataclass(frozen=True, repr=False)
+class Lic(Model, of="line integral convolution"):
+    """Streaks along a velocity on a surface: noise of the picture, averaged along lines of its part in the surface."""
+
+    velocity: Annotated[
+        Quantity | None,
+        Setting(
+            "Its components, any quantities, with commas between them.",
+            metavar="U,V,W",
+            default="u,v,w, rhou/rho, … as named",
+        ),
+    ] = None
+    length: Annotated[
+        float,
+        Setting("Length in pixels of the lines that noise is averaged along.", gt=0, le=1000, unit="pixels"),
+    ] = 40.0
+    width: Annotated[float, Setting("Width of streaks in pixels.", ge=1, le=100, unit="pixels")] = 2.0
+    contrast: Annotated[
+        float, Setting("How far colours go to black and white: 0 leaves them as they are.", ge=0, le=1)
+    ] = 0.5
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The texts of the components; none where the velocity is still to be guessed."""
+        return tuple(texts_of(self.velocity) or ())
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,6 +164,19 @@ class Style(Model):
         MeshLines | None,
         Setting("The borders of elements on it.", option="--mesh-lines", option_help="Draw the borders of elements."),
     ] = None
+    lic: Annotated[
+        Lic | None,
+        Setting(
+            "Streaks along a velocity on it: line integral convolution.",
+            option="--lic",
+            option_help="Draw streaks along the velocity on surfaces: line integral convolution.",
+        ),
+    ] = None
+
+    @property
+    def on_surfaces(self) -> bool:
+        """Whether it has what is drawn on surfaces alone."""
+        return any(part is not None for part in (self.contours, self.mesh_lines, self.lic))
 
     def check(self) -> None:
         """SceneError where the range doesn't ascend."""
@@ -252,7 +293,7 @@ class VolumeRendering(Model, of="a volume"):
 
 @dataclass(frozen=True, repr=False)
 class Streamlines(Model, of="streamlines"):
-    """Lines along a velocity, as tubes or ribbons exact to the pixel; they have no contours and no mesh lines."""
+    """Lines along a velocity, as tubes or ribbons exact to the pixel, without contours, mesh lines and lic."""
 
     seeds: Annotated[
         tuple[Seeds, ...],
@@ -375,13 +416,12 @@ class Streamlines(Model, of="streamlines"):
             self.since is None or is_plain, "since", "no wall, ribbon, arrows, duration and direction with it", "some"
         )
         check(self.releases is None or self.since is not None, "releases", "since with it", "none")
-        lines = self.style.contours or self.style.mesh_lines
-        check(lines is None, "style of streamlines", "no contours and no mesh lines", "some")
+        check(not self.style.on_surfaces, "style of streamlines", "no contours, no mesh lines and no lic", "some")
 
 
 @dataclass(frozen=True, repr=False)
 class Glyphs(Model, of="glyphs"):
-    """Arrows or cones along a vector, from exact points; they have no contours and no mesh lines."""
+    """Arrows or cones along a vector, from exact points; they have no contours, no mesh lines and no lic."""
 
     points: Annotated[
         tuple[Seeds, ...],
@@ -435,8 +475,7 @@ class Glyphs(Model, of="glyphs"):
         check(len(self.points), "points of glyphs", "at least one", "none")
         check(self.shape in ("arrow", "cone"), "shape of glyphs", "arrow or cone", self.shape)
         check(self.lengths in ("magnitude", "equal"), "lengths of glyphs", "magnitude or equal", self.lengths)
-        lines = self.style.contours or self.style.mesh_lines
-        check(lines is None, "style of glyphs", "no contours and no mesh lines", "some")
+        check(not self.style.on_surfaces, "style of glyphs", "no contours, no mesh lines and no lic", "some")
 
 
 SceneObject: TypeAlias = CutSurface | Faces | Isosurface | VolumeRendering | Streamlines | Glyphs

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from elvis.core.arguments import texts_of
-from elvis.scene.objects import CutSurface, Glyphs, Isosurface, Streamlines, VolumeRendering
+from elvis.core.errors import ElvisError
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+from elvis.scene.errors import SceneError
+from elvis.scene.objects import CutSurface, Glyphs, Isosurface, SceneObject, Streamlines, VolumeRendering
 from elvis.scene.surfaces import Implicit, Surface
 from elvis.scene.whole import Scene
 
@@ -20,6 +26,7 @@ def quantities(scene: Scene) -> tuple[str, ...]:
         if not isinstance(item, VolumeRendering):
             contours = item.style.contours
             names += [item.style.quantity, contours.quantity if contours else None]
+            names += item.style.lic.components if item.style.lic else ()
     names += [surface.expression for surface in surfaces if isinstance(surface, Implicit)]
     return tuple(dict.fromkeys([scene.field, *filter(None, names)]))
 
@@ -32,3 +39,41 @@ def vector_components(scene: Scene) -> tuple[str, ...]:
             given = item.velocity if isinstance(item, Streamlines) else item.vector
             names += texts_of(given) or ["speed"]
     return tuple(dict.fromkeys(names))
+
+
+def with_velocities(scene: Scene, names: Names, dimension: int) -> Scene:
+    """The scene with the velocities that its streaks follow, named; SceneError for those that can't be.
+
+    names      what the data have
+    dimension  number of components
+    """
+    if any(_has_streaks(item) for item in scene.every_object):
+        objects = tuple(_with_velocity(item, names, dimension) for item in scene.every_object)
+        return replace(scene, plane=None, objects=objects)
+    return scene
+
+
+def _has_streaks(item: SceneObject) -> bool:
+    return not isinstance(item, VolumeRendering) and item.style.lic is not None
+
+
+def _with_velocity(item: SceneObject, names: Names, dimension: int) -> SceneObject:
+    """The same of one object; where nothing is said, what is customary in the data."""
+    if isinstance(item, VolumeRendering) or item.style.lic is None:
+        return item
+    lic = item.style.lic
+    try:
+        if not lic.components:
+            names.flow.velocity()
+            texts = [u if u in names.fields else f"velocity_{x}" for u, x in zip("uvw", "xyz", strict=True)]
+            lic = replace(lic, velocity=",".join(texts[:dimension]))
+        for text in lic.components:
+            Expression.parse(text, names)
+    except ElvisError as error:
+        raise SceneError(f"lic: {error}") from error
+    found = lic.components
+    if len(found) != dimension:
+        axes = ", ".join("xyz"[:dimension])
+        expected = f"a velocity of {dimension} components, as the data have the coordinates {axes}"
+        raise SceneError(f"lic: expected {expected}, found {len(found)}: {', '.join(found)}")
+    return replace(item, style=replace(item.style, lic=lic))

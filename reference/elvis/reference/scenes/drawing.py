@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import product, zip_longest
 from time import perf_counter
 
 import numpy as np
@@ -27,6 +27,7 @@ from elvis.reference.scenes.glyphs import glyph_crossings, solid_crossings
 from elvis.reference.scenes.isosurfaces import iso_crossings
 from elvis.reference.scenes.ribbons import ribbon_crossings
 from elvis.reference.scenes.segments import beginnings, segments_through, without_overlaps
+from elvis.reference.scenes.streaks import inner, margin, padded, rest, streaks
 from elvis.reference.scenes.tubes import tube_crossings
 from elvis.reference.scenes.volumes import VolumeRays
 from elvis.reference.sources import Source
@@ -189,11 +190,10 @@ class Scenery:
         stacks = [(shown, self._hits(found, _style(shown), scene, view)) for shown, found in drawn]
         ranges = self._ranges(stacks, scene)
         lines, line_status = self._contours(stacks, scene, view, ranges)
-        seen = [
-            surface
-            for (shown, hits), own in zip(stacks, lines, strict=True)
-            for surface in self._surfaces(shown, hits, scene, view, ranges, own)
-        ]
+        seen = []
+        for (shown, hits), own in zip(stacks, lines, strict=True):
+            streaks = self._streaks(shown, scene, view)
+            seen += self._surfaces(shown, hits, scene, view, ranges, own, streaks)
         cuts = [surface.hits.depth for surface in seen]
         fragments, unknown = self._volume_fragments(scene, view, cuts, ranges)
         ends = ranges.get(scene.field) or _ends(scene)
@@ -239,8 +239,7 @@ class Scenery:
         """The surfaces of one object, nearest first, as far as they are seen."""
         own = style.quantity or scene.field
         names = {own, (style.contours.quantity if style.contours else None) or own}
-        most = 1 if style.opacity == 1.0 else min(_DEEPEST, int(np.ceil(np.log(_FAINT) / np.log(1 - style.opacity))))
-        return list(found.in_order(view, self.quantities, sorted(names), most))
+        return list(found.in_order(view, self.quantities, sorted(names), _most(style)))
 
     def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
         """Ends of the colour range of each quantity: two values of the scene for its field, else what is seen."""
@@ -279,6 +278,18 @@ class Scenery:
         drawn = any(_style(shown).contours for shown, _ in stacks)
         return found, status.reshape(view.height, view.width) if drawn else None
 
+    def _streaks(self, shown: SceneObject, scene: Scene, view: View) -> list[Floats]:
+        """(n,) tones of streaks of each set of an object's hits; none where it has no streaks."""
+        lic = _style(shown).lic
+        if lic is None:
+            return []
+        around = margin(lic)
+        wide = padded(view, around)
+        found = self.crossings(shown, scene, wide)
+        stack = found.in_order(wide, self.quantities, sorted(lic.components), _most(_style(shown)))
+        least = rest(self.quantities.dataset, lic)
+        return [inner(streaks(hits, lic, wide, least), view, around) for hits in stack]
+
     def _surfaces(
         self,
         shown: SceneObject,
@@ -287,8 +298,12 @@ class Scenery:
         view: View,
         ranges: Ranges,
         contours: Floats | None,
+        streaks: Sequence[Floats],
     ) -> list[SurfaceHits]:
-        """The hits of an object with all that colours them."""
+        """The hits of an object with all that colours them.
+
+        contours, streaks  as `_contours` and `_streaks` have them
+        """
         style = _style(shown)
         quantity = style.quantity or scene.field
         is_line = isinstance(shown, Streamlines) and shown.width is not None
@@ -296,8 +311,9 @@ class Scenery:
         style = replace(style, range=style.range or ranges.get(quantity))
         ends = ranges.get(quantity, (0.0, 1.0))
         return [
-            SurfaceHits(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours))
-            for hits in stack
+            SurfaceHits(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours), tones)
+            for hits, tones in zip_longest(stack, streaks)
+            if hits is not None
         ]
 
 
@@ -310,6 +326,11 @@ def _ends(scene: Scene) -> tuple[float, float]:
 def contour_counts(status: NDArray[np.uint8]) -> dict[str, int]:
     """Pixels with contours whose coverage is proved, and the others."""
     return {word.name.lower(): int((status == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)}
+
+
+def _most(style: Style) -> int:
+    """Surfaces of one object that a ray is followed through at most."""
+    return 1 if style.opacity == 1.0 else min(_DEEPEST, int(np.ceil(np.log(_FAINT) / np.log(1 - style.opacity))))
 
 
 def _style(shown: SceneObject) -> Style:

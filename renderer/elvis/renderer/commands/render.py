@@ -44,6 +44,7 @@ Examples:
   elvis render wing.xml wing.fld --isosurface 0.2,0.4 --opacity 0.5 --clip plane:0,0,0:0,1,0 -o iso.png
   elvis render wing.xml wing.fld --plane 0,0,0.2:0,0,1 --glyphs "plane:0,0,0.2:0,0,1:30;length=0.05" -o arrows.png
   elvis render wing.xml wing.fld --glyphs "points.csv;shape=cone" --set objects[0].style.quantity=speed -o cones.png
+  elvis render wing.xml wing.fld --field speed --plane 0,0,0.2:0,0,1 --lic -o streaks.png
   elvis render wing.xml --field "sin(x)*exp(y)" --plane 0,0,0:0,0,1 -o waves.png
   elvis render wing.xml --field "distance('body.stl')" --isosurface 0.1 --camera iso -o near.png
   elvis render mine.dat --plugin my_plugin.py --plane 0,0,0:0,0,1 -o mine.png

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from elvis.scene.frame import Frame
 
 #: what of a style is drawn on surfaces alone
-LINES = ("contours", "mesh_lines")
+LINES = ("contours", "mesh_lines", "lic")
 #: keys that a scene file may set within limits, and options without
 OVERRIDDEN = {"outputs", "stats", "plugin"}
 

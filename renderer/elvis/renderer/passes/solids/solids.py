@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.solids.hits import Hits, hits
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder, Places
@@ -114,11 +115,18 @@ def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
 
 
 def values_at_hits(loaded: DeviceVolume, found: HitBuffer, quantity: str | None) -> Floats:
-    """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere (sample.slang)."""
-    device, count, is_missing = loaded.device, len(found.owner), found.owner == NOBODY
+    """(n,) a quantity (None: the parts' own field) at the hits of a hit buffer, NaN elsewhere."""
+    count, is_missing = len(found.owner), found.owner == NOBODY
     values = np.full(count, np.nan)
-    if is_missing.all():
-        return values
+    if not is_missing.all():
+        held = held_at_hits(loaded, found, quantity)
+        np.copyto(values, loaded.device.read(held, np.float64)[:count], where=~is_missing)
+    return values
+
+
+def held_at_hits(loaded: DeviceVolume, found: HitBuffer, quantity: str | None) -> Buffer:
+    """(n,) the same on the device, where all else means nothing (sample.slang)."""
+    device, count = loaded.device, len(found.owner)
     places = {name: found.on(device, name) for name in ("owner", "reference")}
     held = device.empty(np.float64, count)
     for number, part in enumerate(loaded.parts):
@@ -127,5 +135,4 @@ def values_at_hits(loaded: DeviceVolume, found: HitBuffer, quantity: str | None)
         span["first"], span["end"] = loaded.first[number : number + 2]
         buffers = {**loaded.bindings(number, quantity), **places, "span": device.buffer(span), "values": held}
         kernel(count, buffers)
-    np.copyto(values, device.read(held, np.float64)[:count], where=~is_missing)
-    return values
+    return held

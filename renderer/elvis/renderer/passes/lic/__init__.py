@@ -1,0 +1,1 @@
+"""Line integral convolution."""

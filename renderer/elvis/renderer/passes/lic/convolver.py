@@ -1,0 +1,93 @@
+"""Line integral convolution on what surfaces show: streaks along the velocity at each pixel's hit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elvis.core.arrays import Bools
+from elvis.renderer.camera import record_of
+from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.memory import Buffer
+from elvis.renderer.passes.solids.solids import held_at_hits
+from elvis.renderer.pixels import NOBODY
+from elvis.scene import Lic
+from elvis.scene.streaks import cells, middle, noise, scale_of, spread, weights
+from elvis.scene.view import View
+
+#: what of a hit buffer holds the tones
+TONES = "tones"
+
+
+class Convolver:
+    """Convolves noise along velocities in a loaded volume; the noise of the last view is kept."""
+
+    def __init__(self, loaded: DeviceVolume) -> None:
+        self.loaded = loaded
+        self._noise: tuple[object, Buffer] | None = None
+
+    def tones(self, view: View, hits: HitBuffer, lic: Lic, velocity: Sequence[str | None], rest: float) -> Buffer:
+        """(n,) tones from -1 to 1 on the device, NaN where nothing moves; the hit buffer keeps them.
+
+        velocity  its components, quantities of the parts
+        rest      a speed along the surface that is no greater is none
+        """
+        if TONES not in hits.held:
+            motion, links = self._project(view, hits, velocity, rest)
+            hits.held = {**hits.held, TONES: self._convolve(view, lic, motion, links)}
+        return hits.held[TONES]
+
+    def still(self, hits: HitBuffer) -> Bools:
+        """(n,) hits without a tone, of those that were given tones."""
+        tones = self.loaded.device.read(hits.held[TONES], np.float64)[: len(hits.owner)]
+        return np.asarray(np.isnan(tones) & (hits.owner != NOBODY))
+
+    def _project(
+        self, view: View, hits: HitBuffer, velocity: Sequence[str | None], rest: float
+    ) -> tuple[Buffer, Buffer]:
+        """How hits move in the picture, and which pixels show the same surface (lic_project.slang)."""
+        device = self.loaded.device
+        kernel = device.kernel("lic_project")
+        along = [held_at_hits(self.loaded, hits, name) for name in velocity]
+        facts = {"count": view.count, "rest": rest, "components": len(along), "flat": hits.flat is not None}
+        motion, links = device.empty(np.float64, 2 * view.count), device.empty(np.uint32, view.count)
+        buffers = {
+            **hits.bindings(device, "owner", "depth", "normal"),
+            **dict(zip(("velocity_x", "velocity_y", "velocity_z"), (*along, along[0]), strict=False)),
+            "view": device.buffer(record_of(kernel, "view", view, **facts)),
+            "motion": motion,
+            "links": links,
+        }
+        kernel(view.count, buffers)
+        return motion, links
+
+    def _convolve(self, view: View, lic: Lic, motion: Buffer, links: Buffer) -> Buffer:
+        """The tones of noise along what moves (lic_convolve.slang)."""
+        device = self.loaded.device
+        kernel = device.kernel("lic_convolve")
+        step, weighed = weights(lic.length)
+        first, shape = cells(view, lic.width)
+        record = np.zeros(1, kernel.dtype("streaks"))
+        record["origin"], record["first"], record["scale"] = middle(view), first, scale_of(lic.width)
+        record["variance"], record["integral"] = spread(lic.width)
+        record["step"], record["steps"] = step, len(weighed) - 1
+        record["width"], record["cells"], record["count"] = view.width, shape[1], view.count
+        tones = device.empty(np.float64, view.count)
+        buffers = {
+            "streaks": device.buffer(record),
+            "motion": motion,
+            "links": links,
+            "noise": self._noise_of(tuple(first.tolist()), shape),
+            "weights": device.buffer(weighed),
+            TONES: tones,
+        }
+        kernel(view.count, buffers)
+        return tones
+
+    def _noise_of(self, first: tuple[int, int], shape: tuple[int, int]) -> Buffer:
+        """The noise of some cells on the device."""
+        if self._noise is None or self._noise[0] != (first, shape):
+            self._noise = (first, shape), self.loaded.device.buffer(noise(first, shape))
+        return self._noise[1]
