@@ -1,4 +1,4 @@
-"""Streamlines: how fast they are followed, with VTK's own tracer beside, and what tubes add to a picture."""
+"""Streamlines: how fast they are followed, with VTK's own tracer beside; what tubes and streaks add to a picture."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ from elvis.core.streamlines.tracer import Tracer
 from elvis.formats import Dataset
 from elvis.reference.baseline.vtk import VtkBaseline
 from elvis.reference.extras import comparison_module
-from elvis.renderer import Renderer, Scene, Streamlines, Style
+from elvis.renderer import CutSurface, Lic, Plane, Renderer, Scene, Streamlines, Style
 from elvis.renderer.passes.streams.following import following
 
 VELOCITY = ("u", "v", "w")
+#: a cut across the vortex that fills much of its picture
+CUT = Plane((0.9, 0.0, 0.0), (1.0, 0.0, 0.0))
 #: seeds in a box around the wing and its vortex, length of lines, and a speed at which they end, near walls
 SEEDS = "0,0,-0.05:1.1,0.3,0.25"
 LENGTH, SPEED = 1.0, 0.02
@@ -33,6 +35,7 @@ def measure(device: str, lines: int, tubes: int, side: int, rounds: int, quick: 
     dataset = DELTA.whole(quick)
     own = _followed(dataset, f"random:{lines}:{SEEDS}", device)
     row = {"case": DELTA.name, **own, **_pictures(dataset, DELTA, device, tubes, side, rounds)}
+    row["streaks"] = _streaks(dataset, DELTA, device, side, rounds)
     return {"lines": lines, "tubes": tubes, "pixels": side, "rows": [row]}
 
 
@@ -107,8 +110,24 @@ def _pictures(dataset: Dataset, shown: Shown, device: str, tubes: int, side: int
     return {**about, **{name: timing.record() for name, timing in timings.items()}}
 
 
+def _streaks(dataset: Dataset, shown: Shown, device: str, side: int, rounds: int) -> dict[str, Any]:
+    """A cut with line integral convolution and without, in turn, as pictures without a record."""
+    styles = {"with": Style(lic=Lic(",".join(VELOCITY))), "without": Style()}
+    scenes = {
+        name: Scene(shown.field, objects=(CutSurface(CUT, style),), size=(side, side), zoom=2.0)
+        for name, style in styles.items()
+    }
+    with Renderer(device) as renderer:
+        renderer.load(dataset, shown.field, *VELOCITY)
+        works = {name: partial(renderer.render, scene, references=False) for name, scene in scenes.items()}
+        frame, first = once(works["with"])
+        timings = in_turn(works, rounds)
+    about = {"first": first.best, "seen": int(frame.status.astype(bool).sum())}
+    return {**about, **{name: timing.record() for name, timing in timings.items()}}
+
+
 def tables(numbers: dict[str, Any]) -> list[Table]:
-    """Two of them: following, and drawing."""
+    """Three of them: following, drawing, and streaks."""
     follow = Table(
         f"Streamlines: {numbers['lines']} lines of length {LENGTH:g}",
         ("case", "by", "points", "s", "processor s", "points a processor s", "first, s"),
@@ -117,7 +136,14 @@ def tables(numbers: dict[str, Any]) -> list[Table]:
         f"Tubes: {numbers['tubes']} of them, {numbers['pixels']} x {numbers['pixels']} pixels",
         ("case", "with, s", "without, s", "added, s", "added, processor s", "first, s", "ambiguous pixels"),
     )
+    streaks = Table(
+        f"Line integral convolution on a cut, {numbers['pixels']} x {numbers['pixels']} pixels",
+        ("case", "pixels of the cut", "with, s", "without, s", "with, processor s", "without, processor s", "first, s"),
+    )
     for row in numbers["rows"]:
+        own = row["streaks"]
+        times = [own[name][unit] for unit in ("median", "processor") for name in ("with", "without")]
+        streaks.rows.append((row["case"], f"{own['seen']:,}", *map(seconds, [*times, own["first"]])))
         for name in ("device", "host"):
             times = row[name]["median"], row[name]["processor"]
             first_time = seconds(row["first"]) if name == "device" else ""
@@ -136,7 +162,7 @@ def tables(numbers: dict[str, Any]) -> list[Table]:
         "at its usual tolerance, in Lagrange cells of the same order."
     )
     draw.notes.append("With and without take turns; lines are followed in the first picture alone.")
-    return [follow, draw]
+    return [follow, draw, streaks]
 
 
 def _rate(points: int, time: float, effort: float) -> tuple[str, ...]:

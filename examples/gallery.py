@@ -42,6 +42,8 @@ def make_data(names: list[str]) -> None:
     if missing:
         folder = ROOT / "out" / "cases"
         subprocess.run([sys.executable, ROOT / "examples" / "cases.py", folder, *missing], check=True)
+    if any(file.parent.name == "street" and not file.exists() for file in files):
+        subprocess.run([sys.executable, ROOT / "examples" / "street.py"], check=True)
 
 
 def draw(name: str, options: list[str]) -> int:

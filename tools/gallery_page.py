@@ -17,11 +17,14 @@ Every picture is drawn by one command from one scene file of `examples/scenes`: 
 """
 CHAPTERS = {
     "pages": "Solvers' own data",
+    "street": "A vortex street",
     "cases": "Cases of the paper on the first ElVis",
 }
 SOURCES = {
     "pages": """Files that the solvers wrote, from their own tests and examples or computed for ours; they are not part
 of this repository. The sentence above each picture says where they are from.""",
+    "street": """The flow of a benchmark by Schäfer and Turek (1996): `python examples/street.py` computes it
+with NGSolve, in some minutes.""",
     "cases": """Nelson, Liu, Kirby and Haimes (2012), regenerated: `python examples/cases.py` makes the data, the meshes
 by Gmsh. The fields of the wings are analytic expressions, stated in `examples/delta.py` and `examples/wing.py`, not
 solutions.""",

@@ -25,6 +25,7 @@ from elvis.renderer import (
 )
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.writing import option_words
+from elvis.scene.picture import sentences
 from elvis.scene.streaks import _covariance, cells, middle, noise, scale_of, spread, toned, tones, weights
 from elvis.scene.tables import scene_of, table_of
 from elvis.scene.view import View
@@ -243,7 +244,8 @@ def test_where_nothing_moves_colours_are_those_without_and_are_counted(flat, vel
     plain = render(flat, field="p", objects=(replace(shown, style=Style(range=(0.0, 1.0))),), size=(40, 40))
     assert np.array_equal(frame.rgb, plain.rgb)
     assert frame.counts() == plain.counts()
-    assert frame.title == f"p, LIC of {', '.join(shown.style.lic.components)}"
+    note = f"streaks along {velocity.replace(',', ', ')}: line integral convolution, a texture of the picture"
+    assert sentences(frame, contours=False) == [note]
     told = f"pixels without streaks, where nothing moves along the surface: {frame.seen.sum()}"
     assert told in frame.remarks
 

@@ -119,14 +119,12 @@ class Frame:
 
     @property
     def title(self) -> str:
-        """The scene's own title, else that of the only colour map and what streaks follow; then the moment of a series
-        and how it was found."""
+        """The scene's own title, else that of the only colour map; then the moment of a series and how it was found."""
         if self.scene.title is not None:
             title = self.scene.title
         else:
             mapped = [legend for legend in self.legends if legend.palette and legend.constant is None]
-            named = mapped[0].title if len(mapped) == 1 else ""
-            title = ", ".join(filter(None, (named, *(f"LIC of {', '.join(own)}" for own in self.scene.velocities))))
+            title = mapped[0].title if len(mapped) == 1 else ""
         return ", ".join(filter(None, (title, str(self.instant or ""))))
 
     def at(self, instant: Instant) -> Frame:
