@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools
 from elvis.renderer.camera import record_of
@@ -53,14 +55,14 @@ class Convolver:
         along = [held_at_hits(self.loaded, hits, name) for name in velocity]
         facts = {"count": view.count, "rest": rest, "components": len(along), "flat": hits.flat is not None}
         motion, links = device.empty(np.float64, 2 * view.count), device.empty(np.uint32, view.count)
-        buffers = {
+        given: dict[str, Buffer | NDArray[Any]] = {
             **hits.bindings(device, "owner", "depth", "normal"),
             **dict(zip(("velocity_x", "velocity_y", "velocity_z"), (*along, along[0]), strict=False)),
-            "view": device.buffer(record_of(kernel, "view", view, **facts)),
+            "view": record_of(kernel, "view", view, **facts),
             "motion": motion,
             "links": links,
         }
-        kernel(view.count, buffers)
+        kernel(view.count, given)
         return motion, links
 
     def _convolve(self, view: View, lic: Lic, motion: Buffer, links: Buffer) -> Buffer:
@@ -75,15 +77,15 @@ class Convolver:
         record["step"], record["steps"] = step, len(weighed) - 1
         record["width"], record["cells"], record["count"] = view.width, shape[1], view.count
         tones = device.empty(np.float64, view.count)
-        buffers = {
-            "streaks": device.buffer(record),
+        given: dict[str, Buffer | NDArray[Any]] = {
+            "streaks": record,
             "motion": motion,
             "links": links,
             "noise": self._noise_of(tuple(first.tolist()), shape),
             "weights": device.buffer(weighed),
             TONES: tones,
         }
-        kernel(view.count, buffers)
+        kernel(view.count, given)
         return tones
 
     def _noise_of(self, first: tuple[int, int], shape: tuple[int, int]) -> Buffer:
