@@ -130,7 +130,7 @@ def default_field(data: Dataset | PluginData) -> str:
 def completed(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
     kind = Kind.of(dataset)
-    return _arrange(_with_velocities(_with_quantity(scene, dataset), dataset, kind), kind)
+    return _arrange(with_velocities(_with_quantity(scene, dataset), names_of(dataset), kind), kind)
 
 
 def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
@@ -140,13 +140,6 @@ def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
     except ElvisError as error:
         raise SceneError(str(error)) from error
     return scene
-
-
-def _with_velocities(scene: Scene, data: Dataset | PluginData, kind: Kind) -> Scene:
-    """The scene, whose streaks have velocities; curves have no streaks."""
-    names = names_of(data)
-    own = 2 if kind is Kind.PLANE else 3
-    return scene if kind is Kind.LINE else with_velocities(scene, names, own)
 
 
 def _arrange(scene: Scene, kind: Kind) -> Scene:
@@ -255,10 +248,9 @@ class Pictures:
             scene = _with_quantity(scene, data)
             self._checked = scene.field, scene.time
         self._kind = self._kind or _kind(data, scene)
-        remarks = data.remarks if isinstance(data, Dataset) else ()
-        asked, scene = scene, _arrange(_with_velocities(scene, data, self._kind), self._kind)
+        asked, scene = scene, _arrange(with_velocities(scene, names_of(data), self._kind), self._kind)
         other = _other(self.device)
-        remarks = (*remarks, *_rates(data, scene))
+        remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *_rates(data, scene))
         if other is not None:
             return _note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):

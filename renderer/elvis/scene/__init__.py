@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from elvis.scene.convolution import Lic
     from elvis.scene.errors import SceneError
     from elvis.scene.frame import Frame, Status
     from elvis.scene.objects import (
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
         Faces,
         Glyphs,
         Isosurface,
-        Lic,
         MeshLines,
         SceneObject,
         Streamlines,
@@ -67,6 +67,7 @@ __getattr__ = lazy_names(
     {
         "elvis.scene.errors": ("SceneError",),
         "elvis.scene.frame": ("Frame", "Status"),
+        "elvis.scene.convolution": ("Lic",),
         "elvis.scene.objects": (
             "ColorBar",
             "Contours",
@@ -74,7 +75,6 @@ __getattr__ = lazy_names(
             "Faces",
             "Glyphs",
             "Isosurface",
-            "Lic",
             "MeshLines",
             "SceneObject",
             "Streamlines",

@@ -5,8 +5,8 @@ from itertools import pairwise
 from math import inf, isfinite
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from elvis.core.arguments import texts_of
 from elvis.core.seed_forms import FORMS
+from elvis.scene.convolution import Lic
 from elvis.scene.settings import Model, PaletteName, Quantity, Seeds, Setting, check
 from elvis.scene.surfaces import Surface, Vector
 
@@ -53,33 +53,6 @@ class MeshLines(Model, of="mesh lines"):
 
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.0
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.25, 0.25, 0.25)
-
-
-@dataclass(frozen=True, repr=False)
-class Lic(Model, of="line integral convolution"):
-    """Streaks along a velocity on a surface: noise of the picture, averaged along lines of its part in the surface."""
-
-    velocity: Annotated[
-        Quantity | None,
-        Setting(
-            "Its components, any quantities, with commas between them.",
-            metavar="U,V,W",
-            default="u,v,w, rhou/rho, … as named",
-        ),
-    ] = None
-    length: Annotated[
-        float,
-        Setting("Length in pixels of the lines that noise is averaged along.", gt=0, le=1000, unit="pixels"),
-    ] = 40.0
-    width: Annotated[float, Setting("Width of streaks in pixels.", ge=1, le=100, unit="pixels")] = 2.0
-    contrast: Annotated[
-        float, Setting("How far colours go to black and white: 0 leaves them as they are.", ge=0, le=1)
-    ] = 0.5
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """The texts of the components; none where the velocity is still to be guessed."""
-        return tuple(texts_of(self.velocity) or ())
 
 
 @dataclass(frozen=True, repr=False)
@@ -165,12 +138,7 @@ class Style(Model):
         Setting("The borders of elements on it.", option="--mesh-lines", option_help="Draw the borders of elements."),
     ] = None
     lic: Annotated[
-        Lic | None,
-        Setting(
-            "Streaks along a velocity on it: line integral convolution.",
-            option="--lic",
-            option_help="Draw streaks along the velocity on surfaces: line integral convolution.",
-        ),
+        Lic | None, Setting("Streaks along a velocity on surfaces: line integral convolution.", option="--lic")
     ] = None
 
     @property

@@ -14,6 +14,7 @@ from elvis.scene import Vector, VolumeRendering
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.page import BarPlace, Page, Part, Rgb
 from elvis.scene.palette import text_color_on
+from elvis.scene.quantities import velocities
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
@@ -248,7 +249,7 @@ def _notes(frame: Frame, *, contours: bool) -> list[list[str]]:
     """All notes, word by word: first what streaks are, then constants, then contours."""
     found = [
         f"streaks along {', '.join(own)}: line integral convolution, a texture of the picture".split()
-        for own in frame.scene.velocities
+        for own in velocities(frame.scene)
     ]
     for legend in frame.legends:
         if legend.constant is not None:

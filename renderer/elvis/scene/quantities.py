@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from elvis.core.arguments import texts_of
 from elvis.core.errors import ElvisError
+from elvis.core.picturing import Kind
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.scene.errors import SceneError
@@ -41,13 +42,20 @@ def vector_components(scene: Scene) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def with_velocities(scene: Scene, names: Names, dimension: int) -> Scene:
+def velocities(scene: Scene) -> tuple[tuple[str, ...], ...]:
+    """The components of all that streaks follow, each velocity once."""
+    styles = [item.style for item in scene.every_object if not isinstance(item, VolumeRendering)]
+    return tuple(dict.fromkeys(style.lic.components for style in styles if style.lic))
+
+
+def with_velocities(scene: Scene, names: Names, kind: Kind) -> Scene:
     """The scene with the velocities that its streaks follow, named; SceneError for those that can't be.
 
-    names      what the data have
-    dimension  number of components
+    names  what the data have
+    Curves have no streaks.
     """
-    if any(_has_streaks(item) for item in scene.every_object):
+    dimension = 2 if kind is Kind.PLANE else 3
+    if kind is not Kind.LINE and any(_has_streaks(item) for item in scene.every_object):
         objects = tuple(_with_velocity(item, names, dimension) for item in scene.every_object)
         return replace(scene, plane=None, objects=objects)
     return scene

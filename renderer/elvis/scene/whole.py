@@ -429,12 +429,6 @@ class Scene(Model):
         return self.objects if self.plane is None else (CutSurface(self.plane), *self.objects)
 
     @property
-    def velocities(self) -> tuple[tuple[str, ...], ...]:
-        """The components of all that streaks follow, each once."""
-        styles = [item.style for item in self.every_object if not isinstance(item, VolumeRendering)]
-        return tuple(dict.fromkeys(style.lic.components for style in styles if style.lic))
-
-    @property
     def moment(self) -> Moment:
         """What of a series is shown."""
         return Moment(self.step, self.time, self.between)
