@@ -55,6 +55,18 @@ def test_marks_are_evenly_apart_and_point_with_the_flow(screw, by):
     assert np.abs(found.direction[order] - velocity / pace).max() < 1e-10
 
 
+def test_no_mark_is_lost_or_doubled_between_pieces(screw):
+    # many lines, whose lengths are rounded where pieces of them meet; none has a mark at its seed
+    seeds = tuple(f"point:{0.3 + 0.01 * k},{0.3 + 0.02 * k},0.45" for k in range(20))
+    pieces = curves(screw, Course(seeds, length=0.5)).pieces
+    ends = np.zeros(20)
+    np.maximum.at(ends, pieces.line, pieces.length.sum(axis=1))
+    # spacings at which marks lie just where pieces end, too
+    for spacing in (0.05, *pieces.length.sum(axis=1)[:5]):
+        found = marks(screw, pieces, spacing)
+        assert len(found) == np.floor(ends / spacing * (1 + 1e-12)).sum()
+
+
 def test_marks_on_walls_point_along_them():
     parts = {"u": lambda p: p[:, 2] * (0.5 - p[:, 1]), "v": lambda p: p[:, 2] * (p[:, 0] - 0.5), "w": constant(0)}
     whole = data(grid(Shape.HEXAHEDRON, 2), **parts)

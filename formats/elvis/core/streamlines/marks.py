@@ -15,6 +15,8 @@ from elvis.core.streamlines.velocity import Velocity, velocity_expressions
 
 #: halvings of a piece until a mark's place is known to rounding; marks of all lines at most
 _HALVINGS, _MOST = 54, 1_000_000
+#: part of a line's length that is rounding
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +52,20 @@ def marks(
     wall      a boundary that lines lie on: marks point along the lines there
     ElvisError for a spacing that makes too many.
     """
+    pieces = pieces.along_lines()
     ends = np.abs(pieces.time) if by == "time" else pieces.length @ _at_ends()
-    counts = np.floor(ends / spacing).astype(np.int64)
-    number = np.maximum(counts[:, 1] - counts[:, 0], 0)
+
+    # a piece begins with as many marks behind it as the one before it ends with, whatever rounding does between them;
+    # a mark at the end of a line is one
+    after = np.floor(ends[:, 1] / spacing * (1.0 + _ROUNDING)).astype(np.int64)
+    is_first = np.diff(pieces.line, prepend=-1) != 0
+    before = np.where(is_first, 0, np.roll(after, 1))
+    number = np.maximum(after - before, 0)
     if number.sum() > _MOST:
         raise ElvisError(f"marks along lines: expected {_MOST} at most, found {number.sum()}; take a greater spacing")
     which = np.repeat(np.arange(len(pieces)), number)
     order = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
-    wanted = spacing * (counts[which, 0] + 1 + order)
+    wanted = spacing * (before[which] + 1 + order)
     u = _places(pieces, which, ends, wanted, by)
 
     powers = u[:, None] ** np.arange(8)
