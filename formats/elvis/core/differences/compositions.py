@@ -28,12 +28,14 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.differences.prepared import Side
 from elvis.core.mapping.margins import heights
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
-from elvis.core.polynomials.boxnets import GRID, all_halves, nets_through, on_lattice, parts_of_boxes
+from elvis.core.polynomials.boxnets import EXACT, GRID, all_halves, nets_through, on_lattice, parts_of_boxes
 from elvis.core.polynomials.rounding import POWER, UNIT, gamma, halving_roundings, value_roundings
 from elvis.core.shapes import Shape
 
 #: what rounding may take an element away from a facet, in the unit of `margins.facets`
 _MARGIN = 0.5e-9
+#: degrees of nets that are tried for those of higher ones
+_MIDDLE, _HIGH = 10, 14
 #: how far xi may be off, times the degree, for slopes and growth to be those of where it should be, to `_MORE`
 _FAR, _MORE = 1e-3, 1.01
 #: what rounding of the lattice, of logarithms and of magnitudes adds to bounds, in parts of them
@@ -139,6 +141,8 @@ class Composition:
 
         A height over a facet lies in the hull of its net's coefficients over their places, seen along each direction.
         """
+        if max(*boxes.own.shape[1:], *boxes.places.shape[2:]) > EXACT + 1:
+            return boxes
         for axis in range(boxes.places.shape[1]):
             over = self._heights(boxes)
             others = tuple(1 + other for other in range(boxes.places.shape[1]) if other != axis)
@@ -175,19 +179,22 @@ class Composition:
         theirs = (modes @ inner.net[boxes.others][:, :, None])[:, :, 0]
         return np.asarray(on_lattice(boxes.own, self.line).reshape(theirs.shape) - theirs)
 
-    def compose(self, boxes: PairBoxes) -> Iterator[tuple[PairBoxes, Composed]]:
+    def compose(self, boxes: PairBoxes, allowed: float = 0.0) -> Iterator[tuple[PairBoxes, Composed]]:
         """The boxes in groups, with the nets of their differences.
 
-        Elements of parallel sides have nets of the fields' own degree, a part of the coefficients of the others.
+        allowed  by how much nets may be off in addition to rounding, where these are of a lower degree
+        Elements of parallel sides have nets of the fields' own degree, a part of the coefficients of the others.  Those
+        of maps that are bent a little come near that, while nets of a high degree tell little.
         """
         values = self.values(boxes)
         slack = self.lebesgue * self.rounding_of_values(boxes) + self._slack_of_places(boxes)
         limit = self.lebesgue * np.abs(values).max(axis=1) + slack
         low = min(self.degree, max(self._outer.degree, *self._inner.space.degrees))
+        degrees = (low, min(self.degree, _MIDDLE), min(self.degree, _HIGH))
         is_left = np.ones(len(boxes), bool)
-        for degree in dict.fromkeys((low, self.degree)):
+        for degree in sorted(set(degrees)):
             nets, apart = self._fitted(values, degree)
-            is_near = is_left & ((self.lebesgue * apart <= slack) | (degree == self.degree))
+            is_near = is_left & ((self.lebesgue * apart <= np.maximum(slack, allowed)) | (degree == max(degrees)))
             is_left &= ~is_near
             if is_near.any():
                 trusted = (slack + self.lebesgue * apart)[is_near]

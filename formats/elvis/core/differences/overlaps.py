@@ -32,7 +32,7 @@ _SMALL, _GROWN = 1e-12, 1.5
 #: times that boxes are cut down
 _CUTS = 2
 #: greatest degree of differences on boxes
-_MOST_DEGREE = 15
+_MOST_DEGREE = 30
 #: how far outside an element a corner may be that counts as its own, in the unit of `margins.facets`
 _INSIDE = 8 * UNIT
 
@@ -117,7 +117,7 @@ class _Pairs:
             boxes = self._composition.clipped(boxes)
         bound = 0.0
         for part in self._near(boxes):
-            for group, composed in self._composition.compose(part):
+            for group, composed in self._composition.compose(part, _CLOSE * self._search.best.value / 4):
                 bound = max(bound, self._halved(group, composed))
         return bound
 

@@ -17,8 +17,8 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.shapes import Shape
 
-#: parts of a box's length at which `parts_of_boxes` may begin and end
-GRID = 8
+#: parts of a box's length at which `parts_of_boxes` may begin and end, and the greatest degree for which that is exact
+GRID, EXACT = 8, 17
 
 #: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products
 _SHRINKING: dict[Shape, tuple[tuple[int, ...], ...]] = {
@@ -158,7 +158,7 @@ def _restrictions(degree: int) -> Floats:
     """(GRID + 1, GRID + 1, D, D) matrices from the right that give the nets of parts from and to a place of the grid.
 
     Coefficient j of a part from a to b is the blossom at a, degree - j times, and b, j times: the sum over s of
-    b_s^j(b) b_(i-s)^(degree-j)(a) times coefficient i.  Entries are multiples of GRID^-degree: exact up to degree 17.
+    b_s^j(b) b_(i-s)^(degree-j)(a) times coefficient i.  Entries are multiples of GRID^-degree, exact up to EXACT.
     """
     n = degree + 1
     lines = [_whole_line(k) for k in range(n)]
