@@ -19,7 +19,7 @@ inverse map, which are taken where xi is in the element: there the slopes of u2 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -65,6 +65,10 @@ class PairBoxes:
         rows, others = self.rows[which], self.others[which]
         places, place_error = self.places[which], self.place_error[which]
         return PairBoxes(rows, others, places, place_error, self.own[which], self.own_error[which])
+
+    def without_fields(self) -> PairBoxes:
+        """The same, where nets of the first field aren't needed any more: they are zero."""
+        return replace(self, own=np.zeros((len(self), *(1,) * self.places.shape[1])))
 
     def halved(self) -> PairBoxes:
         """Both halves in every direction."""

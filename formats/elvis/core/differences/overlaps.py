@@ -24,7 +24,7 @@ from elvis.core.polynomials.boxnets import all_halves, corners
 from elvis.core.polynomials.rounding import UNIT, gamma, halving_roundings
 
 #: coefficients of differences that may be taken in all, and together; halvings of boxes, and of those before nets
-_MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 28, 1 << 17, 20, 8
+_MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 26, 1 << 17, 20, 8
 #: part of the greatest difference found by which the bound may be more
 _CLOSE = 1e-4
 #: rounding of values that is allowed for without halving boxes, in parts of the fields, and growth that is halved
@@ -143,6 +143,7 @@ class _Pairs:
     def _halved(self, boxes: PairBoxes, composed: Composed) -> float:
         """The bound on boxes with nets of differences, which are halved."""
         bound, nets, limit, slack = 0.0, composed.nets, composed.limit, composed.slack
+        boxes = boxes.without_fields()
         self._search.budget -= nets.size
         for _ in range(_ROUNDS):
             meets = self._composition.meet(boxes)
@@ -160,7 +161,7 @@ class _Pairs:
             slack, limit = np.tile(grown, count), np.tile(limit[is_open], count)
             boxes, nets = boxes.halved(), all_halves(nets)
             limit = np.minimum(limit, _magnitudes(nets) + slack)
-            self._search.budget -= nets.size
+            self._search.budget -= nets.size + boxes.places.size
         return max(bound, float(limit.max(initial=0.0)))
 
     def _improve(self, boxes: PairBoxes, nets: Floats, slack: Floats) -> None:
