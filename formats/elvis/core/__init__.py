@@ -9,6 +9,7 @@ validity                         whether the map of an element folds, proved
 describing                       what these show of themselves at a prompt and in a notebook
 integrals                        over elements and boundaries, exact or with a stated error
 critical_points, wall_points     where a velocity is zero, and the shear on a wall, all places
+cores                            the cores of vortices, all of them
 streamlines                      lines along a velocity
 extrema, quantity_extrema        the least and greatest value of a field, and of any quantity, certified
 norms, sampling, queries         numbers that are asked of a dataset

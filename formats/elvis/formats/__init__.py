@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from elvis.converters.blueprint import from_blueprint
     from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
+    from elvis.core.cores import VortexCores, vortex_cores
     from elvis.core.critical_points import CriticalPoints, critical_points
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.core.differences import diff
@@ -52,6 +53,7 @@ __all__ = [
     "Samples",
     "Shape",
     "Streamlines",
+    "VortexCores",
     "critical_points",
     "diff",
     "from_arrays",
@@ -72,6 +74,7 @@ __all__ = [
     "to_pyvista",
     "to_xarray",
     "trace",
+    "vortex_cores",
     "wall_points",
     "write",
 ]
@@ -82,6 +85,7 @@ __getattr__ = lazy_names(
         "elvis.converters.blueprint": ("from_blueprint",),
         "elvis.converters.handing": ("to_meshio", "to_pyvista"),
         "elvis.converters.live": ("from_mfem", "from_ngsolve"),
+        "elvis.core.cores": ("VortexCores", "vortex_cores"),
         "elvis.core.critical_points": ("CriticalPoints", "critical_points"),
         "elvis.core.dataset": ("Block", "Dataset", "Expansion", "ExpansionRule", "Field", "Homogeneous"),
         "elvis.core.differences": ("diff",),

@@ -5,7 +5,8 @@ import pytest
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from elvis.core.dataset import Dataset
-from elvis.core.testing import approximated, mixed_plane
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid, mixed_plane
 from elvis.formats import ElvisError, trace, write
 
 
@@ -64,10 +65,51 @@ def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
         (("--seeds", "point:1,0.5", "--velocity", "u"), "expected a velocity of 2 components"),
         (("--seeds", "point:1,0.5", "-o", "lines.vtk"), "expected a name that ends in .csv, .npz or .vtp, found .vtk"),
         (("--seeds", "point:1,0.5", "--field", "time"), "there is no 'time'"),
-        ((), "Missing parameter: seeds"),
+        ((), "expected --seeds, where lines begin, or --cores"),
     ],
 )
 def test_what_is_refused(shear, elvis, arguments, match):
     with pytest.raises(Exception, match=match) as caught:
         elvis("trace", *shear[1], *arguments)
-    assert isinstance(caught.value, ElvisError) or match.startswith("Missing")
+    assert isinstance(caught.value, ElvisError) or match.startswith("expected --seeds")
+
+
+@pytest.fixture
+def eddy(tmp_path):
+    """A vortex along z in a hexahedron, at rest on its axis x = 0.4, y = 0.7."""
+    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
+    functions = {"u": lambda p: 0.7 - p[:, 1], "v": lambda p: p[:, 0] - 0.4, "w": lambda p: 0 * p[:, 0]}
+    dataset = Dataset(bare.mesh, tuple(approximated(bare, name, own, 2) for name, own in functions.items()))
+    write(dataset, tmp_path / "eddy.xml", tmp_path / "eddy.fld")
+    return tmp_path / "eddy.xml", tmp_path / "eddy.fld"
+
+
+def test_cores(eddy, elvis, elvis_json, tmp_path):
+    for suffix in ("csv", "npz", "vtp"):
+        elvis("trace", *eddy, "--cores", "--field", "2*u", "--spacing", "0.5", "-o", tmp_path / f"cores.{suffix}")
+    archive = np.load(tmp_path / "cores.npz")
+    assert archive["points"][:, :2] == pytest.approx(np.tile([0.4, 0.7], (len(archive["points"]), 1)), abs=1e-12)
+    assert archive["swirl"] == pytest.approx(1.0)
+    assert archive["ends"][archive["last"]] == ["boundary"]
+    with (tmp_path / "cores.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["z"]) for row in rows] == archive["points"][:, 2].tolist()
+    assert (tmp_path / "cores.vtp").stat().st_size > 0
+    found = elvis_json("trace", *eddy, "--cores", "--criterion", "vorticity")
+    assert (found["lines"], found["ends"], found["undecided"]) == (1, {"boundary": 2}, [])
+    assert found["lengths"] == pytest.approx([1.0])
+    assert elvis("trace", *eddy, "--cores", "--least-swirl", "1.1").strip() == "no vortex cores"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("--cores", "--seeds", "random:5"), "--seeds: expected without --cores"),
+        (("--cores", "--ftle"), "expected no --ftle, --kind or --releases"),
+        (("--only-q", "--seeds", "random:5"), "--only-q: expected --cores"),
+        (("--cores", "-o", "cores.txt"), "expected a name that ends in .csv, .npz or .vtp"),
+    ],
+)
+def test_what_is_refused_of_cores(eddy, elvis, arguments, match):
+    with pytest.raises(Exception, match=match):
+        elvis("trace", *eddy, *arguments)

@@ -27,8 +27,8 @@ def has_no_zero(nets: Floats, rounding: Floats) -> Bools:
     return np.asarray(((flat.min(axis=2) > rounding) | (flat.max(axis=2) < -rounding)).any(axis=1))
 
 
-def _values(nets: Floats, places: Floats) -> Floats:
-    """(k, d) components at places (k, d) in [0, 1]^d of their boxes."""
+def values_of(nets: Floats, places: Floats) -> Floats:
+    """(k, c) components of nets (k, c, D, …) at places (k, d) in [0, 1]^d of their boxes."""
     for axis in range(places.shape[1]):
         table = line_tables(nets.shape[2] - 1, places[:, axis])[0]
         nets = np.einsum("kci...,ki->kc...", nets, table)
@@ -36,11 +36,11 @@ def _values(nets: Floats, places: Floats) -> Floats:
 
 
 def derivatives(nets: Floats, places: Floats) -> Floats:
-    """(k, d, d) derivatives of components at places (k, d) in [0, 1]^d."""
-    return np.stack([_values(_slope_nets(nets, axis), places) for axis in range(places.shape[1])], axis=2)
+    """(k, c, d) derivatives of components of nets (k, c, D, …) at places (k, d) in [0, 1]^d."""
+    return np.stack([values_of(slope_nets(nets, axis), places) for axis in range(places.shape[1])], axis=2)
 
 
-def _slope_nets(nets: Floats, axis: int) -> Floats:
+def slope_nets(nets: Floats, axis: int) -> Floats:
     """(k, d, D, …) nets of the derivatives in one direction, of the old degree: of the lower one, raised."""
     moved = np.moveaxis(nets, 2 + axis, -1)
     degree = moved.shape[-1] - 1
@@ -66,7 +66,7 @@ def is_injective(unit: Floats) -> Bools:
     d = unit.shape[1]
     found = np.zeros((len(unit), d))
     for axis in range(d):
-        flat = _slope_nets(unit, axis).reshape(len(unit), d, int(np.prod(unit.shape[2:])))
+        flat = slope_nets(unit, axis).reshape(len(unit), d, int(np.prod(unit.shape[2:])))
         target = np.eye(d)[axis][None, :, None]
         found += np.abs(flat - target).max(axis=2)
     return np.asarray((found < 1).all(axis=1))
@@ -77,7 +77,7 @@ def newton_zeros(nets: Floats) -> tuple[Floats, Bools]:
     places = np.full((len(nets), nets.shape[1]), 0.5)
     step = np.full_like(places, np.inf)
     for _ in range(_STEPS):
-        step = np.einsum("kij,kj->ki", inverses(derivatives(nets, places)), _values(nets, places))
+        step = np.einsum("kij,kj->ki", inverses(derivatives(nets, places)), values_of(nets, places))
         places = (places - step).clip(-0.5, 1.5)
     close = np.abs(step).max(axis=1, initial=0.0) < _SHORT
     inside = ((places >= -BEYOND) & (places <= 1 + BEYOND)).all(axis=1)

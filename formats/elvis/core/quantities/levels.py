@@ -58,12 +58,12 @@ def same_level(root: Node, value: float) -> Level | None:
             return found
         return replace(found, matrix=_less(root.operands, value))
     squares = _square(root) if value > 0 else None
-    fraction = _fraction(root)
-    if fraction is None and squares is not None and squares[1] <= 1:
-        fraction, value = _fraction(squares[0]), value * value
-    if fraction is None or not math.isfinite(value):
+    quotient = fraction(root)
+    if quotient is None and squares is not None and squares[1] <= 1:
+        quotient, value = fraction(squares[0]), value * value
+    if quotient is None or not math.isfinite(value):
         return None
-    above, below = fraction
+    above, below = quotient
     if below is ONE:
         return Level(above, value)
     return Level(_minus(above, call("*", number(value), below)), 0.0)
@@ -73,7 +73,7 @@ def _of_product(found: tuple[Node, Node] | None) -> Level | None:
     """The level 0 of a product, whose factors vanish where they are not to count, too."""
     if found is None:
         return None
-    zero, other = map(_fraction, found)
+    zero, other = map(fraction, found)
     # one of two that are the value all over makes it nought everywhere
     if zero is None or other is None or zero[0] is ZERO:
         return None
@@ -93,7 +93,7 @@ def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
 
 def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
     """A symmetric matrix less a value times the identity; empty where it has poles."""
-    fractions = [_fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
+    fractions = [fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
     found = [above for above, below in filter(None, fractions) if below is ONE]
     return tuple(found) if len(found) == len(entries) else ()
 
@@ -164,7 +164,7 @@ def _peel(node: Node, value: float) -> tuple[Node, float]:
     return node, value
 
 
-def _fraction(root: Node) -> Fraction | None:
+def fraction(root: Node) -> Fraction | None:
     """Polynomials of the leaves whose quotient an expression is."""
 
     def inner(node: Node, parts: list[Fraction | None]) -> Fraction | None:

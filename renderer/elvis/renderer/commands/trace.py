@@ -1,4 +1,4 @@
-"""``elvis trace``: streamlines as numbers."""
+"""``elvis trace``: streamlines and vortex cores as numbers."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option
 from elvis.core.errors import ElvisError
+from elvis.renderer.commands.core_lines import check_course, check_seeds, core_options, trace_cores
+from elvis.renderer.commands.line_files import check_suffix, write_lines
 from elvis.renderer.commands.sources import Data, data_options
 from elvis.scene.commandline.options import COURSE, course_options
 
@@ -27,6 +29,7 @@ Examples:
   elvis trace jet.xml jet.fld --seeds seeds.csv --velocity rhou/rho,rhov/rho --duration 5
   elvis trace wave.xml wave_*.chk --kind pathlines --velocity "d(u,y),-d(u,x)" --seeds random:20 -o paths.vtp
   elvis trace wave.xml wave_*.chk --kind streaklines --velocity "d(u,y),-d(u,x)" --seeds point:0.4,0.4 -o dye.vtp
+  elvis trace wing.xml wing.fld --cores --least-length 0.1 -o cores.vtp
 """
 
 #: what a line may be
@@ -34,7 +37,10 @@ KINDS = ("streamlines", "pathlines", "streaklines")
 
 
 @click.command(
-    "trace", params=course_options(), epilog=EPILOG, short_help="Follow streamlines through curved elements, exactly."
+    "trace",
+    params=course_options(),
+    epilog=EPILOG,
+    short_help="Follow streamlines and vortex cores through curved elements, exactly.",
 )
 @click.option(
     "--kind",
@@ -49,6 +55,7 @@ KINDS = ("streamlines", "pathlines", "streaklines")
 @click.option(
     "--device", default="auto", show_default=True, help="What follows many lines, see elvis devices; reference: NumPy."
 )
+@core_options
 @click.option("--ftle", is_flag=True, help="Also each line's finite-time Lyapunov exponent, by the exact gradient.")
 @field_option
 @json_option
@@ -66,6 +73,11 @@ def trace(
     as_json: bool,
     output: Path | None,
     overwrite: bool,
+    cores: bool,
+    criterion: str | None,
+    least_swirl: float | None,
+    least_length: float | None,
+    only_q: bool,
     **course: Any,
 ) -> None:
     """Follow streamlines from seeds, and print how they end.
@@ -77,6 +89,7 @@ def trace(
     shear. For paths and streaks coefficients are interpolated between steps (--between linear, of order 2 in their
     distance, or cubic, of order 4); the device takes no part. A file has the points of all lines with time, length,
     element, velocity and the quantities of --field.
+    With --cores no seeds are needed: the cores of all vortices are found and followed, in 3D data.
     """
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
@@ -84,11 +97,17 @@ def trace(
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines as Shown
 
+    limits = {"criterion": criterion, "least_swirl": least_swirl, "least_length": least_length, "only_q": only_q}
+    if cores:
+        check_course(course, ftle or releases is not None or kind != KINDS[0])
+        trace_cores(data, course["velocity"], limits, spacing, quantities, as_json, output, overwrite)
+        return
+    check_seeds(limits, course["seeds"])
     # what is not given is as in a scene, whose checks hold here, too
     followed = Shown(**{name: value for name, value in course.items() if value is not None})
     asked = {name: getattr(followed, name) for name in COURSE if name not in ("seeds", "velocity")}
     if output is not None:
-        _check_suffix(output)
+        check_suffix(output)
         check_places(
             [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
         )
@@ -164,30 +183,11 @@ def _report(found: Streamlines, output: Path | None, as_json: bool) -> None:
 
     _warn_of_seeds(found)
     if output is not None:
-        _write(output, found)
+        write_lines(output, found, _of_lines(found))
     if as_json:
         print_json({"lines": len(found), "points": len(found.points), "ends": found.counts()})
     else:
         print_table(("end", "meaning", "lines"), found.table())
-
-
-def _check_suffix(output: Path) -> None:
-    """ElvisError where the suffix names no format that is written."""
-    if output.suffix.lower() not in (".csv", ".npz", ".vtp"):
-        found = output.suffix or "no suffix"
-        raise ElvisError(f"{output}: expected a name that ends in .csv, .npz or .vtp, found {found}")
-
-
-def _write(output: Path, found: Streamlines) -> None:
-    """Write lines in the form that the suffix names."""
-    from elvis.core.files.columns import write_columns
-    from elvis.core.files.polydata import write_polylines
-
-    suffix = output.suffix.lower()
-    if suffix == ".vtp":
-        write_polylines(output, found.points, found.offsets, found.at_points(), _of_lines(found))
-    else:
-        write_columns(output, found.arrays() if suffix == ".npz" else found.columns())
 
 
 def _of_lines(found: Streamlines) -> dict[str, Any]:

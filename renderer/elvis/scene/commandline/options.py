@@ -54,12 +54,10 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
 
 
 def course_options() -> list[click.Parameter]:
-    """The options of `COURSE`, by the same names; seeds are required."""
+    """The options of `COURSE`, by the same names."""
     found: list[click.Parameter] = []
     for name in COURSE:
-        option = _option(name, settings(Streamlines)[name], types(Streamlines)[name])
-        option.required = name == "seeds"
-        found.append(option)
+        found.append(_option(name, settings(Streamlines)[name], types(Streamlines)[name]))
     return found
 
 

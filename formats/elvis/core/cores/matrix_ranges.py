@@ -1,0 +1,168 @@
+"""Matrices (3, 3) that are known to lie in ranges: bounds on their eigenvalues.
+
+Ranges are given by middles and radii, (n, 3, 3) each.  What a function of a matrix is off its value at the middle is
+bounded by the mean value theorem: by its derivatives all over the range, times the radii.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats
+from elvis.core.cores.parallel import real_eigenvalues
+
+_EYE = np.eye(3)
+#: steps of Newton's method for an eigenvalue
+_STEPS = 8
+#: cosine of the angle between left and right eigenvectors that counts as none
+_NORMAL = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixRange:
+    """Matrices between middle - radius and middle + radius, entry by entry."""
+
+    middle: Floats
+    radius: Floats
+
+    @staticmethod
+    def of_nets(nets: Floats) -> MatrixRange:
+        """Of matrices whose nine entries have Bernstein nets (n, 9, …)."""
+        flat = nets.reshape(len(nets), 9, int(np.prod(nets.shape[2:])))
+        low, high = flat.min(axis=2), flat.max(axis=2)
+        return MatrixRange(((low + high) / 2).reshape(-1, 3, 3), ((high - low) / 2).reshape(-1, 3, 3))
+
+    def shifted(self, numbers: Floats, errors: Floats) -> MatrixRange:
+        """Less numbers (n,) times the unit matrix, that are known up to errors (n,)."""
+        return MatrixRange(self.middle - numbers[:, None, None] * _EYE, self.radius + errors[:, None, None] * _EYE)
+
+    def without_trace(self) -> MatrixRange:
+        """Less a third of the trace times the unit matrix."""
+        trace, error = (np.einsum("nii->n", own) / 3 for own in (self.middle, self.radius))
+        return self.shifted(trace, error)
+
+    def cofactors(self) -> MatrixRange:
+        """Of the matrices' cofactors: signed minors."""
+        a, r = self.middle, self.radius
+        middle, radius = np.empty_like(a), np.empty_like(a)
+        for i, j in np.ndindex(3, 3):
+            i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            middle[:, i, j] = a[:, i1, j1] * a[:, i2, j2] - a[:, i1, j2] * a[:, i2, j1]
+            radius[:, i, j] = _product_radius(a, r, (i1, j1), (i2, j2)) + _product_radius(a, r, (i1, j2), (i2, j1))
+        return MatrixRange(middle, radius)
+
+    def sum_of_minors(self) -> tuple[Floats, Floats]:
+        """(n,) middle and radius of the sum of the principal minors, whose derivative is tr A - A^T."""
+        trace = np.einsum("nii->n", self.middle)
+        middle = 0.5 * (trace**2 - np.einsum("nij,nji->n", self.middle, self.middle))
+        spread = np.einsum("nii->n", self.radius)
+        slopes = np.abs(trace[:, None, None] * _EYE - self.middle.swapaxes(1, 2))
+        slopes = slopes + spread[:, None, None] * _EYE + self.radius.swapaxes(1, 2)
+        return middle, np.einsum("nij,nij->n", slopes, self.radius)
+
+
+def _product_radius(a: Floats, r: Floats, first: tuple[int, int], second: tuple[int, int]) -> Floats:
+    (i, j), (k, m) = first, second
+    return np.asarray(np.abs(a[:, i, j]) * r[:, k, m] + r[:, i, j] * (np.abs(a[:, k, m]) + r[:, k, m]))
+
+
+def turns_less(matrices: MatrixRange, least: Floats) -> Bools:
+    """(n,) whether complex eigenvalues of all matrices have imaginary parts below ``least`` (n,), or there are none.
+
+    With t^3 + a t + b the characteristic polynomial of A - tr A / 3, an imaginary part v has
+    b^2 = 4/27 (v^2 - a) (4 v^2 - a)^2, which grows with v; where b^2 is less all are below (as in `levels`).
+    """
+    plain = matrices.without_trace()
+    middle, radius = plain.sum_of_minors()
+    cofactors = plain.cofactors()
+    det = np.einsum("nj,nj->n", plain.middle[:, 0], cofactors.middle[:, 0])
+    error = np.einsum("nij,nij->n", np.abs(cofactors.middle) + cofactors.radius, plain.radius)
+    highest, b = middle + radius, np.abs(det) + error
+    first, second = least**2 - highest, 4 * least**2 - highest
+    return np.asarray((first > 0) & (second > 0) & (b**2 < 4 / 27 * first * second**2))
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenvalue:
+    """A real eigenvalue of matrices that are functions on boxes, by how far it is off their first entry.
+
+    is_known    (n,)    whether there is exactly one in a range that holds every real one that has no real others, and
+                        nowhere a left eigenvector normal to the first axis
+    error       (n,)    from the first entry, at most
+    slope_error (n, 3)  of its derivatives from those of the first entry, at most
+    """
+
+    is_known: Bools
+    error: Floats
+    slope_error: Floats
+
+    @staticmethod
+    def of(matrices: MatrixRange, slopes: list[MatrixRange]) -> Eigenvalue:
+        """Of matrices less their first entry times the unit matrix, with their derivatives along three directions.
+
+        With the eigenvalue of the middle taken off the range, y^3 - P y^2 + Q y - D = 0 has one root in |y| <= Y =
+        2 |D| / Q, where the derivative has one sign: where 8 |P| |D| <= Q^2.  In bases of `eigenbases` D is of second
+        order in the size of the range, as it has two factors that are zero at the middle.
+        """
+        start = real_eigenvalues(matrices.middle)
+        less = matrices.shifted(start, np.zeros_like(start))
+        minors, radius = less.sum_of_minors()
+        lowest = minors - radius
+        trace = np.abs(np.einsum("nii->n", less.middle)) + np.einsum("nii->n", less.radius)
+        cofactors = less.cofactors()
+        det = np.einsum("nij,nij->n", np.abs(cofactors.middle) + cofactors.radius, less.radius)
+        is_known = (lowest > 0) & (8 * trace * det <= lowest**2)
+
+        # its derivative is tr(adj dA) / tr adj, with the adjugate of A less the eigenvalue
+        with np.errstate(all="ignore"):
+            spread = np.where(is_known, 2 * det / lowest, 0.0)
+            cofactors = less.shifted(np.zeros_like(start), spread).cofactors()
+            total, off = (np.einsum("nii->n", own) for own in (cofactors.middle, cofactors.radius))
+            is_known &= (total > off) & (np.abs(cofactors.middle[:, 0, 0]) > cofactors.radius[:, 0, 0])
+            sizes = np.abs(cofactors.middle) + cofactors.radius
+            steep = [np.einsum("nij,nij->n", sizes, np.abs(own.middle) + own.radius) for own in slopes]
+            slope_error = np.stack(steep, axis=1) / (total - off)[:, None]
+        return Eigenvalue(np.asarray(is_known), np.abs(start) + spread, np.asarray(slope_error))
+
+
+def eigenbases(matrices: Floats) -> tuple[Floats, Floats]:
+    """Bases (n, 3, 3), as columns, and their inverses, in which matrices are an eigenvalue and a block of two.
+
+    The first is the right eigenvector of the real eigenvalue, the others are normal to the left one.  What is nearly
+    diagonal has sharper bounds.  Where both are nearly normal to one another it is the unit matrix.
+    """
+    less = matrices - real_eigenvalues(matrices)[:, None, None] * _EYE
+    adjugate = np.cross(less[:, [1, 2, 0]], less[:, [2, 0, 1]]).swapaxes(1, 2)
+    every = np.arange(len(adjugate))
+    right = adjugate[every, :, np.linalg.norm(adjugate, axis=1).argmax(axis=1)]
+    left = adjugate[every, np.linalg.norm(adjugate, axis=2).argmax(axis=1)]
+    with np.errstate(all="ignore"):
+        right, left = (own / np.linalg.norm(own, axis=1, keepdims=True) for own in (right, left))
+    sound = np.abs(np.einsum("ni,ni->n", left, right)) > _NORMAL
+    bases = np.tile(_EYE, (len(matrices), 1, 1))
+    others = across(left[sound])
+    bases[sound] = np.stack([right[sound], others[:, 0], others[:, 1]], axis=2)
+    return bases, np.linalg.inv(bases)
+
+
+def across(normal: Floats) -> Floats:
+    """(n, 2, 3) unit vectors normal to unit vectors (n, 3) and to one another."""
+    least = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = np.cross(normal, least)
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normal, first)], axis=1)
+
+
+def polished(matrices: Floats, start: Floats) -> Floats:
+    """(n,) the eigenvalue of matrices (n, 3, 3) near ``start`` (n,), by Newton's method."""
+    found = start
+    for _ in range(_STEPS):
+        less = matrices - found[:, None, None] * _EYE
+        cofactors = np.cross(less[:, [1, 2, 0]], less[:, [2, 0, 1]])
+        det = np.einsum("nj,nj->n", less[:, 0], cofactors[:, 0])
+        total = np.einsum("nii->n", cofactors)
+        with np.errstate(all="ignore"):
+            found = found + np.where(total != 0, det / total, 0.0)
+    return np.asarray(found)

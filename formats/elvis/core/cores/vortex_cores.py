@@ -1,0 +1,291 @@
+"""Vortex cores of a dataset as lines of points, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core import describing
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.cores.core_joining import Course, WorldArc, distinct_arcs, joined
+from elvis.core.cores.core_search import CoreSearch
+from elvis.core.cores.core_tracing import CoreTracing
+from elvis.core.cores.outer_sides import OuterSides
+from elvis.core.cores.parallel import ParallelVectors, rotations
+from elvis.core.critical_points import size
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.files.columns import Columns
+from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.names import Names
+from elvis.core.streamlines.neighbours import Neighbours
+
+#: elements at once
+_CHUNK = 256
+#: greatest distance of points where nothing is said, in parts of the size of the data
+SPACING = 0.005
+#: how lines end, and what it means; names of boundaries follow
+ENDS: Mapping[str, str] = {
+    "closed": "come back to their beginning",
+    "faded": "the flow turns less than is asked for",
+    "jump": "no core goes on beyond the border of an element near enough",
+    "left": "left the domain",
+}
+#: names of columns and arrays, which no quantity may have
+_TAKEN = ("line", "offsets", "points", "length", "element", "velocity", "swirl", "ends", "first", "last", *"xyz")
+
+
+@dataclass(frozen=True, eq=False)
+class VortexCores:
+    """Lines about which a flow turns; each in the direction about which it turns right-handed.
+
+    offsets    (n+1,)  line i has the points offsets[i] to offsets[i+1]; a closed one its first point twice
+    first, last (n,)   how lines begin and end, places in ``ends``
+    ends       words of `ENDS`, then the names of boundaries
+    points     (m, 3)  world coordinates
+    length     (m,)    along the line from its first point
+    element    (m,)    ids of elements in the file
+    velocity   (m, 3)
+    swirl      (m,)    imaginary part of the complex eigenvalues of the velocity's gradient, lambda_ci
+    values     further quantities (m,) by name
+    undecided  ids of elements in which it could not be decided whether there are more
+    beside     ids of elements where that is so only within 1/64 of a place at rest, as edges of walls are
+    """
+
+    offsets: Ints
+    first: Ints
+    last: Ints
+    ends: tuple[str, ...]
+    points: Floats
+    length: Floats
+    element: Ints
+    velocity: Floats
+    swirl: Floats
+    values: Mapping[str, Floats]
+    undecided: tuple[int, ...]
+    beside: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def __repr__(self) -> str:
+        left = f"; {len(self.undecided)} elements undecided" if self.undecided else ""
+        return f"<VortexCores: {len(self)} lines, {len(self.points)} points{left}>"
+
+    def _repr_html_(self) -> str:
+        """The points of the first and last lines as notebooks show them."""
+        return describing.table_of_columns(self.columns(), repr(self))
+
+    def __getitem__(self, line: int) -> Floats:
+        """(k, 3) the points of a line."""
+        if not -len(self) <= line < len(self):
+            raise IndexError(f"expected the number of one of {len(self)} lines, found {line}")
+        line %= len(self)
+        return self.points[self.offsets[line] : self.offsets[line + 1]]
+
+    @property
+    def closed(self) -> Bools:
+        """(n,) which lines are closed."""
+        return np.asarray(self.last == self.ends.index("closed"))
+
+    @property
+    def lengths(self) -> Floats:
+        """(n,) of lines."""
+        return np.asarray(self.length[self.offsets[1:] - 1])
+
+    def counts(self) -> dict[str, int]:
+        """How many ends of lines there are in each way, those that occur; closed lines count once."""
+        numbers = np.bincount(self.last, minlength=len(self.ends))
+        numbers += np.bincount(self.first[~self.closed], minlength=len(self.ends))
+        return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
+
+    def table(self) -> Iterator[tuple[str, str, int]]:
+        """For each way that lines end its name, what it means and how many ends there are."""
+        for name, count in self.counts().items():
+            yield name, ENDS.get(name, "left the domain through this boundary"), count
+
+    def at_points(self) -> Columns:
+        """Arrays (m,) and (m, 3) by name: length, element, velocity, swirl, quantities."""
+        own = {name: getattr(self, name) for name in ("length", "element", "velocity", "swirl")}
+        return {**own, **self.values}
+
+    def columns(self) -> Columns:
+        """Arrays (m,) by name, a row a point: line, x, y, z, length, element, velocity_x, …, swirl, quantities."""
+        line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
+        places = dict(zip("xyz", self.points.T, strict=True))
+        parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
+        along = {"length": self.length, "element": self.element}
+        return {"line": line, **places, **along, **parts, "swirl": self.swirl, **self.values}
+
+    def of_lines(self) -> Columns:
+        """Arrays (n,) by name: how lines begin and end."""
+        return {"first": self.first, "last": self.last}
+
+    def arrays(self) -> Columns:
+        """What an archive holds: all arrays by name, the words for ends, ids of undecided elements."""
+        rest = {"ends": np.array(self.ends), "undecided": np.array(self.undecided, np.int64)}
+        return {"offsets": self.offsets, "points": self.points, **self.of_lines(), **self.at_points(), **rest}
+
+
+def vortex_cores(
+    dataset: Dataset,
+    velocity: Sequence[str] | str | None = None,
+    *,
+    criterion: str = "acceleration",
+    least_swirl: float = 0.0,
+    only_q: bool = False,
+    least_length: float = 0.0,
+    spacing: float | None = None,
+    fields: Sequence[str] = (),
+) -> VortexCores:
+    """All lines inside 3D data along which the velocity is parallel to its acceleration or vorticity while it turns.
+
+    velocity      its components, as texts or one with commas; None: what is customary in the data
+    criterion     acceleration: the convective derivative (grad v) v, as Sujudi and Haimes; or vorticity
+    least_swirl   imaginary part of the gradient's complex eigenvalues at least, a rate of turning in radians by time
+    only_q        only where Q = -tr((grad v)^2)/2 is positive, too
+    least_length  of lines in the world
+    spacing       of points along a line at most; None: 1/200 of the size of the data
+    fields        further quantities at the points
+
+    Turning of less than 1e-4 of the greatest gradient in an element does not count.  ElvisError for data that aren't
+    3D, or have Fourier directions, for components that are no quotients of polynomials, and for negative limits.
+    """
+    for name, limit in (("least swirl", least_swirl), ("least length", least_length)):
+        if not limit >= 0:
+            raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")
+    if spacing is not None and not spacing > 0:
+        raise ElvisError(f"spacing: expected a positive number, found {spacing}")
+    texts = [part.strip() for part in velocity.split(",")] if isinstance(velocity, str) else velocity
+    names = Names.of(dataset)
+    others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
+    taken = [each.text for each in others if each.text in _TAKEN]
+    if taken:
+        raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
+    parallel = ParallelVectors(dataset, texts, criterion, others)
+    apart = SPACING * size(parallel.evaluator.patches) if spacing is None else float(spacing)
+    arcs: list[WorldArc] = []
+    undecided: list[int] = []
+    beside: list[int] = []
+    for number, patch in enumerate(parallel.evaluator.patches):
+        search = CoreSearch(parallel, patch, least_swirl, only_q)
+        for rows in chunks(len(patch), _CHUNK):
+            search.run(np.arange(len(patch))[rows])
+        tracing = CoreTracing(search, apart)
+        found = tracing.run(*search.points())
+        arcs += [WorldArc.of(patch, number, arc) for arc in found]
+        undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
+        beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
+    return _assembled(dataset, parallel, distinct_arcs(arcs), others, least_length, (undecided, beside))
+
+
+def _assembled(
+    dataset: Dataset,
+    parallel: ParallelVectors,
+    arcs: Sequence[WorldArc],
+    others: Sequence[Expression],
+    least_length: float,
+    left: tuple[Sequence[int], Sequence[int]],
+) -> VortexCores:
+    """Lines of arcs, with what is known at their points."""
+    patches = parallel.evaluator.patches
+    neighbours = Neighbours.of(dataset, patches)
+    tables = []
+    for patch in patches:
+        rows = dataset.mesh.of(patch.shape).rows_of(patch.element_ids)
+        tables.append(local_vertices(dataset.mesh, patch.shape)[rows])
+    outer = OuterSides(patches, tables, neighbours)
+    vertices = [tables[own.patch][own.arc.row] for own in arcs]
+    words = (*ENDS, *neighbours.names)
+    lines: list[_Line] = []
+    for course in joined(arcs, vertices):
+        line = _Line.of(course, arcs, parallel, others)
+        if line.length[-1] >= least_length:
+            lines.append(line.with_ends(course, arcs, outer, words))
+    order = sorted(lines, key=lambda own: -own.length[-1])
+    none = _Line.none(len(others))
+    every = [none, *order]
+    values = np.concatenate([own.values for own in every])
+    return VortexCores(
+        np.cumsum([0, *(len(own.length) for own in order)]),
+        np.array([own.ends[0] for own in order], np.int64),
+        np.array([own.ends[1] for own in order], np.int64),
+        words,
+        np.concatenate([own.points for own in every]),
+        np.concatenate([own.length for own in every]),
+        np.concatenate([own.element for own in every]),
+        np.concatenate([own.velocity for own in every]),
+        np.concatenate([own.swirl for own in every]),
+        {each.text: values[:, column] for column, each in enumerate(others)},
+        tuple(sorted(left[0])),
+        tuple(sorted(left[1])),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A line with what is known at its points, as in `VortexCores`; how it begins and ends."""
+
+    points: Floats
+    length: Floats
+    element: Ints
+    velocity: Floats
+    swirl: Floats
+    values: Floats
+    turned: bool
+    ends: tuple[int, int]
+
+    @staticmethod
+    def none(count: int) -> _Line:
+        """Without points."""
+        no = np.empty(0)
+        return _Line(
+            np.empty((0, 3)), no, np.empty(0, np.int64), np.empty((0, 3)), no, np.empty((0, count)), False, (0, 0)
+        )
+
+    @staticmethod
+    def of(course: Course, arcs: Sequence[WorldArc], parallel: ParallelVectors, others: Sequence[Expression]) -> _Line:
+        """Of the arcs of a course, one after the other."""
+        parts = []
+        for number, is_turned in zip(course.arcs, course.turned, strict=True):
+            own = arcs[number]
+            patch = parallel.evaluator.patches[own.patch]
+            step = -1 if is_turned else 1
+            rows = np.full(len(own.points), own.arc.row)
+            places = ElementPoints(patch, rows, own.arc.xi[::step])
+            motions = parallel.at(places)
+            values = [np.broadcast_to(each, len(rows)) for each in parallel.evaluator.values_at(others, places)]
+            table = np.stack(values, axis=1) if values else np.empty((len(rows), 0))
+            turning = rotations(motions.gradient)
+            parts.append((own.points[::step], patch.element_ids[rows], motions.velocity, motions.swirl, table, turning))
+        points, element, velocity, swirl, table, turning = map(np.concatenate, zip(*parts, strict=True))
+        if course.closed and not arcs[course.arcs[0]].arc.closed:
+            points, element, velocity, swirl, table, turning = (
+                np.concatenate([own, own[:1]]) for own in (points, element, velocity, swirl, table, turning)
+            )
+        middle = (turning[1:] + turning[:-1]) / 2
+        is_turned = float(np.einsum("ni,ni->", middle, np.diff(points, axis=0))) < 0
+        step = -1 if is_turned else 1
+        points, velocity, swirl, table = (own[::step] for own in (points, velocity, swirl, table))
+        length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        return _Line(points, length, element[::step], velocity, swirl, table, is_turned, (0, 0))
+
+    def with_ends(self, course: Course, arcs: Sequence[WorldArc], outer: OuterSides, words: Sequence[str]) -> _Line:
+        """With how it begins and ends."""
+        found = []
+        for number, end in ((course.arcs[0], int(course.turned[0])), (course.arcs[-1], 1 - int(course.turned[-1]))):
+            found.append(0 if course.closed else words.index(_ending(arcs[number], end, outer)))
+        first, last = found[::-1] if self.turned else found
+        parts = (self.points, self.length, self.element, self.velocity, self.swirl, self.values)
+        return _Line(*parts, self.turned, (first, last))
+
+
+def _ending(arc: WorldArc, end: int, outer: OuterSides) -> str:
+    """The word for an end of an arc that is joined to none."""
+    if not arc.on_side[end]:
+        return "faded"
+    return outer.boundary(arc.patch, arc.arc.row, arc.arc.xi[-end]) or "jump"

@@ -1,0 +1,108 @@
+"""Vortex cores of ``elvis trace --cores``: their options, and what is written and told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from elvis.renderer.commands.line_files import check_suffix, write_lines
+
+if TYPE_CHECKING:
+    from elvis.core.cores import VortexCores
+    from elvis.renderer.commands.sources import Data
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+#: how many ids of undecided elements are listed
+_LISTED = 10
+
+
+def core_options(function: F) -> F:
+    """The options of vortex cores."""
+    options = [
+        click.option("--cores", is_flag=True, help="The cores of all vortices instead, by parallel vectors: no seeds."),
+        click.option(
+            "--criterion",
+            type=click.Choice(["acceleration", "vorticity"]),
+            help="With --cores: what the velocity is parallel to, (grad v) v or rot v.  [default: acceleration]",
+        ),
+        click.option(
+            "--least-swirl",
+            type=float,
+            metavar="RATE",
+            help="With --cores: imaginary part of the eigenvalues of grad v at least, radians by time.  [default: 0]",
+        ),
+        click.option("--least-length", type=float, help="With --cores: length of lines at least.  [default: 0]"),
+        click.option("--only-q", is_flag=True, help="With --cores: only where Q = -tr((grad v)^2)/2 is positive, too."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def check_course(course: Mapping[str, Any], is_followed: bool) -> None:
+    """UsageError where settings are given that cores have not."""
+    given = [name for name, value in course.items() if name != "velocity" and value not in (None, (), [])]
+    if is_followed:
+        raise click.UsageError("--cores: expected no --ftle, --kind or --releases, as cores aren't followed from seeds")
+    if given:
+        raise click.UsageError(f"--{given[0]}: expected without --cores, which are not followed from seeds")
+
+
+def check_seeds(limits: Mapping[str, Any], seeds: object) -> None:
+    """UsageError where settings of cores are given without --cores, or neither seeds nor --cores."""
+    for name, value in limits.items():
+        if value not in (None, False):
+            raise click.UsageError(f"--{name.replace('_', '-')}: expected --cores, of which it tells which are shown")
+    if not seeds:
+        raise click.UsageError("expected --seeds, where lines begin, or --cores")
+
+
+def trace_cores(
+    data: Data,
+    velocity: str | None,
+    limits: Mapping[str, Any],
+    spacing: float | None,
+    quantities: Sequence[str],
+    as_json: bool,
+    output: Path | None,
+    overwrite: bool,
+) -> None:
+    """Find and follow cores, write them, and print how they end."""
+    from elvis.core.arguments import texts_of
+    from elvis.core.cores import vortex_cores
+    from elvis.core.files.output import check_places
+    from elvis.core.terminal import print_json, print_table, stage
+
+    if output is not None:
+        check_suffix(output)
+        check_places([output], data.inputs(), overwrite)
+    source = data.source()
+    if source.dataset is None:
+        raise click.UsageError("--cores searches what is native, but a runtime plugin opens these data")
+    asked = {name: value for name, value in limits.items() if value is not None}
+    with stage("searching vortex cores"):
+        found = vortex_cores(source.dataset, texts_of(velocity), spacing=spacing, fields=quantities, **asked)
+    _warn_of_undecided(found)
+    if output is not None:
+        write_lines(output, found, found.of_lines())
+    if as_json:
+        facts = {"lines": len(found), "points": len(found.points), "ends": found.counts()}
+        print_json({**facts, "lengths": found.lengths.tolist(), "undecided": list(found.undecided)})
+    elif len(found):
+        print_table(("end", "meaning", "ends"), found.table())
+    else:
+        click.echo("no vortex cores")
+
+
+def _warn_of_undecided(found: VortexCores) -> None:
+    """Name elements in which there may be more cores than were found."""
+    from elvis.core.terminal import warn
+
+    if found.undecided:
+        ids = ", ".join(map(str, found.undecided[:_LISTED]))
+        more = ", …" if len(found.undecided) > _LISTED else ""
+        warn(f"in {len(found.undecided)} elements there may be more cores than were found: {ids}{more}")

@@ -1,0 +1,289 @@
+"""Vortex cores: axes and rings known beforehand; none missed, none invented beside brute force; joins; limits."""
+
+import numpy as np
+import pytest
+
+from elvis.core.arrays import frozen_floats
+from elvis.core.cores import vortex_cores
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
+
+CRITERIA = ("acceleration", "vorticity")
+CENTRE = np.array([0.45, 0.52, 0.5])
+AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+
+
+def data(mesh, functions, modes=3, names="uvw"):
+    bare = Dataset(mesh)
+    return Dataset(mesh, tuple(approximated(bare, *own, modes) for own in zip(names, functions, strict=True)))
+
+
+def components(velocity):
+    """Of a velocity, points (n, 3) to (n, 3)."""
+    return [lambda p, axis=axis: velocity(p)[:, axis] for axis in range(3)]
+
+
+def vortex(axial=0.0, strain=0.0):
+    """A velocity around the tilted axis, with speed along it and strain."""
+
+    def velocity(points):
+        offset = points - CENTRE
+        height = offset @ AXIS
+        across = offset - np.outer(height, AXIS)
+        return np.cross(AXIS, across) + axial * AXIS + strain * (np.outer(height, AXIS) - across / 2)
+
+    return velocity
+
+
+def from_axis(points):
+    """(n,) distances from the tilted axis."""
+    offset = points - CENTRE
+    return np.linalg.norm(offset - np.outer(offset @ AXIS, AXIS), axis=1)
+
+
+def boundary_ends(found):
+    return sum(found.counts().get(name, 0) for name in ("boundary", "all", "left"))
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("bend", [0.0, 0.04])
+@pytest.mark.parametrize(("axial", "strain"), [(1.0, 0.0), (0.0, 0.0), (0.0, 0.5)])
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.sampled(least=6, free=("axial", "strain"))
+def test_a_tilted_axis_is_one_line(shape, bend, axial, strain, criterion):
+    """With flow along it, without any, where all of it is at rest, and as in a Burgers vortex, at rest at one place."""
+    mesh = curved(grid(shape, 2), ripple(bend), 3)
+    found = vortex_cores(data(mesh, components(vortex(axial, strain)), 4), criterion=criterion, spacing=0.1)
+    assert len(found) == 1
+    assert found.undecided == ()
+    assert boundary_ends(found) == 2
+    assert from_axis(found[0]).max() < 1e-11
+    steps = np.diff(found[0], axis=0)
+    assert (steps @ AXIS > -1e-11).all()
+    assert np.linalg.norm(steps, axis=1).max() < 0.1001
+    assert found.swirl == pytest.approx(1.0, abs=1e-9)
+    if not bend:
+        assert found.lengths[0] == pytest.approx(1 / AXIS[2], abs=1e-8)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_a_ring_is_closed(criterion):
+    """The velocity (-x z, -y z, x^2 + y^2 - R^2): at rest on a circle about which it turns."""
+    centre, radius = np.array([0.48, 0.53, 0.46]), 0.31
+
+    def ring(points):
+        x, y, z = (points - centre).T
+        return np.stack([-x * z, -y * z, x**2 + y**2 - radius**2], axis=1)
+
+    found = vortex_cores(data(grid(Shape.HEXAHEDRON, 2), components(ring)), criterion=criterion, spacing=0.05)
+    (line,) = np.flatnonzero(found.closed)
+    offset = found[line] - centre
+    assert np.abs(np.linalg.norm(offset[:, :2], axis=1) - radius).max() < 1e-11
+    assert np.abs(offset[:, 2]).max() < 1e-11
+    assert found.lengths[line] == pytest.approx(2 * np.pi * radius, rel=0.01)
+    assert found[line][0] == pytest.approx(found[line][-1], abs=1e-9)
+
+
+def test_a_ring_within_one_element_is_closed():
+    def ring(points):
+        x, y, z = (points - 0.5).T
+        return np.stack([-x * z, -y * z, x**2 + y**2 - 0.09], axis=1)
+
+    found = vortex_cores(data(grid(Shape.HEXAHEDRON, 1), components(ring)), spacing=0.05)
+    assert found.counts() == {"closed": 1}
+    assert np.abs(np.linalg.norm(found.points[:, :2] - 0.5, axis=1) - 0.3).max() < 1e-12
+    assert found.lengths[0] == pytest.approx(0.6 * np.pi, rel=0.01)
+
+
+POWERS = np.array([powers for powers in np.ndindex(3, 3, 3) if sum(powers) <= 2])
+
+
+def random_fields(shape, cells, seed):
+    """A dataset with another random quadratic velocity in each element, and the weights (3, n, 10) of powers.
+
+    Powers are those of coordinates that are -1 to 1 in each cell of the grid; rows (n,) of elements in the mesh.
+    """
+    mesh = grid(shape, cells)
+    bare = Dataset(mesh)
+
+    def monomial(powers):
+        return lambda p: ((2 * (p * cells - np.floor(p * cells)) - 1) ** powers).prod(axis=1)
+
+    parts = [approximated(bare, "m", monomial(own), 3).blocks[0] for own in POWERS]
+    rng = np.random.default_rng(seed)
+    weights = rng.normal(size=(3, len(parts[0].element_ids), len(POWERS)))
+    fields = []
+    for name, own in zip("uvw", weights, strict=True):
+        coefficients = sum(own[:, k, None] * part.coefficients for k, part in enumerate(parts))
+        fields.append(Field(name, (Block(parts[0].expansion, parts[0].element_ids, frozen_floats(coefficients)),)))
+    corners = mesh.vertices[local_vertices(mesh, shape)][mesh.of(shape).rows_of(parts[0].element_ids)]
+    return Dataset(mesh, tuple(fields)), weights, corners, parts[0].element_ids
+
+
+class Quadratics:
+    """Random velocities in closed form, at points x (n, 3), with w their weights (3, n, 10) and the cells' places."""
+
+    def __init__(self, weights, corners, cells, criterion):
+        self.weights, self.cells, self.criterion = weights, cells, criterion
+        self.origins = np.floor(corners.mean(axis=1) * cells)
+
+    def at(self, element, x):
+        """Velocities, gradients, and what must be zero."""
+        s, w = 2 * (x * self.cells - self.origins[element]) - 1, self.weights[:, element]
+        v = np.einsum("cnk,nk->nc", w, (s[:, None] ** POWERS).prod(axis=2))
+        slopes = []
+        for axis in range(3):
+            lower = POWERS - np.eye(3, dtype=int)[axis]
+            terms = POWERS[:, axis] * (s[:, None] ** lower.clip(0)).prod(axis=2)
+            slopes.append(2 * self.cells * np.einsum("cnk,nk->nc", w, terms))
+        g = np.stack(slopes, axis=2)
+        other = np.einsum("nij,nj->ni", g, v)
+        if self.criterion == "vorticity":
+            other = np.stack([g[:, 2, 1] - g[:, 1, 2], g[:, 0, 2] - g[:, 2, 0], g[:, 1, 0] - g[:, 0, 1]], axis=1)
+        return v, g, np.cross(v, other), np.linalg.norm(other, axis=1)
+
+    def brute_force(self, corners, starts):
+        """Elements and points of cores inside of them that Gauss and Newton's method finds from random starts."""
+        rng = np.random.default_rng(0)
+        element = np.repeat(np.arange(len(corners)), starts)
+        x = np.einsum("nk,nkd->nd", rng.dirichlet(np.ones(corners.shape[1]), len(element)), corners[element])
+        step = 1e-6 / self.cells * np.eye(3)
+        for _ in range(25):
+            slopes = [(self.at(element, x + h)[2] - self.at(element, x - h)[2]) / (2 * h.max()) for h in step]
+            move = np.einsum("nij,nj->ni", np.linalg.pinv(np.stack(slopes, axis=2), rcond=1e-6), self.at(element, x)[2])
+            length = np.linalg.norm(move, axis=1, keepdims=True)
+            x = x - move * np.minimum(1, 0.1 / self.cells / length.clip(1e-300))
+        v, g, zero, size = self.at(element, x)
+        speed = np.linalg.norm(v, axis=1)
+        swirl = np.abs(np.linalg.eigvals(g).imag).max(axis=1)
+        good = (np.linalg.norm(zero, axis=1) < 1e-10 * speed * size) & (speed > 0.02)
+        good &= swirl > 0.01 * np.linalg.norm(g, axis=(1, 2))
+        return element[good], x[good]
+
+
+def from_lines(found, element_id, points):
+    """(n,) distances of points from the parts of lines in an element."""
+    line = np.repeat(np.arange(len(found)), np.diff(found.offsets))
+    inside = found.element == element_id
+    first = np.flatnonzero(inside[:-1] & inside[1:] & (line[:-1] == line[1:]))
+    if not len(first):
+        return np.full(len(points), np.inf)
+    begin, step = found.points[first], np.diff(found.points, axis=0)[first]
+    part = np.einsum("nki,ki->nk", points[:, None] - begin, step) / (step**2).sum(axis=1).clip(1e-300)
+    return np.linalg.norm(points[:, None] - begin - part.clip(0, 1)[:, :, None] * step, axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("seed", range(170))
+@pytest.mark.sampled(least=4, free=("seed",))
+def test_none_is_missed_and_none_invented(shape, criterion, seed):
+    """In 1,000 random quadratic velocities on tetrahedra, and some on hexahedra."""
+    cells = 1
+    dataset, weights, corners, ids = random_fields(shape, cells, seed)
+    spacing = 0.05 / cells
+    found = vortex_cores(dataset, criterion=criterion, spacing=spacing)
+    truth = Quadratics(weights, corners, cells, criterion)
+    element, x = truth.brute_force(corners, 40)
+    low, high = corners.min(axis=1)[element], corners.max(axis=1)[element]
+    inner = ((x > low + 1e-3) & (x < high - 1e-3)).all(axis=1)
+    if shape is Shape.TETRAHEDRON:
+        table = np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], axis=1)
+        places = np.linalg.solve(table[element], np.column_stack([x, np.ones(len(x))])[:, :, None])[:, :, 0]
+        inner = places.min(axis=1) > 1e-3
+    for number in np.unique(element[inner]):
+        if ids[number] not in found.undecided:
+            assert from_lines(found, ids[number], x[inner & (element == number)]).max() < 0.1 * spacing
+
+    rows = np.searchsorted(ids, found.element)
+    v, g, zero, _ = truth.at(rows, found.points)
+    size = np.linalg.norm(g, axis=(1, 2))
+    assert (np.linalg.norm(zero, axis=1) < 1e-9 * size * (np.linalg.norm(v, axis=1) ** 2 + 1e-3)).all()
+    swirl = np.abs(np.linalg.eigvals(g).imag).max(axis=1)
+    assert swirl == pytest.approx(found.swirl, rel=1e-3, abs=1e-4 * size.max(initial=0.0))
+    assert len(found.undecided) <= 0.1 * len(ids) + 1
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PRISM])
+def test_an_axis_on_borders_of_elements_is_found_once(shape):
+    """Along the middle of the grid, where edges and faces of elements are."""
+    middle = np.array([0.5, 0.25 if shape is Shape.PRISM else 0.5])
+
+    def velocity(points):
+        x, y = (points[:, :2] - middle).T
+        return np.stack([-y, x, 1 + 0 * x], axis=1)
+
+    found = vortex_cores(data(grid(shape, 2), components(velocity)), spacing=0.2)
+    assert len(found) == 1
+    assert boundary_ends(found) == 2
+    assert np.abs(found.points[:, :2] - middle).max() < 1e-9
+    assert found.lengths[0] == pytest.approx(1, abs=1e-6)
+
+
+def test_momenta_are_divided_by_the_density():
+    def density(points):
+        return 1.5 + 0.4 * points[:, 0] - 0.3 * points[:, 2]
+
+    flow = vortex(0.4, 0.2)
+    functions = [density, *(lambda p, own=own: density(p) * own(p) for own in components(flow))]
+    dataset = data(grid(Shape.PRISM, 1), functions, 3, ["rho", "rhou", "rhov", "rhow"])
+    for criterion in CRITERIA:
+        found = vortex_cores(dataset, criterion=criterion, spacing=0.1)
+        assert len(found) == 1
+        assert from_axis(found.points).max() < 1e-11
+        assert found.swirl == pytest.approx(1.0, abs=1e-9)
+
+
+def test_limits():
+    dataset = data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 0.8)), 3)
+    assert len(vortex_cores(dataset, least_swirl=0.99)) == 1
+    assert len(vortex_cores(dataset, least_swirl=1.01)) == 0
+    assert len(vortex_cores(dataset, least_length=2.0)) == 0
+    assert len(vortex_cores(dataset, only_q=True)) == 1
+    assert len(vortex_cores(data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 1.6))), only_q=True)) == 0
+    found = vortex_cores(dataset, "u,v,w", fields=["u", "2*w"])
+    assert list(found.values) == ["u", "2*w"]
+    assert 2 * found.velocity[:, 2] == pytest.approx(found.values["2*w"], abs=1e-12)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_where_nothing_turns_there_is_none(criterion):
+    """In uniform flow, shear, strain, and at rest."""
+    matrices = [np.zeros((3, 3)), np.diag([1.0, 0, 0])[[1, 0, 2]], np.diag([1.0, -0.4, -0.6])]
+    for matrix in matrices:
+        for base in (0.0, 1.0):
+            flow = components(lambda p, matrix=matrix, base=base: p @ matrix.T + base)
+            found = vortex_cores(data(grid(Shape.TETRAHEDRON, 1), flow), criterion=criterion)
+            assert len(found) == 0
+            assert found.undecided == ()
+
+
+def test_bad_input():
+    dataset = data(grid(Shape.HEXAHEDRON, 1), components(vortex()))
+    with pytest.raises(ElvisError, match="one of acceleration, vorticity, found 'q'"):
+        vortex_cores(dataset, criterion="q")
+    with pytest.raises(ElvisError, match="least swirl: expected a number that is not negative"):
+        vortex_cores(dataset, least_swirl=-1.0)
+    with pytest.raises(ElvisError, match="spacing: expected a positive number"):
+        vortex_cores(dataset, spacing=0.0)
+    with pytest.raises(ElvisError, match=r"sin\(u\): expected a component that is a polynomial"):
+        vortex_cores(dataset, "sin(u),v,w")
+    with pytest.raises(ElvisError, match="expected 3D data, found 2D data"):
+        vortex_cores(data(mixed_plane(1), components(vortex())[:2], names="uv"))
+    with pytest.raises(ElvisError, match="has the name of a column"):
+        vortex_cores(
+            data(grid(Shape.HEXAHEDRON, 1), [lambda p: p[:, 0]], names=["swirl"]), "swirl,x,y", fields=["swirl"]
+        )
+
+
+def test_values_that_are_no_numbers_are_undecided():
+    dataset = data(grid(Shape.HEXAHEDRON, 2), components(vortex(1.0)))
+    (block,) = dataset.field("u").blocks
+    coefficients = block.coefficients.copy()
+    coefficients[3] = np.nan
+    broken = Field("u", (Block(block.expansion, block.element_ids, frozen_floats(coefficients)),))
+    found = vortex_cores(Dataset(dataset.mesh, (broken, *dataset.fields[1:])))
+    assert found.undecided == (int(block.element_ids[3]),)
