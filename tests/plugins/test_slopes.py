@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
+from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
@@ -54,6 +55,43 @@ def test_no_difference_is_greater_than_the_bounds(shape):
         assert np.isfinite(found.curvature).mean() > 0.4, expression.text
         assert np.median(found.gradient) < 100 * first.max(), expression.text
         assert np.median(found.noise) < 1e-8 * np.ptp(at(np.zeros(len(axes)))), expression.text
+
+
+def test_no_difference_on_pyramids_is_greater_than_the_bounds_in_its_box():
+    """In boxes of collapsed coordinates, the nearer to the apex the smaller; derivatives in reference coordinates."""
+    dataset, axes = flow(Shape.PYRAMID, 2), np.eye(3)
+    evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in (*TEXTS, "x*x + 2*y*z")])
+    (patch,) = evaluator.patches
+    rng = np.random.default_rng(7)
+    elements = np.repeat(np.arange(0, len(patch), 3), 8)
+    share = 10.0 ** rng.uniform(-1.5, 0.0, len(elements))
+    half = np.column_stack([rng.uniform(0.05, 0.5, (len(elements), 2)), 0.4 * share])
+    middle = np.column_stack([rng.uniform(-0.5, 0.5, (len(elements), 2)), 1 - 2 * share])
+
+    eta = middle + half * rng.uniform(-0.9, 0.9, half.shape)
+    reference = uncollapse(Shape.PYRAMID, eta)
+    step = 1e-3 * share[:, None]
+    for expression in evaluator.expressions:
+        (part,) = NativeVolume.of(dataset, ["u", expression.text]).parts
+        slopes = part.quantities[expression.text].slopes
+        if slopes is None:
+            assert part.quantities[expression.text].degree
+            continue
+        found = slopes.in_boxes(elements, middle, half)
+        at_apex = slopes.in_boxes(elements[:1], np.zeros((1, 3)), np.ones((1, 3)))
+        assert np.isinf(at_apex.curvature).all()
+
+        def at(offset, expression=expression):
+            return evaluator.values(expression, patch, elements, reference + step * offset)
+
+        first = sum(np.abs(at(a) - at(-a)) for a in axes) / (2 * step[:, 0])
+        second = sum(np.abs(at(a + b) - at(a - b) - at(b - a) + at(-a - b)) for a in axes for b in axes)
+        second = second / (4 * step[:, 0] ** 2)
+        rounding = 1e-14 * np.abs(at(np.zeros(3))).max() / step[:, 0] ** 2
+        assert (first <= found.gradient + rounding * step[:, 0]).all(), expression.text
+        assert (second <= found.curvature + rounding).all(), expression.text
+        assert np.isfinite(found.curvature).mean() > 0.4, expression.text
+        assert np.median(found.gradient / np.maximum(first, 0.1 * first.max())) < 100, expression.text
 
 
 def test_nothing_is_said_of_kinks_poles_and_second_derivatives():

@@ -72,11 +72,15 @@ class SlopeBounds:
     """How steep a quantity is that is no polynomial, so that its contours are proved.
 
     map_degree  of the map, as ``Part.degree``
-    of          elements (n,), and how many times as large as an element its neighbourhood is, to their slopes
+    of          elements (n,), and how many times as large as an element its neighbourhood is, to their slopes; infinite
+                where the ``Part`` is ``collapsed``
+    in_boxes    there: elements (n,), and middles and half sides (n, 3) of boxes in collapsed coordinates, to slopes in
+                these boxes, in reference coordinates
     """
 
     map_degree: int
     of: Callable[[Ints, float], Slopes]
+    in_boxes: Callable[[Ints, Floats, Floats], Slopes]
 
 
 @dataclass(frozen=True, eq=False)

@@ -197,13 +197,13 @@ class Elements:
         )
 
     def _slope_bounds(self, expression: Expression) -> SlopeBounds | None:
-        """Bounds of an expression's derivatives; not on pyramids, where they have no limit, nor in curved surfaces."""
+        """Bounds of an expression's derivatives; not in curved surfaces."""
         is_solid = all(patch.is_flat and patch.shape.dimension > 1 for patch in self.patches)
-        if self.series or self.geometry.shape is Shape.PYRAMID or not is_solid or not has_slopes(expression.root):
+        if self.series or not is_solid or not has_slopes(expression.root):
             return None
         space, errors = self._net(expression.fields)[0], cache(partial(self._leaf_errors, expression.fields))
         found = ElementSlopes(self.patches, self.geometry, self.names, expression, space, errors)
-        return SlopeBounds(max(self.geometry.degrees), found.of)
+        return SlopeBounds(max(self.geometry.degrees), found.of, found.in_boxes)
 
     def _leaf_errors(self, names: tuple[str, ...]) -> Floats:
         """(n, 3 + fields) how far computed values of x, y, z and fields may be from the true ones in each element."""

@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, permutations
+from functools import partial
+from itertools import combinations_with_replacement, permutations, product
 
 import numpy as np
 
@@ -29,11 +30,15 @@ from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.quantities.functions import function, partials
 from elvis.core.quantities.intervals import Interval, number
-from elvis.core.quantities.tree import LEAVES, Node, leaves, ordered, partial, whole_exponent
-from elvis.plugins.native.bending import derived
+from elvis.core.quantities.tree import LEAVES, Node, leaves, ordered, whole_exponent
+from elvis.core.quantities.tree import partial as partial_derivative
+from elvis.core.shapes import Shape
+from elvis.plugins.native.regions import Neighbourhood, PyramidBoxes, Region
 from elvis.plugins.native.rounding import operations
 from elvis.plugins.volume import Slopes
 
+#: regions of polynomials of a space
+_Regions = Callable[[BernsteinSpace], Region]
 #: operators and functions that are analytic wherever the intervals of their derivatives are finite
 _OPERATORS, _ROOTS = frozenset("+-*/"), frozenset(("sqrt", "log", "asin", "acos"))
 _SMOOTH = _OPERATORS | _ROOTS | {"exp", "sin", "cos", "tan", "atan", "sinh", "cosh", "tanh"}
@@ -70,16 +75,26 @@ class ElementSlopes:
 
     def of(self, elements: Ints, beyond: float) -> Slopes:
         """Those of elements (n,), see `SlopeBounds`."""
+        if self.geometry.shape is Shape.PYRAMID:
+            return Slopes(*np.full((3, len(elements)), np.inf))
+        return self._of(elements, lambda rows: partial(Neighbourhood, beyond=beyond))
+
+    def in_boxes(self, elements: Ints, middle: Floats, half: Floats) -> Slopes:
+        """Those in boxes of pyramids (n,), see `SlopeBounds`."""
+        return self._of(elements, lambda rows: partial(PyramidBoxes, middle=middle[rows], half=half[rows]))
+
+    def _of(self, elements: Ints, regions: Callable[[Ints], _Regions]) -> Slopes:
+        """Those of elements (n,) in the regions of rows of these."""
         found, first = np.full((3, len(elements)), np.inf), 0
         for patch in self.patches:
             mine = np.flatnonzero((elements >= first) & (elements < first + len(patch)))
             if len(mine) and all(patch.fields[self.names.index(name)] for name in self.expression.fields):
-                own = self._in(patch, elements[mine] - first, self.errors()[elements[mine]], beyond)
+                own = self._in(patch, elements[mine] - first, self.errors()[elements[mine]], regions(mine))
                 found[:, mine] = own.gradient, own.curvature, own.noise
             first += len(patch)
         return Slopes(*found)
 
-    def _in(self, patch: Patch, rows: Ints, error: Floats, beyond: float) -> Slopes:
+    def _in(self, patch: Patch, rows: Ints, error: Floats, regions: _Regions) -> Slopes:
         """Those of some of a patch's elements."""
         controls = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[rows], self.geometry)
         fields = {}
@@ -90,7 +105,7 @@ class ElementSlopes:
             assert modal is not None
             net = bernstein_coefficients(expansion, modal[rows], self.space)
             fields[name] = Polynomials(self.space, net, error[:, 3 + column])
-        return slopes(self.expression.root, Polynomials(self.geometry, controls, error[:, :3]), fields, beyond)
+        return slopes(self.expression.root, Polynomials(self.geometry, controls, error[:, :3]), fields, regions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,19 +128,20 @@ def has_slopes(root: Node) -> bool:
     return known and all(node.op in _SMOOTH or whole_exponent(node) is not None for node in rest)
 
 
-def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], beyond: float) -> Slopes:
+def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], regions: _Regions) -> Slopes:
     """Bounds of an expression of which `has_slopes`.
 
-    place   of the coordinates: nets (n, 3, count), errors (n, 3)
-    beyond  how many times as large as the element its neighbourhood is
+    place    of the coordinates: nets (n, 3, count), errors (n, 3)
+    regions  where, for polynomials of a space
     """
     used = leaves(root)
-    gradients = _Gradients(place, beyond)
     with np.errstate(all="ignore"):
-        about = {leaf: _leaf(leaf, place, fields, gradients, beyond) for leaf in used}
+        gradients = _Gradients(place, regions)
+    with np.errstate(all="ignore"):
+        about = {leaf: _leaf(leaf, place, fields, gradients, regions) for leaf in used}
         bounds = _Bounds(about)
         noise = _noise(root, about, bounds)
-        parts = {leaf: partial(root, leaf) for leaf in used}
+        parts = {leaf: partial_derivative(root, leaf) for leaf in used}
         steep = {leaf: bounds.size(part) for leaf, part in parts.items()}
         gradient = curvature = np.zeros(len(place.nets))
         for one in used:
@@ -133,7 +149,7 @@ def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], be
             curvature = curvature + _times(steep[one], about[one].second.sum(axis=(1, 2)))
             for other in leaves(parts[one]):
                 both = about[one].first.sum(axis=1) * about[other].first.sum(axis=1)
-                curvature = curvature + _times(bounds.size(partial(parts[one], other)), both)
+                curvature = curvature + _times(bounds.size(partial_derivative(parts[one], other)), both)
     noise = np.broadcast_to(noise, gradient.shape)
     return Slopes(_or_infinite(gradient), _or_infinite(curvature), _or_infinite(noise))
 
@@ -192,30 +208,35 @@ def _exponent(node: Node) -> float:
 
 
 def _leaf(
-    leaf: Node, place: Polynomials, fields: Mapping[str, Polynomials], gradients: _Gradients, beyond: float
+    leaf: Node, place: Polynomials, fields: Mapping[str, Polynomials], gradients: _Gradients, regions: _Regions
 ) -> _Leaf:
     """What is known of one leaf."""
     if leaf.op == "coordinate":
         axis = leaf.axes[0]
-        return _polynomial(Polynomials(place.space, place.nets[:, axis], place.error[:, axis]), beyond)
+        return _polynomial(Polynomials(place.space, place.nets[:, axis], place.error[:, axis]), regions)
     field = fields[leaf.name]
-    return gradients.leaf(field, leaf.axes[0]) if leaf.axes else _polynomial(field, beyond)
+    return gradients.leaf(field, leaf.axes[0]) if leaf.axes else _polynomial(field, regions)
 
 
-def _polynomial(field: Polynomials, beyond: float) -> _Leaf:
+def _polynomial(field: Polynomials, regions: _Regions) -> _Leaf:
     """A coordinate, or a field's value."""
-    net = derived(field.space, field.nets, (), beyond)
+    region = regions(field.space)
+    dimension = field.space.shape.dimension
     nets = field.nets[:, None]
-    first, second = (_magnitudes(field.space, nets, order, beyond)[..., 0] for order in (1, 2))
-    return _Leaf((net.min(axis=1), net.max(axis=1)), first, second, _BESIDE * field.error)
+    first, second = (_magnitudes(region, dimension, nets, order)[..., 0] for order in (1, 2))
+    return _Leaf(region.ends(field.nets, ()), first, second, _BESIDE * field.error)
 
 
-def _magnitudes(space: BernsteinSpace, nets: Floats, order: int, beyond: float) -> Floats:
+def _size(ends: Interval) -> Floats:
+    """The greatest magnitude."""
+    return np.asarray(np.maximum(np.abs(ends[0]), np.abs(ends[1])))
+
+
+def _magnitudes(region: Region, dimension: int, nets: Floats, order: int) -> Floats:
     """(n, d, …, d, c) bounds of all derivatives of an order of polynomials with nets (n, c, count)."""
-    d = space.shape.dimension
-    found = np.empty((len(nets), *[d] * order, nets.shape[1]))
-    for directions in combinations_with_replacement(range(d), order):
-        size = np.abs(derived(space, nets, directions, beyond)).max(axis=2)
+    found = np.empty((len(nets), *[dimension] * order, nets.shape[1]))
+    for directions in combinations_with_replacement(range(dimension), order):
+        size = _size(region.ends(nets, directions))
         for other in set(permutations(directions)):
             np.moveaxis(found, 0, -2)[other] = size
     return found
@@ -224,21 +245,24 @@ def _magnitudes(space: BernsteinSpace, nets: Floats, order: int, beyond: float) 
 class _Gradients:
     """Derivatives of fields in the world, on the elements of a map."""
 
-    def __init__(self, place: Polynomials, beyond: float) -> None:
-        self._beyond = beyond
+    def __init__(self, place: Polynomials, regions: _Regions) -> None:
+        self._regions = regions
         self._degree = max(place.space.degrees)
         d = self._d = place.space.shape.dimension
+        region = regions(place.space)
         axes, nets = range(d), place.nets[:, :d]
-        jacobian = np.stack([derived(place.space, nets, (a,), beyond).mean(axis=2) for a in axes], axis=2)
+        middles = [np.add(*region.ends(nets, (a,))) / 2 for a in axes]
+        jacobian = np.stack(middles, axis=2)
         known = np.abs(np.linalg.det(jacobian)) > 0
         self._inverse = np.linalg.inv(np.where(known[:, None, None], jacobian, np.nan))
 
         # X = A x: R, and the second and third derivatives
         own = np.einsum("nck,nkm->ncm", self._inverse, nets)
-        change = [derived(place.space, own, (a,), beyond) - np.eye(d)[a][:, None] for a in axes]
-        rest = np.stack([np.abs(one).max(axis=2) for one in change], axis=1)
-        self._second = _magnitudes(place.space, own, 2, beyond)
-        self._third = _magnitudes(place.space, own, 3, beyond)
+        rest = np.empty((len(nets), d, d))
+        for a, c in product(axes, axes):
+            rest[:, a, c] = _size(region.ends(own[:, c], (a,), float(a == c)))
+        self._second = _magnitudes(region, d, own, 2)
+        self._third = _magnitudes(region, d, own, 3)
         norm = rest.sum(axis=2).max(axis=1)
         is_near = (norm < 1)[:, None, None]
         self._rest = np.where(is_near, rest, np.nan)
@@ -254,11 +278,11 @@ class _Gradients:
 
     def leaf(self, field: Polynomials, axis: int) -> _Leaf:
         """The derivative of a field along x, y or z."""
-        d, beyond = self._d, self._beyond
+        d, region = self._d, self._regions(field.space)
         nets = field.nets[:, None]
-        first = [derived(field.space, nets, (a,), beyond)[:, 0] for a in range(d)]
-        low, high = (np.stack([function(one, axis=1) for one in first], axis=1) for function in (np.min, np.max))
-        sizes = [_magnitudes(field.space, nets, order, beyond)[..., 0] for order in (1, 2, 3)]
+        ends = [region.ends(field.nets, (a,)) for a in range(d)]
+        low, high = (np.stack([end[k] for end in ends], axis=1) for k in range(2))
+        sizes = [_magnitudes(region, d, nets, order)[..., 0] for order in (1, 2, 3)]
 
         # h in parts of the inverse A, its first derivatives (n, i, c) and its second (n, i, j, c)
         size = np.einsum("nac,nc->na", self._solve, sizes[0])
@@ -278,8 +302,7 @@ class _Gradients:
 
         # and along the axis in the world
         weights = self._inverse[:, :, axis]
-        ends = [np.where(weights > 0, a, b) * weights for a, b in ((low, high), (high, low))]
-        least, greatest = (one.sum(axis=1) for one in ends)
+        least, greatest = ((np.where(weights > 0, a, b) * weights).sum(axis=1) for a, b in ((low, high), (high, low)))
         parts = np.abs(weights)
         along = np.einsum("nc,nic->ni", parts, slope)
         across = np.einsum("nc,nijc->nij", parts, curvature)

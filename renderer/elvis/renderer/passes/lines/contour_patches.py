@@ -12,6 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
+from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.nets import FaceSpace, face_space
 from elvis.plugins.native.bending import derivative_sums, derived, rational_changes
@@ -107,9 +108,13 @@ class PatchChart:
         depth = self._view.depth_of(found.position)
         return PatchSamples(pixel, jacobian, found.value, gradient, depth, found.position)
 
-    def reaches(self, elements: Ints, places: Floats, slack: Floats) -> Bools:
-        """(n,) whether derivatives are bounded within ``slack`` (n,) of all k places (k, n, 2)."""
-        return is_nearby(self._shape, self.facets, self._beyond[elements], places, slack)
+    def reaches(self, elements: Ints, centre: Floats, steps: Floats, slack: Floats) -> Bools:
+        """(n,) whether derivatives are bounded within ``slack`` (n,) of places (n, 2) with all steps (k, n, 2)."""
+        return is_nearby(self._shape, self.facets, self._beyond[elements], centre + steps, slack)
+
+    def localised(self, bounds: Derivatives, elements: Ints, centre: Floats) -> Derivatives:
+        """The bounds, which hold of the neighbourhoods of whole patches."""
+        return bounds
 
     def depth(self, squares: Squares) -> Floats:
         """(n,) depths of the centres of squares."""
@@ -185,13 +190,35 @@ class PatchChart:
         """Slopes in coordinates of each patch: one of the element changes by no more than the sum of a patch's axes."""
         bounds = self._own.slopes
         assert bounds is not None
-        elements, row = np.unique(self.records["element"].astype(np.int64), return_inverse=True)
-        every = [bounds.of(elements[some], _ELEMENT_BEYOND) for some in chunks(len(elements), _ELEMENTS)]
+        own = self.records["element"].astype(np.int64)
+        if self._loaded.parts[self._number].collapsed:
+            # in pyramids, in the box of each patch with its neighbourhood
+            row = np.arange(len(own))
+            middle, half = self._boxes()
+            every = [bounds.in_boxes(own[some], middle[some], half[some]) for some in chunks(len(own), _ELEMENTS)]
+        else:
+            elements, row = np.unique(own, return_inverse=True)
+            every = [bounds.of(elements[some], _ELEMENT_BEYOND) for some in chunks(len(elements), _ELEMENTS)]
         axes = np.abs(self.records["first"]) + np.abs(self.records["second"])
         size = axes.max(axis=1)
         gradient = np.concatenate([some.gradient for some in every])[row] * size
         curvature = np.concatenate([some.curvature for some in every])[row] * size**2
         return Slopes(gradient, curvature, np.concatenate([some.noise for some in every])[row])
+
+    def _boxes(self) -> tuple[Floats, Floats]:
+        """Middles and half sides (n, 3) of boxes of collapsed coordinates that hold the neighbourhoods of patches.
+
+        Collapsed coordinates are quotients of linear functions: extreme at corners.
+        """
+        corners = self._shape.vertices
+        larger = self.center + _BEYOND_SLOPES[0] * (corners - self.center)
+        axes = np.stack([self.records["first"], self.records["second"]], axis=2)
+        places = self.records["start"][:, None] + np.einsum("nij,kj->nki", axes, larger)
+        eta = collapse(Shape.PYRAMID, places.reshape(-1, 3)).reshape(places.shape)
+        is_regular = places[:, :, 2].max(axis=1) < 1.0
+        low, high = eta.min(axis=1), eta.max(axis=1)
+        low[~is_regular], high[~is_regular] = -1.0, 1.0
+        return (low + high) / 2, (high - low) / 2 + 1e-12
 
     def _element_ends(self) -> Floats:
         """(2, n) bounds of the patches' elements."""

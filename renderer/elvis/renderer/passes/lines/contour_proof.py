@@ -6,34 +6,22 @@ Each square is looked at with every element that may lie in it, by bounds of the
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.orientation import chunks
-from elvis.core.mapping.tangents import duals
-from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
-from elvis.plugins.native.bending import changes, derivative_sums, derived, net_of_xi
-from elvis.plugins.volume import Slopes
-from elvis.plugins.volume_checks import Samples
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.gaps import beside, pairs
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.passes.lines.contour_cuts import CutChart
 from elvis.renderer.passes.lines.contour_faces import FaceContours
-from elvis.renderer.passes.lines.contour_squares import (
-    AT_ONCE,
-    ROUNDING,
-    Derivatives,
-    Items,
-    Squares,
-    facet_distances,
-    is_nearby,
-)
+from elvis.renderer.passes.lines.contour_pyramids import PyramidChart
+from elvis.renderer.passes.lines.contour_squares import AT_ONCE, Items, Squares, facet_distances
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
 from elvis.scene.view import View
@@ -41,11 +29,8 @@ from elvis.scene.view import View
 if TYPE_CHECKING:
     from elvis.renderer.passes.lines.lines import Lines
 
-#: squares looked at, and elements whose derivatives are bounded, at once
+#: squares looked at at once
 _SQUARES = AT_ONCE // 16
-_ELEMENTS = 64
-#: how many times as large as a shape its neighbourhood is in which derivatives are bounded
-_BEYOND = {Shape.HEXAHEDRON: 1.25, Shape.PRISM: 1.5, Shape.TETRAHEDRON: 1.5}
 
 
 class ContourProof:
@@ -159,12 +144,13 @@ class ContourProof:
                 continue
 
             elements = np.unique(items.element[rows])
-            bounds = self._bounds(part, elements)
+            chart = self._chart(part)
+            bounds = chart.bounds(elements)
             for some in chunks(len(rows), _SQUARES):
                 chosen = items.part(rows[some])
                 own_bounds = bounds.part(np.searchsorted(elements, chosen.element))
                 line, column = np.divmod(chosen.pixel, self._view.width)
-                squares = Squares(self._chart(part), column.astype(float), line.astype(float), chosen, own_bounds)
+                squares = Squares(chart, column.astype(float), line.astype(float), chosen, own_bounds)
                 is_alone[rows[some]] = squares.is_inside
                 self._decide_squares(squares, chosen)
         return is_alone
@@ -177,33 +163,10 @@ class ContourProof:
         self.status[items.pixel[is_due & squares.in_doubt(self._levels)]] = Status.AMBIGUOUS
 
     def _is_known(self, number: int) -> bool:
-        """Whether the map of a part is a polynomial in reference coordinates from -1 to 1, and its slopes are known."""
+        """Whether the map of a part is a polynomial in coordinates from -1 to 1, and its slopes are known."""
         part = self._loaded.parts[number]
         own = self._loaded.quantity(number, self._quantity)
-        return (own.degree > 0 or own.slopes is not None) and not part.collapsed and not part.unit
-
-    def _bounds(self, number: int, elements: Ints) -> Derivatives:
-        """The derivatives of some elements of a part."""
-        space = self._space(number)
-        nodes, fit = _nodes(space)
-        local = nodes - self._chart(number).center
-        found = []
-        for some in chunks(len(elements), _ELEMENTS):
-            own = elements[some] - self._loaded.first[number]
-            count = len(own)
-            every_element = np.repeat(own, len(nodes))
-            every_node = np.tile(local, (count, 1))
-            samples = sample_elements(self._loaded, number, every_element, every_node, self._quantity)
-            middle = sample_elements(self._loaded, number, own, np.zeros((count, 3)), self._quantity)
-
-            # Bernstein nets of the field, and of the map less its value at the centre
-            values = samples.value.reshape(count, -1) @ fit
-            away = samples.position.reshape(count, -1, 3) - middle.position[:, None]
-            places = np.einsum("nki,km->nim", away, fit)
-            bounds = self._loaded.quantity(number, self._quantity).slopes
-            own_slopes = _slopes(space, values) if bounds is None else bounds.of(own, _BEYOND[space.shape])
-            found.append(_derivatives(space, places, middle, own_slopes))
-        return Derivatives.concatenate(found)
+        return (own.degree > 0 or own.slopes is not None) and not part.unit
 
     def _space(self, number: int) -> BernsteinSpace:
         """The polynomials of a part's map and field: on the cube, where they are not on the shape itself."""
@@ -220,82 +183,9 @@ class ContourProof:
     def _chart(self, number: int) -> CutChart:
         """The plane in a part's elements."""
         if number not in self._charts:
+            kind = PyramidChart if self._loaded.parts[number].collapsed else CutChart
             space = self._space(number)
-            self._charts[number] = CutChart(
+            self._charts[number] = kind(
                 self._loaded, number, self._quantity, self._lines, self._view, self._hits, space
             )
         return self._charts[number]
-
-
-class CutChart:
-    """A plane in a part's elements, in their reference coordinates (see `contour_squares.Chart`)."""
-
-    def __init__(
-        self,
-        loaded: DeviceVolume,
-        number: int,
-        quantity: str | None,
-        lines: Lines,
-        view: View,
-        hits: HitBuffer,
-        space: BernsteinSpace,
-    ) -> None:
-        self._loaded = loaded
-        self._number = number
-        self._quantity = quantity
-        self._view = view
-        self._hits = hits
-        self._space = space
-        self.facets = lines.facets(number)
-        if loaded.dimension == 2:
-            # those that are not parallel to the plane z = 0 of 2D data
-            self.facets = self.facets[np.abs(self.facets[:, :2]).max(axis=1) > 0.0]
-        one = sample_elements(loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), quantity)
-        self.center: Floats = one.center[0]
-
-    def reaches(self, elements: Ints, places: Floats, slack: Floats) -> Bools:
-        """(n,) whether derivatives are bounded within ``slack`` (n,) of all k reference points (k, n, 3)."""
-        shape = self._space.shape
-        return is_nearby(shape, self.facets, _BEYOND[shape], places, slack)
-
-    def sample(self, elements: Ints, places: Floats) -> Samples:
-        """What elements (n,), by index, have at reference points (n, 3)."""
-        own = elements - self._loaded.first[self._number]
-        return sample_elements(self._loaded, self._number, own, places - self.center, self._quantity)
-
-    def targets(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
-        """(n, 3) places of the plane under points of the picture, and how much nearer they make the plane seem."""
-        assert self._hits.flat is not None
-        origins, directions = self._view.rays(columns, rows)
-        normal = self._hits.flat
-        slant = directions @ normal
-        depth = (self._hits.offset - origins @ normal) / slant
-        return origins + depth[:, None] * directions, np.abs(slant)
-
-
-def _derivatives(space: BernsteinSpace, places: Floats, middle: Samples, own: Slopes) -> Derivatives:
-    """Bounds from nets of places less the centre (n, 3, count), samples at the centres, and slopes of the field."""
-    inverse = np.swapaxes(duals(middle.jacobian), 1, 2)
-    bend, turn = changes(space, inverse @ places, _BEYOND[space.shape])
-    return Derivatives(bend, turn, own.gradient, own.curvature, own.noise, middle.position, inverse)
-
-
-def _slopes(space: BernsteinSpace, values: Floats) -> Slopes:
-    """Of polynomials with nets (n, count)."""
-    beyond = _BEYOND[space.shape]
-    gradient, curvature = derivative_sums(space, values, beyond)
-    size = np.abs(derived(space, values, (), beyond)).max(axis=1)
-    return Slopes(gradient.max(axis=1), curvature.max(axis=1), ROUNDING * size)
-
-
-@lru_cache(maxsize=16)
-def _nodes(space: BernsteinSpace) -> tuple[Floats, Floats]:
-    """(count, 3) points of a shape, and the matrix (count, count) from values there to Bernstein coefficients."""
-    nodes = net_of_xi(space)
-    if space.shape is not Shape.HEXAHEDRON:
-        return nodes, frozen_floats(np.linalg.inv(bernstein_values(space, nodes)).T)
-    lines = []
-    for degree in space.degrees[::-1]:
-        line = BernsteinSpace(Shape.SEGMENT, (degree,))
-        lines.append(np.linalg.inv(bernstein_values(line, net_of_xi(line))))
-    return nodes, frozen_floats(np.kron(np.kron(lines[0], lines[1]), lines[2]).T)

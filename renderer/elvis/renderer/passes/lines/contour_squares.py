@@ -95,8 +95,11 @@ class Chart(Protocol):
     def sample(self, elements: Ints, places: Floats) -> ChartSamples:
         """What elements (n,) have at places (n, d)."""
 
-    def reaches(self, elements: Ints, places: Floats, slack: Floats) -> Bools:
-        """(n,) whether derivatives are bounded within ``slack`` (n,) of all k places (k, n, d)."""
+    def reaches(self, elements: Ints, centre: Floats, steps: Floats, slack: Floats) -> Bools:
+        """(n,) whether derivatives are bounded within ``slack`` (n,) of places (n, d) with all steps (k, n, d)."""
+
+    def localised(self, bounds: Derivatives, elements: Ints, centre: Floats) -> Derivatives:
+        """Bounds that hold of elements (n,), or in a neighbourhood of places (n, d) in them where these are known."""
 
 
 class ChartSamples(Protocol):
@@ -155,6 +158,7 @@ class Squares:
         straight = chart.center + parts
         self.is_outside = self._prove_outside(straight)
         self._locate_centres(np.where(np.isnan(items.start), straight, items.start))
+        self._bounds = chart.localised(bounds, items.element, self._centre)
         self._bound_extent()
 
     def _prove_outside(self, straight: Floats) -> Bools:
@@ -195,7 +199,7 @@ class Squares:
         self.radius = self._rho + self._missed
 
         is_good = (growth < 0.1) & (bend < 0.9) & (self._warp < 0.1) & (self._missed < 1e-9)
-        is_good &= self._chart.reaches(self._element, self._centre + steps, curved)
+        is_good &= self._chart.reaches(self._element, self._centre, steps, curved)
         is_good &= np.isfinite(self._bounds.gradient) & np.isfinite(self._bounds.curvature)
         self.is_good = is_good & np.isfinite(self._value)
 
