@@ -10,7 +10,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
-from elvis.plugins.native import NativeVolume
+from elvis.plugins.native import NativeVolume, elements
 from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
@@ -110,6 +110,34 @@ def test_zeros_of_products_are_shown_where_they_count(iso):
 def test_zeros_of_products_on_straight_tetrahedra_are_those_of_polynomials(iso):
     """They are expanded, and so is what says which of them count."""
     refute(iso, flow(Shape.TETRAHEDRON, bent=False), "lambda2", -1.0, (28, 22), 0.995)
+
+
+@pytest.mark.parametrize("quantity", ["q_criterion", "lambda2"])
+def test_expressions_that_are_too_long_to_expand_have_the_same_hits(iso, monkeypatch, quantity):
+    """On straight tetrahedra, by their formulas: of as many elements coefficients would take too much memory."""
+    dataset, view = flow(Shape.TETRAHEDRON, bent=False), View.through(CAMERA, (28, 22))
+    expanded = iso(dataset, view, quantity, -1.0)
+    monkeypatch.setattr(elements, "_MOST_NUMBERS", 0)
+    monkeypatch.setattr(elements, "_MOST_TIMES", 0)
+    found = iso(dataset, view, quantity, -1.0)
+    sure = (found.status != Status.AMBIGUOUS) & (expanded.status != Status.AMBIGUOUS)
+    assert sure.mean() > 0.8
+    assert (np.isfinite(found.depth) == np.isfinite(expanded.depth))[sure].all()
+    both = sure & np.isfinite(found.depth)
+    assert both.sum() > 20
+    assert np.abs(found.depth[both] - expanded.depth[both]).max() < 1e-10
+
+
+def test_expressions_of_coordinates_alone_are_proved(iso):
+    """They have no field to be made of."""
+    dataset, view = flow(Shape.PYRAMID), View.through(CAMERA, (40, 32))
+    hits = iso(dataset, view, "sin(x)", 0.3)
+    origins, ways = view.every_ray()
+    hit = np.isfinite(hits.depth)
+    assert hit.sum() > 50
+    assert (hits.status != Status.AMBIGUOUS).mean() > 0.99
+    places = (origins + hits.depth[:, None] * ways)[hit]
+    assert np.abs(places[:, 0] - np.arcsin(0.3)).max() < 1e-12
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])

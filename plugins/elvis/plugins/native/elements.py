@@ -41,8 +41,10 @@ HIGHEST = 8
 HIGHEST_STRAIGHT = 16
 #: rounding of the level of another expression, in parts of it
 LEVEL_ROUNDING = 1e-15
-#: degree, on straight tetrahedra too, and coefficients of all elements together, of expressions that are expanded
-_MOST_DEGREES, _MOST_STRAIGHT, _MOST_NUMBERS = 16, 24, 1 << 25
+#: degree, on straight tetrahedra too, of expressions that are expanded
+_MOST_DEGREES, _MOST_STRAIGHT = 16, 24
+#: coefficients of all elements together, or beside those of the expression's fields, of expressions that are expanded
+_MOST_NUMBERS, _MOST_TIMES = 1 << 25, 2
 #: elements whose bounds are found together
 _CELLS = 4096
 #: numbers of an array that is made on the way
@@ -185,7 +187,7 @@ class Elements:
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
         """What a formula is made of, on solid elements."""
         shape, names = self.geometry.shape, tuple(formula.fields)
-        if shape.dimension < 3 or not names or not formula.is_enclosed:
+        if shape.dimension < 3 or not formula.is_enclosed:
             return None
         return Enclosure(
             type=f"LeavesOf<{type}, Given>",
@@ -267,7 +269,8 @@ class Elements:
         degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
         space = even_space(BernsteinSpace(self.geometry.shape, degrees), 0)
         most = _MOST_STRAIGHT if self._is_straight else _MOST_DEGREES
-        if max(space.degrees) > most or space.count * count > _MOST_NUMBERS:
+        own = sum(len(patch) * self._count(patch, expression) for patch in self.patches)
+        if max(space.degrees) > most or space.count * count > max(_MOST_NUMBERS, _MOST_TIMES * own):
             return None
         nets = []
         for patch in self.patches:
@@ -278,6 +281,10 @@ class Elements:
                 nets.append(net.elevate(space))
         coefficients = np.concatenate([net.coefficients for net in nets], axis=1)
         return Net(space, coefficients, np.concatenate([net.error for net in nets]))
+
+    def _count(self, patch: Patch, expression: Expression) -> int:
+        """Coefficients of an expression's fields in one element of a patch."""
+        return sum(field_space(patch, self.names.index(name)).count for name in expression.fields)
 
     def _net_in(self, patch: Patch, rows: Ints, expression: Expression) -> Net | None:
         """The polynomials of an expression on some elements of a patch."""
