@@ -41,10 +41,8 @@ HIGHEST = 8
 HIGHEST_STRAIGHT = 16
 #: rounding of the level of another expression, in parts of it
 LEVEL_ROUNDING = 1e-15
-#: degree, on straight tetrahedra too, of expressions that are expanded
-_MOST_DEGREES, _MOST_STRAIGHT = 16, 24
-#: coefficients of all elements together, or beside those of the expression's fields, of expressions that are expanded
-_MOST_NUMBERS, _MOST_TIMES = 1 << 25, 2
+#: of expressions that are expanded: degree, on straight tetrahedra too; coefficients, and in parts of their fields'
+_MOST_DEGREES, _MOST_STRAIGHT, _MOST_NUMBERS, _MOST_TIMES = 16, 24, 1 << 25, 2
 #: elements whose bounds are found together
 _CELLS = 4096
 #: numbers of an array that is made on the way
@@ -269,7 +267,8 @@ class Elements:
         degrees = tuple(map(max, zip(*(space.degrees for space in spaces), strict=True)))
         space = even_space(BernsteinSpace(self.geometry.shape, degrees), 0)
         most = _MOST_STRAIGHT if self._is_straight else _MOST_DEGREES
-        own = sum(len(patch) * self._count(patch, expression) for patch in self.patches)
+        numbers = [self.names.index(name) for name in expression.fields]
+        own = sum(len(patch) * field_space(patch, number).count for patch in self.patches for number in numbers)
         if max(space.degrees) > most or space.count * count > max(_MOST_NUMBERS, _MOST_TIMES * own):
             return None
         nets = []
@@ -281,10 +280,6 @@ class Elements:
                 nets.append(net.elevate(space))
         coefficients = np.concatenate([net.coefficients for net in nets], axis=1)
         return Net(space, coefficients, np.concatenate([net.error for net in nets]))
-
-    def _count(self, patch: Patch, expression: Expression) -> int:
-        """Coefficients of an expression's fields in one element of a patch."""
-        return sum(field_space(patch, self.names.index(name)).count for name in expression.fields)
 
     def _net_in(self, patch: Patch, rows: Ints, expression: Expression) -> Net | None:
         """The polynomials of an expression on some elements of a patch."""
