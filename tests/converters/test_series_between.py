@@ -5,7 +5,7 @@ import pytest
 from click import UsageError
 
 from elvis.core.moments import Moment
-from elvis.formats import ElvisError, open_series, sample
+from elvis.formats import ElvisError, open_series, read, sample
 from elvis.plugins.series.between import weights, window
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
 from elvis.renderer import render
@@ -180,3 +180,15 @@ def test_titles_and_records_state_the_moment(asked, title, record, tmp_path):
     # t is the time of what is shown
     own = polynomial(frame.position[frame.seen], record[0], 1) + record[0]
     assert np.abs(frame.field[frame.seen] - own).max() < 1e-12
+
+
+@pytest.mark.parametrize(("between", "degree"), [("linear", 1), ("cubic", 3)])
+def test_a_moment_is_converted(between, degree, tmp_path, elvis):
+    files = steps_of(tmp_path, [0.0, 0.5, 1.2, 1.9], lambda p, t: polynomial(p, t, degree))
+    elvis("convert", *files, "--time", "0.8", "--between", between, "-o", tmp_path / "moment.xml")
+    found = read(tmp_path / "moment.xml", tmp_path / "moment.fld")
+    assert found.time == 0.8
+    assert np.abs(sample(found, "u", POINTS)["u"] - polynomial(POINTS, 0.8, degree)).max() < 1e-12
+    with pytest.raises(ElvisError, match=r"expected a time from 0 to 1\.9, found 7"):
+        elvis("convert", *files, "--time", "7", "-o", tmp_path / "none.xml")
+    assert not (tmp_path / "none.xml").exists()

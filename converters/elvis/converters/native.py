@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import MAP_KEY, Expansion
+from elvis.core.dataset import MAP_KEY, Dataset, Expansion
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Composite, Mesh
@@ -56,7 +56,16 @@ class Native(Converter):
         return bool(paths) and all(is_native(path) for path in paths)
 
     def __init__(self, paths: Sequence[Path], composites: str | None = None) -> None:
-        dataset = read(*paths)
+        self._take(read(*paths), composites)
+
+    @classmethod
+    def of(cls, dataset: Dataset, composites: str | None = None) -> Native:
+        """The converter of data at hand."""
+        found = cls.__new__(cls)
+        found._take(dataset, composites)
+        return found
+
+    def _take(self, dataset: Dataset, composites: str | None) -> None:
         names = [field.name for field in dataset.solution]
         self.mesh = dataset.mesh if composites is None else None
         wanted = None if composites is None else _composites_named(dataset.mesh, composites)

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from elvis.core.arguments import between_option, time_option
+from elvis.core.moments import Moment
+
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
-    from elvis.plugins.conversion import Option
+    from elvis.plugins.conversion import Converter, Option
     from elvis.plugins.converting import Conversion
     from elvis.plugins.discovery import Candidate
     from elvis.plugins.report import Report
@@ -19,6 +22,7 @@ EPILOG = """\b
 Examples:
   elvis convert case.pyfrm case-01.pyfrs                    writes case.xml and case.fld
   elvis convert run.pvd -o step3 --step 3                   step3.xml and step3.fld
+  elvis convert run.pvd -o between --time 0.35               what lies between steps, coefficients interpolated
   elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest order on each element that is as good
   elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
@@ -82,6 +86,8 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
 @click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
+@time_option
+@between_option
 @click.option("--order", type=int, help="Order of every field; with --tolerance the highest.  [default: the source's]")
 @click.option("--tolerance", type=float, help="Choose the order by element: the lowest with a smaller relative error.")
 @click.option(
@@ -223,6 +229,8 @@ def _converted(
     plugin: Path | None,
     fields: str | None,
     pairs: dict[str, str],
+    time: float | None,
+    between: str,
     **options: Any,
 ) -> Conversion:
     """The converted data; options that begin with ``converter_`` are the converter's."""
@@ -235,16 +243,35 @@ def _converted(
     own = {key: value for key, value in options.items() if not key.startswith("converter_")}
     names = None if fields is None else tuple(part.strip() for part in fields.split(","))
     settings = Settings(fields=names, **own)
-    converter = choose_converter(in_file(plugin) if plugin else installed_converters(), files, name).converter
-    assert converter is not None
     given = {
         key.removeprefix("converter_").replace("_", "-"): value
         for key, value in options.items()
         if key.startswith("converter_") and value is not None
     }
     with stage(f"reading {', '.join(file.name for file in files)}"):
-        source = converter(files, **with_defaults(converter, {**given, **pairs}))
+        if time is not None:
+            source = _moment(files, name, plugin, {**given, **pairs}, Moment(time=time, between=between))
+        else:
+            found = choose_converter(in_file(plugin) if plugin else installed_converters(), files, name).converter
+            assert found is not None
+            source = found(files, **with_defaults(found, {**given, **pairs}))
     return convert_source(source, settings, files)
+
+
+def _moment(
+    files: tuple[Path, ...], name: str | None, plugin: Path | None, options: dict[str, str], moment: Moment
+) -> Converter:
+    """A moment of a series, in the native form that its steps are brought to; a word on how it was come by."""
+    from elvis.converters.native import Native
+    from elvis.core.terminal import note
+    from elvis.plugins.data import Reading, dataset_of
+
+    composites = options.pop("composites", None)
+    asked = {**options, **({} if name is None else {"from": name})}
+    dataset = dataset_of(files, Reading(None if plugin is None else str(plugin), asked, False, moment))
+    for remark in dataset.remarks:
+        note(remark)
+    return Native.of(dataset, composites)
 
 
 def _print_report(report: Report) -> None:
