@@ -262,6 +262,20 @@ def test_fourier_directions_count():
     assert integrate(dataset, "area", "all").value == pytest.approx(10, rel=1e-12)
 
 
+@pytest.mark.parametrize("mesh", [mixed_volume, lambda: grid(Shape.TRIANGLE, 2)])
+def test_the_faces_of_an_element_have_normals_out_of_it(mesh):
+    dataset = with_random_velocity(curved(mesh(), ripple(0.02), 3), 2)
+    shapes = [shape for shape in dataset.mesh.elements if shape.dimension == dataset.mesh.dimension]
+    for shape in shapes:
+        own = int(dataset.mesh.of(shape).ids[0])
+        lone = replace(dataset.mesh.composites[0], parts=((shape.tag, np.array([own])),), name="lone", id=999)
+        part = replace(dataset, mesh=replace(dataset.mesh, composites=(*dataset.mesh.composites, lone)))
+        rows = integrate(part, "flux", f"element:{own}")
+        assert [row.over for row in rows][:-1] == [f"element:{own}/{k}" for k in range(len(rows) - 1)]
+        within = integrate(part, "divergence", "region:lone").value
+        assert rows.value == pytest.approx(within, abs=1e-13)
+
+
 def test_boundaries_add_up_and_shared_faces_count_once():
     left, low = (lambda p: p[:, 0] == 0), (lambda p: p[:, 1] == 0)
     mesh = named(grid(Shape.HEXAHEDRON, 2), left=left, low=low, both=lambda p: left(p) | low(p))
@@ -302,6 +316,8 @@ def test_elements_without_the_field_do_not_count():
             "there is no boundary 'wal' (perhaps wall); there are domain, all, wall, 100, region:triangle, region:0",
         ),
         ("u", "region:a", "there is no region 'a'"),
+        ("u", "element:77", "there is no element 77 in the data"),
+        ("u", "element:x", "expected element: and the id of an element of 2D or 3D data, found 'element:x'"),
         ("nx", "domain", "nx: nx is known on boundaries and cuts alone"),
         ("volume", "wall", "wall has a length, no volume"),
         ("length", "domain", "domain has an area, no length"),

@@ -118,6 +118,7 @@ def integrate(
     field  quantities: fields, expressions (on boundaries with the outward normal ``nx``, ``ny``, ``nz``), predefined
            ones, ``area``, ``volume``, ``length``, ``force``, ``moment``, ``average(f)``
     over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces,
+           ``element:ID``, the faces of an element,
            ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``, ``EXPRESSION=VALUE`` (an
            isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``
     error  asked for where an integrand is no polynomial, in parts of the integral of its absolute value

@@ -20,8 +20,8 @@ from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elemen
 from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
 
-#: what stands for all elements, and before the name of a region
-DOMAIN, REGION = "domain", "region:"
+#: what stands for all elements, before the name of a region, and before the id of an element whose faces are meant
+DOMAIN, REGION, ELEMENT = "domain", "region:", "element:"
 #: what pieces may be
 Part = Piece | LevelPiece | CurvePiece
 #: what rows are called that have no name of their own: faces in no boundary
@@ -96,6 +96,8 @@ class Places:
             return self._outer()
         if name.startswith(REGION):
             return self._region(name)
+        if name.startswith(ELEMENT) and name not in self.boundaries:
+            return self._faces_of(name)
         if name not in self.boundaries:
             known = [DOMAIN, *((ALL,) if self._mesh.dimension > 1 else ()), *self.boundaries]
             known += [REGION + own for own in self.regions]
@@ -126,6 +128,21 @@ class Places:
             piece.part(np.isin(piece.patch.element_ids, self.regions[own])) for piece in whole_elements(self.patches)
         ]
         return Targets((Target(name, tuple(piece for piece in pieces if len(piece))),))
+
+    def _faces_of(self, name: str) -> Targets:
+        """All faces of one element, edges of 2D ones, a row each; their normals lead out of it."""
+        own = name.removeprefix(ELEMENT)
+        if self._mesh.dimension < 2 or not own.isascii() or not own.isdigit():
+            raise ElvisError(f"expected element: and the id of an element of 2D or 3D data, found {name!r}")
+        rows = []
+        for patch, members in zip(self.patches, self._members, strict=True):
+            here = np.flatnonzero(patch.element_ids == int(own))
+            for number in range(members.shape[1]) if len(here) else ():
+                piece = Piece(patch, here, side_shape(patch.shape, number), number)
+                rows.append(Target(f"{name}/{number}", (piece,)))
+        if not rows:
+            raise ElvisError(f"there is no element {own} in the data")
+        return Targets(tuple(rows), Target("total", tuple(piece for row in rows for piece in row.pieces)))
 
     def _outer(self) -> Targets:
         """All outer faces, a row for each boundary that has some."""
