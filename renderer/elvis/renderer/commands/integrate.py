@@ -39,8 +39,8 @@ Examples:
     metavar="WHAT",
     default=("domain",),
     help="domain, region:NAME, a boundary by name or number, all (outer faces, a row for each boundary), element:ID "
-    "(its faces), plane:POINT:NORMAL, sphere:CENTRE:RADIUS, cylinder:POINT:AXIS:RADIUS, QUANTITY=VALUE, an isosurface, or a "
-    "curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  "
+    "(its faces), plane:POINT:NORMAL, sphere:CENTRE:RADIUS, cylinder:POINT:AXIS:RADIUS, QUANTITY=VALUE, an isosurface, "
+    "or a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  "
     "Repeatable.  [default: domain]",
 )
 @click.option(
