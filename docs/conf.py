@@ -9,6 +9,7 @@ import re
 import sys
 from pathlib import Path
 
+from pygments.lexers.c_cpp import CppLexer
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,6 +57,8 @@ def setup(app: Sphinx) -> None:
     import commands_page
     import notebooks
 
+    # Slang is near enough to C++ for its colours
+    app.add_lexer("slang", CppLexer)
     made = {"docs/commands": commands_page.page, "docs/api": api_page.page}
 
     def read(app: Sphinx, name: str, text: list[str]) -> None:
