@@ -1,0 +1,62 @@
+"""Hits of solids whose records are listed by the tiles of the picture that they reach into: a group a tile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Floats, Ints
+from elvis.renderer.camera import record_of
+from elvis.renderer.device import Kernel
+from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.memory import Buffer
+from elvis.renderer.passes.solids.solids import values_at_hits
+from elvis.renderer.tiles import bin_sections
+from elvis.scene.conditioning import misplaced
+from elvis.scene.view import View
+
+#: what of the hit buffer the device holds
+_HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
+
+
+def listed_in_tiles(
+    loaded: DeviceVolume, kernel: Kernel, name: str, records: NDArray[Any], ends: tuple[Ints, Ints], view: View
+) -> tuple[dict[str, Buffer], Ints]:
+    """Buffers of records (n,) by the kernel's name of them, and of their tiles; how many each tile has to look at.
+
+    ends  the least and the greatest pixel (n, 2) that each reaches
+    """
+    tiles, listed = bin_sections(*ends, kernel.dtype("tiles"), (view.width, view.height))
+    work = (tiles["end"] - tiles["first"]).astype(np.int64)
+    data = {name: records, "listed": listed, "tiles": tiles}
+    return {part: loaded.device.buffer(array) for part, array in data.items()}, work
+
+
+def hits_in_tiles(
+    loaded: DeviceVolume,
+    kernel: Kernel,
+    view: View,
+    buffers: Mapping[str, Buffer],
+    work: Ints,
+    beyond: Floats | None,
+    quantity: str | None,
+    **facts: Any,
+) -> HitBuffer:
+    """The nearest hits behind the depths ``beyond`` (n,) where given, with a quantity's values.
+
+    buffers, work  as of `listed_in_tiles`
+    facts          further numbers of the view's record
+    """
+    device = loaded.device
+    facts |= {"misplaced": misplaced(view, loaded.extent), "count": len(work), "has_beyond": beyond is not None}
+    after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
+    held = new_arrays(device, view.count, _HELD)
+    record = device.buffer(record_of(kernel, "view", view, **facts))
+    output = {**arrays_to_write(device, held), "after": device.buffer(after), "view": record}
+    kernel(len(work), {**buffers, **output}, groups=True, work=work)
+    hits = HitBuffer.on_device(device, held, field=np.empty(0))
+    return hits.showing(values_at_hits(loaded, hits, quantity))
