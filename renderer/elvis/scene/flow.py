@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import TypeAlias, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.streamlines.course import Course, MakeTracer
+from elvis.core.streamlines.course import Course, MakeTracer, components_of
 from elvis.core.streamlines.line_pieces import Curves, curves
 from elvis.core.streamlines.marks import marks
 from elvis.core.streamlines.pathlines import path_curves, streak_curves
@@ -20,6 +20,9 @@ from elvis.scene.errors import SceneError
 from elvis.scene.frusta import Frusta
 from elvis.scene.objects import Streamlines
 from elvis.scene.surfaces import Vector
+
+K = TypeVar("K")
+V = TypeVar("V")
 
 #: radius of tubes where nothing says it, in parts of the diagonal of the box
 RADIUS = 0.003
@@ -36,10 +39,9 @@ _STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictio
 
 def course_of(item: Streamlines) -> Course:
     """What the lines of an object follow."""
-    velocity = texts_of(item.velocity)
     return Course(
         item.seeds,
-        None if velocity is None else tuple(velocity),
+        components_of(item.velocity),
         item.direction,
         item.length,
         item.duration,
@@ -60,17 +62,22 @@ def curves_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) ->
     known = _KNOWN.setdefault(dataset, {})
     if "-" in item.seeds:
         raise SceneError("seeds of streamlines: expected the name of a table, found -")
-    if key not in known:
-        if len(known) >= _MOST:
-            known.clear()
-        try:
-            known[key] = _followed(dataset, *key, make)
-        except ElvisError as error:
-            raise SceneError(f"streamlines: {error}") from error
-    found = known[key]
+    if key not in known and len(known) >= _MOST:
+        known.clear()
+    found = _kept(known, key, lambda: _followed(dataset, *key, make))
     if not found.lines:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
+
+
+def _kept(known: dict[K, V], key: K, make: Callable[[], V]) -> V:
+    """What is known by a key, made where nothing is; SceneError for what making it raises."""
+    if key not in known:
+        try:
+            known[key] = make()
+        except ElvisError as error:
+            raise SceneError(f"streamlines: {error}") from error
+    return known[key]
 
 
 def _followed(dataset: Dataset, course: Course, since: float | None, releases: int | None, make: MakeTracer) -> Curves:
@@ -91,12 +98,7 @@ def ribbons_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -
     """The ribbons of an object, likewise; SceneError, too, where the velocity has no derivatives."""
     found = curves_in(dataset, item, make)
     known = _STRIPS.setdefault(found, {})
-    if item.across not in known:
-        try:
-            known[item.across] = ribbons(dataset, found.pieces, course_of(item).velocity, item.across)
-        except ElvisError as error:
-            raise SceneError(f"streamlines: {error}") from error
-    return known[item.across]
+    return _kept(known, item.across, lambda: ribbons(dataset, found.pieces, course_of(item).velocity, item.across))
 
 
 def heads_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Frusta:
@@ -105,12 +107,7 @@ def heads_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> 
     assert item.arrows is not None
     key = item.arrows, item.arrows_by, item.arrow_length or _head_length(item, found.size)
     known = _HEADS.setdefault(found, {})
-    if key not in known:
-        try:
-            known[key] = _heads(dataset, item, found, *key)
-        except ElvisError as error:
-            raise SceneError(f"streamlines: {error}") from error
-    return known[key]
+    return _kept(known, key, lambda: _heads(dataset, item, found, *key))
 
 
 def _head_length(item: Streamlines, size: float) -> float:

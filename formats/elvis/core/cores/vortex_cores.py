@@ -20,8 +20,9 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
+from elvis.core.streamlines.course import components_of, positive
 from elvis.core.streamlines.neighbours import Neighbours
 
 #: elements at once
@@ -158,15 +159,10 @@ def vortex_cores(
     for name, limit in (("least swirl", least_swirl), ("least length", least_length)):
         if not limit >= 0:
             raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")
-    if spacing is not None and not spacing > 0:
-        raise ElvisError(f"spacing: expected a positive number, found {spacing}")
-    texts = [part.strip() for part in velocity.split(",")] if isinstance(velocity, str) else velocity
+    positive("spacing", spacing)
     names = Names.of(dataset)
-    others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
-    taken = [each.text for each in others if each.text in _TAKEN]
-    if taken:
-        raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
-    parallel = ParallelVectors(dataset, texts, criterion, others)
+    others = column_expressions(fields, names, _TAKEN)
+    parallel = ParallelVectors(dataset, components_of(velocity), criterion, others)
     apart = SPACING * size(parallel.evaluator.patches) if spacing is None else float(spacing)
     arcs: list[WorldArc] = []
     undecided: list[int] = []

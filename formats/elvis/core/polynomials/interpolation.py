@@ -110,3 +110,12 @@ def _collapse(line: Floats, n: int) -> Floats:
     samples = np.einsum("ai,bj->jiba", first, second).reshape(n * n, n * n)
     weighted = modes * weights[:, None]
     return np.asarray(np.linalg.solve(modes.T @ weighted, weighted.T @ samples.T).T)
+
+
+def lagrange_values(nodes: Floats, points: Floats) -> Floats:
+    """(n, k) values at points (n,) of the Lagrange polynomials of nodes (k,)."""
+    found = np.ones((len(points), len(nodes)))
+    for i, node in enumerate(nodes):
+        for other in np.delete(nodes, i):
+            found[:, i] *= (points - other) / (node - other)
+    return found

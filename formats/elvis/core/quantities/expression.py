@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from elvis.core.dataset import Dataset, is_rate
+from elvis.core.errors import ElvisError
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, leaves, whole_exponent
@@ -83,3 +84,15 @@ class Expression:
     def is_field(self) -> bool:
         """Whether it is just a field."""
         return self.root.op == "field" and not self.root.axes
+
+
+def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str]) -> list[Expression]:
+    """Quantities that become columns of a table, each once; ElvisError for one with the name of a column of its own.
+
+    taken  the names of those
+    """
+    found = [Expression.parse(text, names) for text in dict.fromkeys(texts)]
+    bad = [each.text for each in found if each.text in taken]
+    if bad:
+        raise ElvisError(f"the field {bad[0]!r} has the name of a column; an expression such as 1*{bad[0]} has not")
+    return found

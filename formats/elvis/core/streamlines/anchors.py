@@ -10,11 +10,10 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
 from elvis.core.mapping.locate import Locator
 from elvis.core.streamlines.course import REST, diagonal
 from elvis.core.streamlines.seeds import seed_points
-from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+from elvis.core.streamlines.velocity import Velocity, check_dimension, velocity_expressions
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,7 @@ def anchors(dataset: Dataset, points: Any, vector: Sequence[str] | None = None, 
 
     ElvisError for 1D data, for what names no quantity, and for too few components.
     """
-    if dataset.mesh.dimension < 2:
-        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+    check_dimension(dataset)
     expressions = velocity_expressions(dataset, vector)
     velocity = Velocity(dataset, expressions)
     locator = Locator(velocity.patches)

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.locate import Location, Locator
@@ -15,7 +16,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Limits, Tracer
-from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+from elvis.core.streamlines.velocity import Velocity, check_dimension, velocity_expressions
 from elvis.core.streamlines.walls import WallVelocity, check_walls, corners_of, shear_expressions
 
 #: directions: signs of the velocity
@@ -68,6 +69,12 @@ class Course:
             positive(name, getattr(self, name))
 
 
+def components_of(velocity: Sequence[str] | str | None) -> tuple[str, ...] | None:
+    """The components of a velocity, which are texts, or one with commas between them; None for what is customary."""
+    texts = texts_of(velocity) if isinstance(velocity, str) else velocity
+    return None if texts is None else tuple(texts)
+
+
 def positive(name: str, value: float | None) -> None:
     """ElvisError for a number that is given and not positive."""
     if value is not None and not value > 0:
@@ -95,8 +102,7 @@ class Flow:
 
         ElvisError for 1D data, for what names no quantity, too few components, and limits that are not positive.
         """
-        if dataset.mesh.dimension < 2:
-            raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+        check_dimension(dataset)
         course.check()
         velocity, neighbours = _moving(dataset, course, others)
         locator = Locator(velocity.patches)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 
 
@@ -37,3 +38,8 @@ WORDS = {
     End.INVERTED: ("inverted", "met an element that is turned inside out"),
     End.FAILED: ("failed", "could not be followed to the tolerance"),
 }
+
+
+def end_names(boundaries: Sequence[str]) -> tuple[str, ...]:
+    """What each number of an end is called, the names of boundaries last."""
+    return (*(WORDS[end][0] for end in End), *boundaries)

@@ -19,7 +19,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.boxnets import power_net
 from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.dop853 import DEGREE
-from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.first_roots import before, beyond
 from elvis.core.streamlines.tracer import Piece, Tracer
 from elvis.core.streamlines.velocity import Velocity
@@ -157,7 +157,7 @@ def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curve
     make  as `Flow.tracers`
     """
     flow = Flow.of(dataset, course)
-    names = (*(WORDS[end][0] for end in End), *flow.neighbours.names)
+    names = end_names(flow.neighbours.names)
     found, count = [], 0
     ends = np.zeros(len(names), np.int64)
     for direction, tracer in enumerate(flow.tracers(make)):

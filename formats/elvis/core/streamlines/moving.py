@@ -17,6 +17,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.interpolation import lagrange_values
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
@@ -46,17 +47,12 @@ class Interval:
 
     def weights(self, clock: Floats) -> Floats:
         """(n, k) shares of the steps there: values of the Lagrange polynomials of their times."""
-        time = self.time(clock)
-        found = np.ones((len(time), len(self.times)))
-        for i, at in enumerate(self.times):
-            for other in np.delete(self.times, i):
-                found[:, i] *= (time - other) / (at - other)
-        return found
+        return lagrange_values(self.times, self.time(clock))
 
 
 def moving_names(dataset: Dataset) -> Names:
-    """What names stand for along paths: t is a variable, and derivatives in time are not among the fields."""
-    return replace(Names.of(dataset), is_moving=True, rates=None)
+    """What names stand for along paths: t is a variable, and there are no derivatives in time."""
+    return replace(Names.of(dataset), is_moving=True)
 
 
 class InstantPoints(ElementPoints):

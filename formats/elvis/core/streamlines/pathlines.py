@@ -14,19 +14,18 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.mapping.locate import Locator
-from elvis.core.quantities.expression import Expression
+from elvis.core.mapping.locate import Location, Locator
+from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import Course, diagonal, limits_of
-from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
-from elvis.core.streamlines.streamlines import SPACING, Along, Points, Streamlines, collected, joined
+from elvis.core.streamlines.streamlines import SPACING, TAKEN, Along, Points, Streamlines, collected, joined
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Limits, Piece, Tracer
-from elvis.core.streamlines.velocity import velocity_expressions
+from elvis.core.streamlines.velocity import check_dimension, velocity_expressions
 
 #: from one time to another, earlier or later, the intervals between
 Intervals: TypeAlias = Callable[[float, float], Iterator[Interval]]
@@ -36,47 +35,50 @@ _NO_REST = -1.0
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """What particles move in: elements, where they begin, the velocity's components and further quantities."""
+    """What particles move in: elements, where seeds lie in them, the velocity's components and further quantities."""
 
     neighbours: Neighbours
     locator: Locator
-    seeds: Floats
+    location: Location
     limits: Limits
     components: Sequence[Expression]
     slopes: Sequence[Expression]
     others: Sequence[Expression]
 
     @staticmethod
-    def of(dataset: Dataset, course: Course, fields: Sequence[str], has_slopes: bool) -> _Scene:
+    def of(dataset: Dataset, course: Course, fields: Sequence[str] = (), has_slopes: bool = False) -> _Scene:
         """Of the data at one of the steps."""
-        if dataset.mesh.dimension < 2:
-            raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+        check_dimension(dataset)
         names = moving_names(dataset)
         components = velocity_expressions(dataset, course.velocity, names)
         slopes = slope_expressions(dataset, course, names) if has_slopes else []
-        others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
+        others = column_expressions(fields, names, TAKEN)
         interval = Interval(0.0, 1.0, np.zeros(1), (dataset,))
         patches = MovingVelocity(interval, components, [*slopes, *others]).patches
         locator = Locator(patches)
-        seeds = seed_points(dataset, locator, course.seeds, course.random, patches)
+        location = locator.locate(seed_points(dataset, locator, course.seeds, course.random, patches))
         limits = limits_of(diagonal(locator), course, _NO_REST)
-        return _Scene(Neighbours.of(dataset, patches), locator, seeds, limits, components, slopes, others)
+        return _Scene(Neighbours.of(dataset, patches), locator, location, limits, components, slopes, others)
 
     def velocity(self, interval: Interval) -> MovingVelocity:
         """The velocity, and all else that is asked for, in an interval."""
         return MovingVelocity(interval, self.components, [*self.slopes, *self.others])
 
+    def released(self, start: float, stop: float) -> _Particles:
+        """A particle of each seed, all released at the start."""
+        seeds = np.arange(len(self.location))
+        return _Particles(self, seeds, np.full(len(seeds), start), start, 1 if stop > start else -1)
+
 
 class _Particles:
     """Particles under way, released at times of their own: arrays are by particle.
 
-    seeds    (n, d)  where they begin
-    release  (n,)    when, at ``start`` or, by the sign, after it
+    seeds    (n,)  the numbers of the seeds where they begin
+    release  (n,)  when, at ``start`` or, by the sign, after it
     """
 
-    def __init__(self, scene: _Scene, seeds: Floats, release: Floats, start: float, sign: int) -> None:
-        self.scene, self.release, self.start, self.sign = scene, release, start, sign
-        self._location = scene.locator.locate(seeds)
+    def __init__(self, scene: _Scene, seeds: Ints, release: Floats, start: float, sign: int) -> None:
+        self.scene, self.seeds, self.release, self.start, self.sign = scene, seeds, release, start, sign
         self._tracer: Tracer | None = None
 
     @property
@@ -117,12 +119,13 @@ class _Particles:
 
     def _begin(self, velocity: MovingVelocity, interval: Interval, elapsed: float) -> None:
         """Put particles into elements, where they wait."""
-        scene, location = self.scene, self._location
+        scene, location = self.scene, self.scene.location
         limits = replace(scene.limits, duration=elapsed)
         tracer = Tracer(velocity, scene.neighbours, scene.locator, limits, self.sign)
-        tracer.place(location.patch, location.row, np.column_stack([location.reference, self._clock(interval)]))
+        patch, row = location.patch[self.seeds], location.row[self.seeds]
+        tracer.place(patch, row, np.column_stack([location.reference[self.seeds], self._clock(interval)]))
         tracer.time[:] = self.sign * (self.release - self.start)
-        tracer.end[location.patch >= 0] = End.DURATION
+        tracer.end[patch >= 0] = End.DURATION
         self._tracer = tracer
 
 
@@ -149,11 +152,10 @@ def pathlines(
     apart = SPACING * diagonal(scene.locator) if spacing is None else float(spacing)
     directions, exponents = [], []
     for stop in stops:
-        sign = 1 if stop > start else -1
-        particles = _Particles(scene, scene.seeds, np.full(len(scene.seeds), start), start, sign)
+        particles = scene.released(start, stop)
         parts, stretching, count = list[Along](), None, 0
         for velocity, lines in particles.through(intervals(start, stop)):
-            stretching = stretching or Stretching(velocity, [*scene.slopes], len(scene.seeds), sign)
+            stretching = stretching or Stretching(velocity, [*scene.slopes], len(particles.seeds), particles.sign)
             stretching.velocity = velocity
             own = stretching if ftle else None
             points = collected(particles.tracer, lines if not parts else lines[:0], apart, own, count)
@@ -168,11 +170,10 @@ def pathlines(
 
 def path_curves(dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float) -> Curves:
     """The paths of `pathlines` as curves, for pictures of them; seeds alone where the times are the same."""
-    scene = _Scene.of(dataset, course, (), False)
+    scene = _Scene.of(dataset, course)
     if start == stop:
-        return _resting_curves(scene, dataset, np.full(len(scene.seeds), start), start)
-    sign = 1 if stop > start else -1
-    particles = _Particles(scene, scene.seeds, np.full(len(scene.seeds), start), start, sign)
+        return _resting_curves(scene, dataset, start)
+    particles = scene.released(start, stop)
     most = DEVIATION * diagonal(scene.locator)
     found, count = list[Pieces](), 0
     for velocity, _ in particles.through(intervals(start, stop)):
@@ -189,9 +190,7 @@ def path_steps(
     """The steps of `pathlines`, with the velocity of each; none where the times are the same."""
     if start == stop:
         return
-    scene = _Scene.of(dataset, course, (), False)
-    release = np.full(len(scene.seeds), start)
-    particles = _Particles(scene, scene.seeds, release, start, 1 if stop > start else -1)
+    particles = _Scene.of(dataset, course).released(start, stop)
     for velocity, _ in particles.through(intervals(start, stop)):
         for piece in particles.tracer.run():
             yield velocity, piece
@@ -201,34 +200,31 @@ def streak_curves(
     dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float, releases: int
 ) -> Curves:
     """The particles of `streaklines` as curves that stay where they are, for pictures of them."""
-    scene = _Scene.of(dataset, course, (), False)
-    count = len(scene.seeds)
-    release = np.tile(np.linspace(stop, start, releases), count)
+    scene = _Scene.of(dataset, course)
     if start == stop:
-        return _resting_curves(scene, dataset, np.full(count, start), start)
-    particles = _Particles(scene, np.repeat(scene.seeds, releases, axis=0), release, start, 1)
-    points, velocity = _streaks(particles, intervals(start, stop), releases)
+        return _resting_curves(scene, dataset, start)
+    points, velocity, ends = _streaks(scene, intervals, start, stop, releases)
     known = Along.of(points, velocity, ())
     reference = points.state[:, :-2]
     pieces = resting(known.points, reference, known.element, points.line, known.time)
-    return _curves(scene, pieces, particles.tracer.end)
+    return _curves(scene, pieces, ends)
 
 
-def _resting_curves(scene: _Scene, dataset: Dataset, time: Floats, start: float) -> Curves:
+def _resting_curves(scene: _Scene, dataset: Dataset, start: float) -> Curves:
     """Seeds at the time of their release."""
     velocity = scene.velocity(Interval(start, start + 1.0, np.array([start]), (dataset,)))
-    location = scene.locator.locate(scene.seeds)
+    location = scene.location
     there = np.flatnonzero(location.patch >= 0)
     reference = location.reference[there]
     patch, row = location.patch[there], location.row[there]
     places = velocity.positions(patch, row, np.column_stack([reference, np.zeros(len(there))]))
-    pieces = resting(places, reference, location.element_id[there], there, time[there])
+    pieces = resting(places, reference, location.element_id[there], there, np.full(len(there), start))
     return _curves(scene, pieces, np.where(location.patch >= 0, End.DURATION, End.OUTSIDE))
 
 
 def _curves(scene: _Scene, pieces: Pieces, ends: Ints) -> Curves:
     """Pieces of lines that end so (n,)."""
-    names = (*(WORDS[end][0] for end in End), *scene.neighbours.names)
+    names = end_names(scene.neighbours.names)
     counts = np.bincount(ends, minlength=len(names))
     told = {name: int(number) for name, number in zip(names, counts, strict=True) if number}
     return Curves(pieces, int((ends != End.OUTSIDE).sum()), told, diagonal(scene.locator))
@@ -253,21 +249,24 @@ def streaklines(
     releases     at even steps of time, the first and the last one included
     others as in `pathlines`
     """
-    scene = _Scene.of(dataset, course, fields, False)
-    count = len(scene.seeds)
-    times = np.linspace(stop, start, releases)
-    particles = _Particles(scene, np.repeat(scene.seeds, releases, axis=0), np.tile(times, count), start, 1)
-    points, velocity = _streaks(particles, intervals(start, stop), releases)
-    tracer = particles.tracer
-    outside = tracer.end.reshape(count, releases)[:, 0] == End.OUTSIDE
-    ends = np.where(outside, End.OUTSIDE, End.DURATION)
+    scene = _Scene.of(dataset, course, fields)
+    points, velocity, _ = _streaks(scene, intervals, start, stop, releases)
+    ends = np.where(scene.location.patch < 0, End.OUTSIDE, End.DURATION)
     return joined([(ends, [Along.of(points, velocity, scene.others)])], scene.neighbours.names)
 
 
-def _streaks(particles: _Particles, intervals: Iterator[Interval], releases: int) -> tuple[Points, MovingVelocity]:
-    """Where particles that are not at their ends are after intervals, and the velocity there; lines are seeds."""
+def _streaks(
+    scene: _Scene, intervals: Intervals, start: float, stop: float, releases: int
+) -> tuple[Points, MovingVelocity, Ints]:
+    """Where particles of each seed that are not at their ends are, the velocity there, and how all of them end (n,).
+
+    Lines are seeds, and begin with the particle that was released last.
+    """
+    seeds = np.repeat(np.arange(len(scene.location)), releases)
+    release = np.tile(np.linspace(stop, start, releases), len(scene.location))
+    particles = _Particles(scene, seeds, release, start, 1)
     velocity = None
-    for moved, _ in particles.through(intervals):
+    for moved, _ in particles.through(intervals(start, stop)):
         velocity = moved
         for _ in particles.tracer.run():
             pass
@@ -276,5 +275,5 @@ def _streaks(particles: _Particles, intervals: Iterator[Interval], releases: int
     there = np.flatnonzero(tracer.end == End.DURATION)
     # a particle that is released at the end has not moved, but is in the last interval
     tracer.state[there, -2] = 1.0
-    own = tracer.patch[there], tracer.row[there], particles.release[there], tracer.state[there]
-    return Points(there // releases, *own), velocity
+    own = tracer.patch[there], tracer.row[there], release[there], tracer.state[there]
+    return Points(seeds[there], *own), velocity, tracer.end

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arguments import texts_of
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
-from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
-from elvis.core.streamlines.course import Course, Flow, MakeTracer, positive
-from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.course import Course, Flow, MakeTracer, components_of, positive
+from elvis.core.streamlines.endings import WORDS, End, end_names
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Piece, Tracer, points_within
 from elvis.core.streamlines.velocity import Velocity
@@ -28,7 +27,7 @@ SPACING = 0.005
 #: what is known at every point
 _AT_POINTS = ("time", "length", "element", "velocity")
 #: names of columns and arrays, which no quantity may have
-_TAKEN = (
+TAKEN = (
     *_AT_POINTS,
     "line",
     "seed",
@@ -159,14 +158,9 @@ def trace(
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
-    texts = texts_of(velocity) if isinstance(velocity, str) else velocity
     names = Names.of(dataset)
-    others = [Expression.parse(text, names) for text in dict.fromkeys(fields)]
-    taken = [each.text for each in others if each.text in _TAKEN]
-    if taken:
-        raise ElvisError(f"the field {taken[0]!r} has the name of a column; an expression such as 1*{taken[0]} has not")
-    components = None if texts is None else tuple(texts)
-    course = Course(seeds, components, direction, length, duration, speed, steps, tolerance, random, wall)
+    others = column_expressions(fields, names, TAKEN)
+    course = Course(seeds, components_of(velocity), direction, length, duration, speed, steps, tolerance, random, wall)
     slopes = slope_expressions(dataset, course) if ftle else []
     flow = Flow.of(dataset, course, [*others, *slopes])
     positive("spacing", spacing)
@@ -283,7 +277,7 @@ def joined(
         np.concatenate([[0], np.cumsum(counts)]),
         np.concatenate([np.arange(len(ends)) for ends, _ in directions]),
         np.concatenate([ends for ends, _ in directions]),
-        (*(WORDS[end][0] for end in End), *names),
+        end_names(names),
         column("points"),
         column("time"),
         column("length"),

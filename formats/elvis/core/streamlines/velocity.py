@@ -23,6 +23,12 @@ from elvis.core.shapes import Shape
 _SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
+def check_dimension(dataset: Dataset) -> None:
+    """ElvisError for 1D data."""
+    if dataset.mesh.dimension < 2:
+        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+
+
 def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None, names: Names | None = None) -> list[Expression]:
     """The components of a velocity: given as texts, or what is customary in the data.
 

@@ -15,6 +15,7 @@ import numpy as np
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.moments import BETWEEN
+from elvis.core.polynomials.interpolation import lagrange_values
 
 #: how many steps each way from steps to the time between them looks at
 STEPS_OF = dict(zip(BETWEEN, (2, 4, 1), strict=True))
@@ -44,11 +45,7 @@ def window(times: Floats, time: float, count: int) -> list[int]:
 
 def weights(times: Floats, time: float) -> Floats:
     """(n,) values at a time of the Lagrange polynomials of ``times`` (n,)."""
-    own = np.ones(len(times))
-    for i, at in enumerate(times):
-        others = np.delete(times, i)
-        own[i] = np.prod((time - others) / (at - others))
-    return own
+    return np.asarray(lagrange_values(times, np.array([time]))[0])
 
 
 def combined(steps: Sequence[Dataset], factors: Floats) -> tuple[Dataset, tuple[str, ...]]:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arguments import texts_of
 from elvis.core.errors import ElvisError
-from elvis.core.streamlines.course import DIRECTIONS, Course, positive
+from elvis.core.streamlines.course import DIRECTIONS, Course, components_of, positive
 from elvis.core.streamlines.moving import Interval
 from elvis.core.streamlines.pathlines import pathlines as paths_through
 from elvis.core.streamlines.pathlines import streaklines as streaks_through
@@ -17,8 +16,8 @@ from elvis.core.streamlines.streamlines import Streamlines
 from elvis.plugins.series.between import NEAR, is_one_mesh
 from elvis.plugins.series.series import Series
 
-#: what may be between steps: paths need a velocity that is continuous in time
-_BETWEEN = ("linear", "cubic")
+#: what may be between steps, as paths need a velocity that is continuous in time, and the order of the error then
+ORDERS = {"linear": 2, "cubic": 4}
 
 
 def pathlines(
@@ -115,11 +114,9 @@ def _course(
     tolerance: float | None,
     random: int,
 ) -> Course:
-    texts = texts_of(velocity) if isinstance(velocity, str) else velocity
-    components = None if texts is None else tuple(texts)
     # the duration is that of the series where none is given, so the length has no limit of its own
     limit = np.inf if duration is None else duration
-    course = Course(seeds, components, direction, length, limit, speed, steps, tolerance, random)
+    course = Course(seeds, components_of(velocity), direction, length, limit, speed, steps, tolerance, random)
     course.check()
     return course
 
@@ -128,8 +125,8 @@ class _Time:
     """The time of a series, between whose steps coefficients are interpolated."""
 
     def __init__(self, series: Series, between: str) -> None:
-        if between not in _BETWEEN:
-            raise ElvisError(f"paths: expected {' or '.join(_BETWEEN)} between steps, found {between!r}")
+        if between not in ORDERS:
+            raise ElvisError(f"paths: expected {' or '.join(ORDERS)} between steps, found {between!r}")
         self._series, self._between = series, between
         self._slack = NEAR * float(np.abs(series.times).max())
         first, last = series.readable_around(float(series.times[0]), 1)[0], series.last_readable()

@@ -113,14 +113,14 @@ def trace(
         )
     velocity = texts_of(followed.velocity)
     found: Streamlines
+    if releases is not None and kind != "streaklines":
+        raise ElvisError("--releases: expected --kind streaklines with it")
     if kind != "streamlines":
         found = _in_time(
             kind, data, followed, velocity, releases=releases, spacing=spacing, fields=quantities, ftle=ftle
         )
         _report(found, output, as_json)
         return
-    if releases is not None:
-        raise ElvisError("--releases: expected --kind streaklines with it")
     source = data.source()
     asked |= {"ftle": ftle, "spacing": spacing, "fields": quantities}
     with stage("following lines"):
@@ -146,7 +146,7 @@ def _in_time(
     """Paths or streaks in a series; ElvisError for settings that these have not."""
     from elvis.core.moments import checked_step
     from elvis.core.terminal import note, stage
-    from elvis.plugins.series.paths import pathlines, streaklines
+    from elvis.plugins.series.paths import ORDERS, pathlines, streaklines
 
     if followed.wall is not None:
         raise ElvisError(f"--wall: expected streamlines, found {kind}, which don't lie on walls")
@@ -157,8 +157,6 @@ def _in_time(
     if data.step is not None:
         own["start"] = float(series.times[checked_step(data.step, len(series))])
     if kind == "pathlines":
-        if releases is not None:
-            raise ElvisError("--releases: expected --kind streaklines with it")
         further = ("direction", "length", "speed", "steps")
         own |= {"spacing": spacing, "ftle": ftle, **{name: getattr(followed, name) for name in further}}
         with stage("following particles"):
@@ -170,8 +168,7 @@ def _in_time(
             raise ElvisError(f"streaklines: expected no {given[0] if given else '--direction'}")
         with stage("following particles"):
             found = streaklines(series, list(followed.seeds), releases=releases or 101, **own)
-    orders = {"linear": 2, "cubic": 4}
-    note(f"between steps coefficients are interpolated in time ({data.between}, of order {orders[data.between]})")
+    note(f"between steps coefficients are interpolated in time ({data.between}, of order {ORDERS[data.between]})")
     for remark in series.told:
         note(remark)
     return found
