@@ -4,21 +4,14 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from elvis.core.arguments import texts_of
-from elvis.scene.settings import Model, Quantity, Setting
+from elvis.scene.settings import Components, Model, Setting
 
 
 @dataclass(frozen=True, repr=False)
 class Lic(Model, of="line integral convolution"):
     """Streaks along a velocity on a surface: noise of the picture, averaged along lines of its part in the surface."""
 
-    velocity: Annotated[
-        Quantity | None,
-        Setting(
-            "Its components, any quantities, with commas between them.",
-            metavar="U,V,W",
-            default="u,v,w, rhou/rho, … as named",
-        ),
-    ] = None
+    velocity: Components = None
     length: Annotated[
         float,
         Setting("Length in pixels of the lines that noise is averaged along.", gt=0, le=1000, unit="pixels"),

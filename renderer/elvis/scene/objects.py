@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from elvis.core.seed_forms import FORMS
 from elvis.scene.convolution import Lic
-from elvis.scene.settings import Model, PaletteName, Quantity, Seeds, Setting, check
+from elvis.scene.settings import Components, Model, PaletteName, Quantity, Seeds, Setting, check
 from elvis.scene.surfaces import Surface, Vector
 
 #: what is the same for all colours
@@ -272,14 +272,7 @@ class Streamlines(Model, of="streamlines"):
             repeatable=True,
         ),
     ]
-    velocity: Annotated[
-        Quantity | None,
-        Setting(
-            "Its components, any quantities, with commas between them.",
-            metavar="U,V,W",
-            default="u,v,w, rhou/rho, … as named",
-        ),
-    ] = None
+    velocity: Components = None
     direction: Annotated[
         Literal["forward", "backward", "both"],
         Setting(

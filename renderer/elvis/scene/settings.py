@@ -176,6 +176,15 @@ PaletteName: TypeAlias = Annotated[str, Text("palette")]
 Seeds: TypeAlias = Annotated[str, Text("seeds")]
 #: a field, an expression or a predefined quantity
 Quantity: TypeAlias = Annotated[str, Text("expression")]
+#: a velocity that is followed, or None for what is customary
+Components: TypeAlias = Annotated[
+    Quantity | None,
+    Setting(
+        "Its components, any quantities, with commas between them.",
+        metavar="U,V,W",
+        default="u,v,w, rhou/rho, … as named",
+    ),
+]
 #: the files of another dataset, and the name that expressions have for it
 OtherFiles: TypeAlias = Annotated[str, Text("other")]
 
