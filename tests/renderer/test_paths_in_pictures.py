@@ -93,8 +93,9 @@ def test_what_has_no_paths(files):
 
 
 def test_films_read_the_fields_of_velocities_that_nothing_names(files, tmp_path):
-    """Of native files only fields that are needed are read: u is drawn, lines and arrows need v as well."""
+    """Of native files only fields that are needed are read: u is drawn, lines, arrows and streaks need v as well."""
     lines = Streamlines(("point:0.3,0.5",), radius=RADIUS)
     arrows = Glyphs(("plane:0,0,0:0,0,1:4",), length=0.1)
     frame = render(*files, "u", objects=[lines, arrows], time=1.3, size=(24, 24), camera="top", device="reference")
     assert frame.seen.any()
+    assert render(*files, "u", lic=True, time=1.3, size=(24, 24), device="reference").seen.any()

@@ -34,11 +34,15 @@ def quantities(scene: Scene) -> tuple[str, ...]:
 
 def vector_components(scene: Scene) -> tuple[str, ...]:
     """What the vectors of a scene are made of, each once; the speed stands for a velocity that nothing names."""
-    names: list[str] = []
+    given: list[str | None] = []
     for item in scene.every_object:
-        if isinstance(item, Streamlines | Glyphs):
-            given = item.velocity if isinstance(item, Streamlines) else item.vector
-            names += texts_of(given) or ["speed"]
+        if isinstance(item, Streamlines):
+            given.append(item.velocity)
+        if isinstance(item, Glyphs):
+            given.append(item.vector)
+        if not isinstance(item, VolumeRendering) and item.style.lic:
+            given.append(item.style.lic.velocity)
+    names = [name for vector in given for name in texts_of(vector) or ["speed"]]
     return tuple(dict.fromkeys(names))
 
 
