@@ -42,7 +42,7 @@ def cube(linear):
 
 
 def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
-    monkeypatch.setattr(canvas, "free_memory", lambda: 1e7)
+    monkeypatch.setattr(canvas, "_free_memory", lambda second: 1e7)
     for scene in ({"objects": (Faces(),)}, {"plane": PLANE}):
         with pytest.raises(SceneError, match=r"200 x 100 pixels takes 0\.0 GiB of memory, .* or for a \.png alone"):
             draw(cube, camera=NEAR, size=(200, 100), **scene)
@@ -52,7 +52,7 @@ def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
 def test_the_need_of_memory_is_that_of_the_record_and_of_what_is_drawn_at_once(monkeypatch):
     """400 million pixels: some gigabytes without a record, 80 with one."""
     view = view_of(Scene("u", camera=NEAR, size=(20000, 20000)))
-    monkeypatch.setattr(canvas, "free_memory", lambda: 6e9)
+    monkeypatch.setattr(canvas, "_free_memory", lambda second: 6e9)
     canvas.check_memory(view, False, canvas.BAND)
     with pytest.raises(SceneError, match=r"20000 x 20000 pixels takes 8\d\.\d GiB of memory, 5\.6 GiB are free"):
         canvas.check_memory(view, True, canvas.BAND)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from math import inf
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any
 
 import numpy as np
@@ -226,11 +226,17 @@ def _no_record(shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
     return _record(shape, lambda shape, value: np.broadcast_to(np.array(value), shape))
 
 
+@lru_cache(maxsize=1)
+def _free_memory(second: int) -> float:
+    """Bytes that are free, asked for once in a second: it takes milliseconds, of each frame while a camera turns."""
+    return free_memory()
+
+
 def check_memory(view: View, records: bool, most: int) -> None:
     """SceneError where a picture takes more memory than is free, if ``most`` pixels are drawn at once."""
     need = view.count * BYTES[records] + min(view.count, most) * BYTES_AT_ONCE
     # the system takes longer to tell what is free than a small picture to be drawn
-    free = free_memory() if need > LITTLE else inf
+    free = _free_memory(int(monotonic())) if need > LITTLE else inf
     if need > free:
         alone = ", or for a .png alone" if records else ""
         raise SceneError(

@@ -339,18 +339,25 @@ class Stages:
 
     def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
         """What is seen of a draw call, from near to far: the hits that no clip takes away, while any shine through."""
+        others = [clip for clip in clips if clip.surface != draw_call.surface]
+        opacity = draw_call.style.opacity
         beyond, through = None, 1.0
         while through > FAINT:
             hits = draw_call.draw(view, beyond)
-            hit = hits.owner != NOBODY
-            others = [clip for clip in clips if clip.surface != draw_call.surface]
-            gone, unsure, clear = self.hidden_by(hits, view, others)
-            yield hits.clip(gone, unsure, clear) if np.isfinite(clear).any() else hits
-            through *= 1.0 - draw_call.style.opacity if not gone.any() else 1.0
-            further = hit if draw_call.style.opacity < 1.0 else gone
+            shown, gone = self._clipped(hits, view, others)
+            yield shown
+            through *= 1.0 - opacity if not gone.any() else 1.0
+            further = hits.owner != NOBODY if opacity < 1.0 else gone
             if draw_call.once or not further.any():
                 return
             beyond = np.where(further, hits.depth + SAME * (self.loaded.extent + np.abs(hits.depth)), np.inf)
+
+    def _clipped(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[HitBuffer, Bools]:
+        """What clips leave of hits, and (n,) the hits that they take away; without clips nothing is read."""
+        if not clips:
+            return hits, np.zeros(view.count, bool)
+        gone, unsure, clear = self.hidden_by(hits, view, clips)
+        return hits.clip(gone, unsure, clear) if np.isfinite(clear).any() else hits, gone
 
     def hidden_by(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools, Floats]:
         """(n,) hits that lie where nothing is to be shown, (n,) those of which that is not certain, and (n,) how near

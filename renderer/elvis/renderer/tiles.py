@@ -51,21 +51,25 @@ class Tiles:
 
 def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     """Tiles of TILE x TILE pixels that cover the bounds (n, 4) of sections, but those that x + y or x - y cut off."""
-    across = (most[:, 0] - least[:, 0]) // TILE + 1
-    along = (most[:, 1] - least[:, 1]) // TILE + 1
+    low, high = (np.ascontiguousarray(some.T, np.int32) for some in (least, most))
+    across = (high[0] - low[0]) // TILE + 1
+    along = (high[1] - low[1]) // TILE + 1
 
-    # number the tiles of every section
+    # number the tiles of every section; short numbers are sooner divided
     counts = across * along
     owner = np.repeat(np.arange(len(least)), counts)
-    index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    x = least[owner, 0] + TILE * (index % across[owner])
-    y = least[owner, 1] + TILE * (index // across[owner])
+    index = np.arange(len(owner), dtype=np.int32)
+    index -= np.repeat((np.cumsum(counts) - counts).astype(np.int32), counts)
+    wide = across[owner]
+    row = index // wide
+    x = low[0, owner] + TILE * (index - row * wide)
+    y = low[1, owner] + TILE * row
 
     # keep those that the diagonal bounds touch
     last = TILE - 1
-    kept = (x + y + 2 * last >= least[owner, 2]) & (x + y <= most[owner, 2])
-    kept &= (x - y + last >= least[owner, 3]) & (x - y - last <= most[owner, 3])
-    return Tiles(owner[kept], x[kept].astype(np.int32), y[kept].astype(np.int32))
+    kept = (x + y + 2 * last >= low[2, owner]) & (x + y <= high[2, owner])
+    kept &= (x - y + last >= low[3, owner]) & (x - y - last <= high[3, owner])
+    return Tiles(owner[kept], x[kept], y[kept])
 
 
 def tiles_by_section(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -91,15 +95,26 @@ def bin_sections(
     columns = int(pairs.x.max(initial=0)) // TILE + 1
     order = order_of(pairs.y // TILE * columns + pairs.x // TILE)
     place = places_of(pairs.x, pairs.y)[order]
-    places = np.unique(place) if size is None else _all_places(*size)
-    first, end = np.searchsorted(place, places, side="left"), np.searchsorted(place, places, side="right")
-    return _records(*corners_of(places), first, end, dtype), pairs.section[order].astype(np.uint32)
+    first = np.flatnonzero(np.diff(place, prepend=-1))
+    end = np.append(first, len(place))[1:]
+    listed = pairs.section[order].astype(np.uint32)
+    if size is None:
+        return _records(*corners_of(place[first]), first, end, dtype), listed
+
+    # tiles that see no section are there, too
+    places = _all_places(*size)
+    tiles = empty_tiles(places, dtype)
+    own = np.searchsorted(places, place[first])
+    tiles["first"][own], tiles["end"][own] = first, end
+    return tiles, listed
 
 
 def order_of(keys: NDArray[Any]) -> NDArray[np.int64]:
     """(n,) the order of keys (n,), equal ones as they were: by digits, which is sooner done, where few differ."""
     least, most = (int(keys.min()), int(keys.max())) if len(keys) else (0, 0)
-    if most - least < 1 << 22:
+    if most - least < 1 << 16:
+        keys = (keys - least).astype(np.uint16)
+    elif most - least < 1 << 22:
         # numbers without gaps, which NumPy sorts by their digits where they have 16 bits
         is_there = np.zeros(most - least + 1, bool)
         is_there[keys - least] = True

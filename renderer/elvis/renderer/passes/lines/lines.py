@@ -7,7 +7,7 @@ element's own border; mesh lines are where the facets of an element's reference 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -78,35 +78,6 @@ class Marks:
 
 
 @dataclass(frozen=True, eq=False)
-class WorkItems:
-    """Elements to be searched around pixels, (n,) each, as the records of line.slang."""
-
-    pixel: NDArray[Any]
-    base: NDArray[Any]
-    element: NDArray[Any]
-    whole: NDArray[Any]
-
-    @staticmethod
-    def around(pixel: NDArray[Any], element: NDArray[Any], whole: int = 0) -> WorkItems:
-        """Work items whose elements are hit at the pixels themselves."""
-        return WorkItems(pixel, pixel, element, np.full(len(pixel), whole))
-
-    def and_those(self, found: NDArray[Any]) -> WorkItems:
-        """The items of a kernel's records, then these."""
-        return WorkItems(*(np.append(found[item.name], getattr(self, item.name)) for item in fields(WorkItems)))
-
-    def __getitem__(self, chosen: Any) -> WorkItems:
-        return WorkItems(self.pixel[chosen], self.base[chosen], self.element[chosen], self.whole[chosen])
-
-    def records(self, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """As a kernel has them."""
-        records = np.zeros(len(self.pixel), dtype)
-        for item in fields(WorkItems):
-            records[item.name] = getattr(self, item.name)
-        return records
-
-
-@dataclass(frozen=True, eq=False)
 class _Work:
     """A stage on a hit buffer, for the items of one part.
 
@@ -144,7 +115,7 @@ class Lines:
         """The same lines as short straight ones, the records Stroke of line.slang; those that other parts hide too."""
         buffers, items, size = self._prepare(view, hits, values, 1.0, quantity)
         kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
-        kernel.capacity = max(kernel.capacity, 4 * len(items.pixel))
+        kernel.capacity = max(kernel.capacity, 4 * len(items))
 
         def run(lists: dict[str, Buffer]) -> None:
             self._run("line_draw", view, hits, items, {**buffers, **lists}, quantity, **size, traced=1)
@@ -153,16 +124,18 @@ class Lines:
 
     def _prepare(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
-    ) -> tuple[dict[str, Buffer], WorkItems, dict[str, float]]:
+    ) -> tuple[dict[str, Buffer], NDArray[Any], dict[str, float]]:
         """What line_draw needs for contours: buffers, items to be searched, and numbers of its record."""
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = self._buffers(view, hits, width)
         buffers |= {"levels": self._device.buffer(levels), "bounds": self._loaded.every(quantity)[1]}
         buffers |= {"hit_depth": self._device.buffer(np.zeros(1))} if hits.flat is not None else {}
-        slivers = self._slivers(view, hits, levels, quantity)
         smooth = all(self._is_polynomial(number, quantity) for number in range(len(self._loaded.parts)))
-        items = slivers.and_those(self._find_items(view, hits, buffers, len(levels), smooth))
+        items = self._find_items(view, hits, buffers, len(levels), smooth)
+        if hits.sections is not None and len(levels):
+            slivers = _work_items(*self._slivers(view, hits, levels, quantity), items.dtype, whole=2)
+            items = np.concatenate([items, slivers])
         return buffers, items, {"half_width": 0.5 * width + 0.5, "levels": len(levels), "offset": hits.offset}
 
     def mesh(self, view: View, hits: HitBuffer, width: float) -> Marks:
@@ -171,7 +144,8 @@ class Lines:
         side = hits.owner if hits.side is None else hits.side
         near = np.flatnonzero(_near_others(side.reshape(view.height, view.width), int(np.ceil(half_width))))
         near = near[hits.owner[near] != NOBODY]
-        items = WorkItems.around(near, hits.owner[near])
+        dtype = self._device.kernel("line_border", self._loaded.parts[0]).dtype("items")
+        items = _work_items(near, hits.owner[near], dtype)
         self._run("line_border", view, hits, items, buffers, half_width=half_width)
         return Marks(self._device, buffers["marks"], width, hits.owner)
 
@@ -183,10 +157,9 @@ class Lines:
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> WorkItems:
-        """Work items of thin sections that may show in a pixel's square but own none of the nine pixels around it."""
-        if hits.sections is None or not len(levels):
-            return WorkItems.around(np.zeros(0, np.int64), np.zeros(0, np.uint32))
+    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> tuple[Ints, NDArray[Any]]:
+        """Pixels (n,), and elements (n,) whose thin sections may show in their squares but own none of nine around."""
+        assert hits.sections is not None
         sections, (ends, _) = hits.sections, self._loaded.every(quantity)
         low, high = ends[sections["element"]].T
         sections = sections[np.searchsorted(levels, low) < np.searchsorted(levels, high, "right")]
@@ -201,7 +174,7 @@ class Lines:
         corner, free = pixel + 2 * (pixel // view.width), np.ones(len(pixel), bool)
         for k in range(9):
             free &= around[corner + (k // 3 * (view.width + 2) + k % 3)] != element
-        return WorkItems.around(pixel[free], element[free], whole=2)
+        return pixel[free], element[free]
 
     def _is_polynomial(self, number: int, quantity: str | None) -> bool:
         """Whether a part's map and quantity are polynomials, which have neither poles nor jumps in an element."""
@@ -224,14 +197,14 @@ class Lines:
         stage: str,
         view: View,
         hits: HitBuffer,
-        items: WorkItems,
+        items: NDArray[Any],
         buffers: dict[str, Buffer],
         quantity: str | None = None,
         **size: float,
     ) -> None:
         """A stage over the items of each part, sorted by element."""
         items = _waves(items)
-        ends = np.searchsorted(items.element, self._loaded.first)
+        ends = np.searchsorted(items["element"], self._loaded.first)
         for number in range(len(self._loaded.parts)):
             work = _Work(stage, view, hits, number, quantity, buffers, size)
             own = items[ends[number] : ends[number + 1]]
@@ -239,26 +212,26 @@ class Lines:
                 own = self._draw_first(work, own)
             self._run_part(work, own)
 
-    def _draw_first(self, work: _Work, own: WorkItems) -> WorkItems:
+    def _draw_first(self, work: _Work, own: NDArray[Any]) -> NDArray[Any]:
         """Draws contours in squares that take few cells; returns the items of the rest, which keep others waiting."""
-        unsure = np.flatnonzero(own.whole != 1)
+        unsure = np.flatnonzero(own["whole"] != 1)
         if len(unsure) > _SIFTED:
             # most of the squares that several elements have hold no contour
-            possible = np.ones(len(own.pixel), bool)
-            possible[unsure] = self._tell(work, own[unsure], _POSSIBLE)
-            own = own[possible]
-        return own[np.flatnonzero(self._tell(work, own, _MANY))]
+            possible = np.ones(len(own), bool)
+            possible[unsure] = self._tell(work, own.take(unsure), _POSSIBLE)
+            own = own.take(np.flatnonzero(possible))
+        return own.take(np.flatnonzero(self._tell(work, own, _MANY)))
 
-    def _tell(self, work: _Work, own: WorkItems, what: int) -> NDArray[np.uint32]:
+    def _tell(self, work: _Work, own: NDArray[Any], what: int) -> NDArray[np.uint32]:
         """(n,) what line_draw tells of the items' squares, 1 for yes."""
-        count = len(own.pixel)
+        count = len(own)
         work.buffers["told"] = self._device.empty(np.uint32, count)
         self._run_part(replace(work, size={**work.size, "telling": what}), own)
         return self._device.read(work.buffers["told"], np.uint32, count)
 
-    def _run_part(self, work: _Work, own: WorkItems) -> None:
+    def _run_part(self, work: _Work, own: NDArray[Any]) -> None:
         """A stage over items of a part."""
-        count = len(own.pixel)
+        count = len(own)
         if not count:
             return
         number, hits = work.number, work.hits
@@ -273,12 +246,12 @@ class Lines:
             "smooth": self._is_polynomial(number, work.quantity),
         }
         data = {
-            "items": own.records(kernel.dtype("items")),
+            "items": own,
             "facets": facets,
             "view": record_of(kernel, "view", work.view, **facts, **work.size),
         }
         brought = {name: self._device.buffer(some) for name, some in data.items()}
-        brought["references"] = self._device.buffer(hits.reference[own.base]) if packed else hits.held["reference"]
+        brought["references"] = self._device.buffer(hits.reference[own["base"]]) if packed else hits.held["reference"]
         kernel(count, {**self._loaded.bindings(number, work.quantity), **work.buffers, **brought})
 
     def facets(self, number: int) -> Floats:
@@ -296,21 +269,33 @@ class Lines:
         return np.asarray(rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]])
 
 
-def _waves(items: WorkItems) -> WorkItems:
+def _work_items(pixel: Ints, element: NDArray[Any], dtype: np.dtype[Any], whole: int = 0) -> NDArray[Any]:
+    """(n,) WorkItem records of line.slang: elements hit at pixels, to be searched around these."""
+    items = np.zeros(len(pixel), dtype)
+    items["pixel"] = items["base"] = pixel
+    items["element"] = element
+    items["whole"] = whole
+    return items
+
+
+def _waves(items: NDArray[Any]) -> NDArray[Any]:
     """Work items by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    order = order_of(items.element)
-    element = items.element[order]
-    first = np.flatnonzero(np.diff(element.astype(np.int64), prepend=-1))
-    counts = np.diff(np.append(first, len(element)))
+    order = order_of(items["element"])
+    items = items.take(order)
+    first = np.flatnonzero(np.diff(items["element"].astype(np.int64), prepend=-1))
+    counts = np.diff(np.append(first, len(items)))
     rooms = -(-counts // WAVE) * WAVE
 
     # rooms that hold no item have the first one of their element, without a pixel
-    place = np.arange(len(element)) + np.repeat(np.cumsum(rooms - counts) - (rooms - counts), counts)
-    filled = np.repeat(order[first], rooms)
-    filled[place] = order
-    pixel = np.full(len(filled), NOBODY)
-    pixel[place] = items.pixel[order]
-    return replace(items[filled], pixel=pixel)
+    spare = np.cumsum(rooms - counts) - (rooms - counts)
+    place = np.arange(len(items)) + np.repeat(spare, counts)
+    filled = np.repeat(first, rooms)
+    filled[place] = np.arange(len(items))
+    found = items.take(filled)
+    pixel = np.full(len(filled), NOBODY, np.uint32)
+    pixel[place] = items["pixel"]
+    found["pixel"] = pixel
+    return found
 
 
 def line_coverage(distance: Floats, width: float) -> Floats:
