@@ -15,11 +15,11 @@ from elvis.core.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
+from elvis.plugins.host_patch import HostPatch
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, PartsVolume
-from elvis.reference.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.reference.picture import render as render_reference
 from elvis.renderer import (

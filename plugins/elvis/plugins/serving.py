@@ -55,21 +55,30 @@ def _open(opened: PluginData, texts: Sequence[str]) -> Volume:
     """A plugin's volume; expressions are made of the values and gradients of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]
+    volumes = volumes_of(opened, expressions)
+    volume = next(iter(volumes.values()))
+    if expressions[0].is_field and len(expressions) == 1:
+        return volume
+    parts = [
+        _express(Fields(dict(zip(volumes, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
+        for own in zip(*(other.parts for other in volumes.values()), strict=True)
+    ]
+    return PartsVolume(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
+
+
+def volumes_of(opened: PluginData, expressions: Sequence[Expression]) -> dict[str, Volume]:
+    """A plugin's volumes by those fields that expressions have, its first one where they have none.
+
+    ElvisError where there is no field, and for fields on different elements.
+    """
     used = tuple(dict.fromkeys(name for each in expressions for name in each.fields)) or opened.fields[:1]
     if not used:
         raise ElvisError(f"the plugin {opened.name} has opened a mesh but no field: give the field file too")
     volumes = {name: opened.volume(name) for name in used}
-    volume = volumes[used[0]]
-    if expressions[0].is_field and len(expressions) == 1:
-        return volume
     for name, other in volumes.items():
-        if list(map(_kind, other.parts)) != list(map(_kind, volume.parts)):
+        if list(map(_kind, other.parts)) != list(map(_kind, volumes[used[0]].parts)):
             raise ElvisError(f"the plugin {opened.name} has {used[0]} and {name} on different elements: take one")
-    parts = [
-        _express(Fields(dict(zip(used, own, strict=True)), volume.shader_folder, volume.dimension), expressions)
-        for own in zip(*(other.parts for other in volumes.values()), strict=True)
-    ]
-    return PartsVolume(parts, Path(volume.shader_folder), volume.dimension, getattr(volume, "faces", None))
+    return volumes
 
 
 def _kind(part: Part) -> tuple[str, bytes]:

@@ -14,7 +14,7 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import margins
 from elvis.core.patch import Patch
-from elvis.reference.host_patch import HostPatch
+from elvis.plugins.host_patch import HostPatch
 from elvis.reference.inversion import Inverter
 
 #: pairs of a point and an element that are looked at together

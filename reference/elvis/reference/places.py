@@ -14,7 +14,7 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
-from elvis.reference.host_patch import HostPatch
+from elvis.plugins.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.scene.time_limit import check_time
 

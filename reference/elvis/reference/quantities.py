@@ -13,6 +13,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.reference.scenes.equations import Equation
 from elvis.reference.selection import selected_faces
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
@@ -50,13 +51,16 @@ class Quantities:
     names    as scenes call them
     patches  the elements that carry the first of them
     dataset  that they are of; None where a runtime plugin has opened the data
+    flow     what lines are followed in
     """
 
     dataset: Dataset | None = None
+    flow: FlowSource
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         """Raises ElvisError for a name that means nothing of these data."""
         self.names, self._mesh, self.dataset = tuple(names), dataset.mesh, dataset
+        self.flow = dataset
         self._expressions = {name: Expression.of(dataset, name) for name in names}
         self._evaluator = Evaluator(dataset, list(self._expressions.values()))
         every = range(len(self._evaluator.names))

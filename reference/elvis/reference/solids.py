@@ -19,7 +19,7 @@ from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.shapes import Shape
-from elvis.reference.host_patch import HostPatch
+from elvis.plugins.host_patch import HostPatch
 from elvis.scene.time_limit import check_time
 
 #: heights of zeta = -1 and zeta = 1, as `margins.facets` has them: normal and offset

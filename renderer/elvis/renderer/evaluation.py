@@ -24,10 +24,11 @@ from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
-from elvis.core.streamlines import Streamlines
+from elvis.core.streamlines import Streamlines, trace
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
-from elvis.plugins.opening import PluginData
+from elvis.plugins.host_flow import HostFlow
+from elvis.plugins.opening import PluginData, call_plugin
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, Volume
 from elvis.plugins.volume_checks import Samples, probes
@@ -115,10 +116,9 @@ class Evaluation:
             return PluginIntegration(volume, sample, _rule).over(wanted, over, error, progress)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
-        """None yet: ElvisError."""
-        raise ElvisError(
-            f"expected elements whose neighbours are known, to follow lines; the plugin {self.opened.name} tells none"
-        )
+        """Streamlines, by the plugin's host evaluation (see `elvis.core.streamlines.trace`)."""
+        flow = HostFlow(self.opened)
+        return call_plugin(self.opened.name, "following lines", lambda: trace(flow, seeds, velocity, **settings))
 
     def _norms(self, names: Sequence[str], volume: Volume, device: Renderer) -> dict[str, Norm]:
         before = np.full(len(names), np.nan)

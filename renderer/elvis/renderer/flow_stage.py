@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from typing import TypeAlias
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.core.streamlines.endings import WORDS, End
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.line_pieces import Curves
+from elvis.plugins.host_flow import HostFlow
+from elvis.plugins.opening import PluginData
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
@@ -24,15 +29,18 @@ from elvis.scene.frame import Legend
 from elvis.scene.frusta import Frusta, frusta_in, keys_of
 from elvis.scene.view import View
 
+#: what a volume is made of: a dataset, or what a runtime plugin has opened; None where that isn't known
+Made: TypeAlias = Dataset | PluginData | None
+
 
 class FlowStage:
     """What follows and draws vectors in a loaded volume.
 
-    dataset  what the volume was made of; None where a runtime plugin has made it
+    made_of  what the volume was made of; None where that isn't known
     """
 
-    def __init__(self, loaded: DeviceVolume, dataset: Dataset | None) -> None:
-        self.loaded, self.dataset = loaded, dataset
+    def __init__(self, loaded: DeviceVolume, made_of: Made) -> None:
+        self.loaded, self._made_of = loaded, made_of
 
     @cached_property
     def _tube_drawer(self) -> TubeDrawer:
@@ -53,35 +61,37 @@ class FlowStage:
         return Followers(lambda: device)
 
     def _curves_of(self, item: Streamlines) -> Curves:
-        """The lines of an object; SceneError where nothing is known of the elements' neighbours."""
-        return curves_in(self._known(), item, self._followers)
+        """The lines of an object."""
+        return curves_in(self._data, item, self._followers)
 
     def _frusta_of(self, item: Glyphs) -> Frusta:
-        """The solids of an object; SceneError where nothing is known of the data but a runtime plugin's elements."""
-        if self.dataset is None:
-            raise SceneError("glyphs: expected elements of a dataset, found what a runtime plugin has opened")
-        return frusta_in(self.dataset, item)
+        """The solids of an object."""
+        return frusta_in(self._data, item)
 
     def lines(self, name: str, item: Streamlines, own: str | None) -> list[DrawCall]:
         """Streamlines, coloured by a quantity of the volume, and arrow heads along them."""
         lines = self._tubes(name, item, own) if item.ribbon is None else self._ribbons(name, item, own)
         if item.arrows is None:
             return [lines]
-        heads = heads_in(self._known(), item, self._followers)
+        heads = heads_in(self._data, item, self._followers)
         return [lines, self._solids(f"{name} arrows", item.style, heads, own, lines.lit)]
 
-    def _known(self) -> Dataset:
-        """The dataset; SceneError where a runtime plugin has made the volume, of whose neighbours nothing is known."""
-        if self.dataset is None:
-            raise SceneError(
-                "streamlines: expected elements whose neighbours are known, found what a runtime plugin has opened"
-            )
-        return self.dataset
+    @cached_property
+    def _data(self) -> FlowSource:
+        """What lines are followed in; SceneError where a runtime plugin doesn't describe its elements in NumPy."""
+        if self._made_of is None:
+            raise SceneError("streamlines and glyphs: expected a dataset, found nothing but a volume")
+        if isinstance(self._made_of, Dataset):
+            return self._made_of
+        try:
+            return HostFlow(self._made_of)
+        except ElvisError as error:
+            raise SceneError(str(error)) from error
 
     def _ribbons(self, name: str, item: Streamlines, own: str | None) -> DrawCall:
         """Streamlines as ribbons."""
         assert item.ribbon is not None
-        found = ribbons_in(self._known(), item, self._followers)
+        found = ribbons_in(self._data, item, self._followers)
         girth = Girth(0.5 * item.ribbon, None)
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
@@ -115,7 +125,9 @@ class FlowStage:
 
     def keys(self, scene: Scene, view: View) -> tuple[Legend, ...]:
         """How long the glyphs of a scene are."""
-        return () if self.dataset is None else keys_of(self.dataset, scene, view)
+        if not any(isinstance(item, Glyphs) for item in scene.every_object):
+            return ()
+        return keys_of(self._data, scene, view)
 
     def remarks(self, scene: Scene) -> Iterator[str]:
         """Sentences on lines that end where nobody asked them to, and on points without a glyph."""
@@ -131,7 +143,7 @@ class FlowStage:
         """A sentence where lines are too short for arrow heads."""
         if item.arrows is None or not len(self._curves_of(item).pieces):
             return
-        if not len(heads_in(self._known(), item, self._followers).element):
+        if not len(heads_in(self._data, item, self._followers).element):
             yield f"streamlines: no line is as long as its arrows are apart, {item.arrows:g}"
 
     def _endings(self, item: Streamlines) -> Iterator[str]:

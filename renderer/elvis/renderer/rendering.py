@@ -33,6 +33,7 @@ from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
+from elvis.renderer.flow_stage import Made
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
@@ -217,8 +218,7 @@ class Pictures:
 
     def close(self) -> None:
         """Give the device back; the next picture opens it again."""
-        renderer, self._renderer = self._renderer, None
-        self._quantities = ()
+        renderer, self._renderer, self._quantities = self._renderer, None, ()
         if renderer is not None:
             renderer.close()
 
@@ -272,7 +272,7 @@ class Pictures:
             self._renderer.load(data, *wanted)
         else:
             volume = volume_of(data, wanted)
-            self._renderer.show(volume)
+            self._renderer.show(volume, data)
             # a runtime plugin's elements are tried first
             self._remarks = check_volume(data.name, volume, self._renderer)
         self._quantities, self._time = wanted, scene.time
@@ -313,18 +313,18 @@ class Renderer:
         self.show(volume_of(dataset, others.own), dataset, others)
         self.seconds["load"] = perf_counter() - start
 
-    def show(self, volume: Volume, dataset: Dataset | None = None, others: OtherData | None = None) -> None:
-        """Bring a volume to the device; ``dataset`` is what it was made of, None where a runtime plugin has made it.
+    def show(self, volume: Volume, made_of: Made = None, others: OtherData | None = None) -> None:
+        """Bring a volume to the device; ``made_of`` is a dataset, or what a runtime plugin has opened, where known.
 
         others  what its quantities ask of data on other meshes
         """
         # of runtime plugins nothing says that maps are still what they were
         last = self._stages
-        before = None if last is None or last.dataset is None or dataset is None else last.loaded
+        before = None if last is None or last.dataset is None or not isinstance(made_of, Dataset) else last.loaded
         loaded = DeviceVolume(self.device, volume, before)
         if before is None or not (self._is_set and loaded.shares_elements(before)):
             self._fitted = None
-        self._stages = Stages(loaded, volume, dataset, others)
+        self._stages = Stages(loaded, volume, made_of, others)
 
     @property
     def stages(self) -> Stages:
@@ -407,7 +407,7 @@ class Renderer:
         with suppress(Exception):
             self.device.close()
         self.device = Device(name)
-        self.show(stages.volume, stages.dataset, stages.others.on(self.device))
+        self.show(stages.volume, stages.made_of, stages.others.on(self.device))
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""

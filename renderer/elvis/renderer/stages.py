@@ -22,7 +22,7 @@ from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.draw_calls import DrawCall
-from elvis.renderer.flow_stage import FlowStage
+from elvis.renderer.flow_stage import FlowStage, Made
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.memory import Buffer
 from elvis.renderer.other_data import OtherData
@@ -69,17 +69,17 @@ def is_straight(block: GeometryBlock) -> bool:
 class Stages:
     """The stages over a loaded volume, each made when it is first needed.
 
-    dataset  what the volume was made of; None where a runtime plugin has made it
+    made_of  what the volume was made of, where that is known
+    dataset  the same; None where a runtime plugin has made it
     others   what quantities ask of data on other meshes
     """
 
-    def __init__(
-        self, loaded: DeviceVolume, volume: Volume, dataset: Dataset | None, others: OtherData | None = None
-    ) -> None:
+    def __init__(self, loaded: DeviceVolume, volume: Volume, made_of: Made, others: OtherData | None = None) -> None:
         self.loaded, self.volume, self.others = loaded, volume, others or OtherData()
         self._ranges: dict[str, tuple[float, float]] = {}
         self._left_out: dict[str | None, Ints] = {}
-        self.dataset = dataset
+        self.made_of = made_of
+        self.dataset = made_of if isinstance(made_of, Dataset) else None
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
     @cached_property
@@ -95,7 +95,7 @@ class Stages:
     @cached_property
     def flow(self) -> FlowStage:
         """Streamlines and glyphs."""
-        return FlowStage(self.loaded, self.dataset)
+        return FlowStage(self.loaded, self.made_of)
 
     @cached_property
     def _convolver(self) -> Convolver:

@@ -11,6 +11,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, MakeTracer, components_of
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.line_pieces import Curves, curves
 from elvis.core.streamlines.marks import marks
 from elvis.core.streamlines.pathlines import path_curves, streak_curves
@@ -32,7 +33,7 @@ _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
 _Key: TypeAlias = tuple[Course, float | None, int | None]
 #: courses in the same data whose lines are kept
 _MOST = 8
-_KNOWN: WeakKeyDictionary[Dataset, dict[_Key, Curves]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FlowSource, dict[_Key, Curves]] = WeakKeyDictionary()
 _HEADS: WeakKeyDictionary[Curves, dict[tuple[float, str, float], Frusta]] = WeakKeyDictionary()
 _STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictionary()
 
@@ -53,18 +54,18 @@ def course_of(item: Streamlines) -> Course:
     )
 
 
-def curves_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Curves:
+def curves_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Curves:
     """The lines of an object; SceneError for seeds and velocities that can't be, and where all seeds are outside.
 
     make  of what follows lines that aren't known yet
     """
     key = (course_of(item), item.since, item.releases)
-    known = _KNOWN.setdefault(dataset, {})
+    known = _KNOWN.setdefault(data, {})
     if "-" in item.seeds:
         raise SceneError("seeds of streamlines: expected the name of a table, found -")
     if key not in known and len(known) >= _MOST:
         known.clear()
-    found = _kept(known, key, lambda: _followed(dataset, *key, make))
+    found = _kept(known, key, lambda: _followed(data, *key, make))
     if not found.lines:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
@@ -80,34 +81,34 @@ def _kept(known: dict[K, V], key: K, make: Callable[[], V]) -> V:
     return known[key]
 
 
-def _followed(dataset: Dataset, course: Course, since: float | None, releases: int | None, make: MakeTracer) -> Curves:
+def _followed(data: FlowSource, course: Course, since: float | None, releases: int | None, make: MakeTracer) -> Curves:
     """Streamlines, or since a time paths or streaks of particles, as curves."""
     if since is None:
-        return curves(dataset, course, make)
-    if dataset.rates is None or dataset.time is None:
+        return curves(data, course, make)
+    if not isinstance(data, Dataset) or data.rates is None or data.time is None:
         raise ElvisError("since: expected a moment of a series, found one state")
-    intervals, stop = dataset.rates.intervals, dataset.time
+    intervals, stop = data.rates.intervals, data.time
     if releases is None:
-        return path_curves(dataset, intervals, course, since, stop)
+        return path_curves(data, intervals, course, since, stop)
     if since > stop:
         raise ElvisError(f"since: expected a time up to that of the picture, {stop:.10g}, found {since:.10g}")
-    return streak_curves(dataset, intervals, course, since, stop, releases)
+    return streak_curves(data, intervals, course, since, stop, releases)
 
 
-def ribbons_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:
+def ribbons_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:
     """The ribbons of an object, likewise; SceneError, too, where the velocity has no derivatives."""
-    found = curves_in(dataset, item, make)
+    found = curves_in(data, item, make)
     known = _STRIPS.setdefault(found, {})
-    return _kept(known, item.across, lambda: ribbons(dataset, found.pieces, course_of(item).velocity, item.across))
+    return _kept(known, item.across, lambda: ribbons(data, found.pieces, course_of(item).velocity, item.across))
 
 
-def heads_in(dataset: Dataset, item: Streamlines, make: MakeTracer = Tracer) -> Frusta:
+def heads_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Frusta:
     """Arrow heads along the lines of an object, cones about their marks; SceneError as the others."""
-    found = curves_in(dataset, item, make)
+    found = curves_in(data, item, make)
     assert item.arrows is not None
     key = item.arrows, item.arrows_by, item.arrow_length or _head_length(item, found.size)
     known = _HEADS.setdefault(found, {})
-    return _kept(known, key, lambda: _heads(dataset, item, found, *key))
+    return _kept(known, key, lambda: _heads(data, item, found, *key))
 
 
 def _head_length(item: Streamlines, size: float) -> float:
@@ -119,10 +120,10 @@ def _head_length(item: Streamlines, size: float) -> float:
     return _HEAD_RADII * (item.radius or RADIUS * size)
 
 
-def _heads(dataset: Dataset, item: Streamlines, found: Curves, spacing: float, by: str, length: float) -> Frusta:
+def _heads(data: FlowSource, item: Streamlines, found: Curves, spacing: float, by: str, length: float) -> Frusta:
     """Cones of a length, each with its middle at a mark."""
     course = course_of(item)
-    own = marks(dataset, found.pieces, spacing, by, course.velocity, course.wall)
+    own = marks(data, found.pieces, spacing, by, course.velocity, course.wall)
     count = len(own)
     radii = np.tile([_HEAD_WIDE * length, 0.0], (count, 1))
     base = own.points - 0.5 * length * own.direction

@@ -11,9 +11,9 @@ import numpy as np
 
 from elvis.core.arguments import texts_of
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.anchors import anchors
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Legend
 from elvis.scene.objects import Glyphs, Style
@@ -28,7 +28,7 @@ _SHAFT, _HEAD, _WITHIN = 0.4, 3.0, 0.3
 KEY = 0.2
 #: objects in the same data whose solids are kept
 _MOST = 8
-_KNOWN: WeakKeyDictionary[Dataset, dict[Glyphs, Frusta]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FlowSource, dict[Glyphs, Frusta]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +61,17 @@ class Frusta:
     size: float
 
 
-def frusta_in(dataset: Dataset, item: Glyphs) -> Frusta:
+def frusta_in(data: FlowSource, item: Glyphs) -> Frusta:
     """The solids of an object; SceneError for points and vectors that can't be, and where nothing is to be drawn."""
     asked = replace(item, style=Style())
-    known = _KNOWN.setdefault(dataset, {})
+    known = _KNOWN.setdefault(data, {})
     if "-" in item.points:
         raise SceneError("points of glyphs: expected the name of a table, found -")
     if asked not in known:
         if len(known) >= _MOST:
             known.clear()
         try:
-            known[asked] = _made(dataset, item)
+            known[asked] = _made(data, item)
         except ElvisError as error:
             raise SceneError(f"glyphs: {error}") from error
     found = known[asked]
@@ -81,10 +81,10 @@ def frusta_in(dataset: Dataset, item: Glyphs) -> Frusta:
     return found
 
 
-def _made(dataset: Dataset, item: Glyphs) -> Frusta:
+def _made(data: FlowSource, item: Glyphs) -> Frusta:
     """The solids of all anchors."""
     vector = texts_of(item.vector)
-    found = anchors(dataset, item.points, None if vector is None else tuple(vector), item.random)
+    found = anchors(data, item.points, None if vector is None else tuple(vector), item.random)
     magnitudes = np.linalg.norm(found.vectors, axis=1)
     axis = found.vectors / magnitudes[:, None]
     magnitude = item.magnitude or float(magnitudes.max(initial=0.0))
@@ -123,7 +123,7 @@ def _parts(item: Glyphs, length: Floats) -> list[tuple[Floats, Floats, Floats]]:
     return parts
 
 
-def keys_of(dataset: Dataset, scene: Scene, view: View) -> tuple[Legend, ...]:
+def keys_of(data: FlowSource, scene: Scene, view: View) -> tuple[Legend, ...]:
     """How long each object's glyphs of a round magnitude are, where lengths tell magnitudes.
 
     In perspective that is the length at the mean depth of those that begin in the picture; no key where none do.
@@ -132,7 +132,7 @@ def keys_of(dataset: Dataset, scene: Scene, view: View) -> tuple[Legend, ...]:
     for item in scene.every_object:
         if not isinstance(item, Glyphs) or item.lengths == "equal" or not item.key:
             continue
-        own = frusta_in(dataset, item)
+        own = frusta_in(data, item)
         scale = float(np.linalg.norm(view.column))
         if view.perspective:
             depth = view.depth_of(own.points[view.is_in_picture(own.points)])

@@ -92,6 +92,10 @@ class Locator:
             found.reference[inside, self._dimension :] = zeta[found.point[inside]]
         return found
 
+    def invert(self, number: int, rows: Ints, points: Floats) -> Roots:
+        """Where world points (n, 3) are in elements (n,) of a patch."""
+        return invert(self.patches[number], rows, points)
+
     def _unroll(self, world: Floats) -> Floats:
         """(n, p) coordinates zeta along the homogeneous directions, which become 0 in ``world`` (n, 3)."""
         zeta = np.empty((len(world), len(self._periods)))

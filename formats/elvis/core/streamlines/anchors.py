@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.mapping.locate import Locator
 from elvis.core.streamlines.course import REST, diagonal
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.seeds import seed_points
-from elvis.core.streamlines.velocity import Velocity, check_dimension, velocity_expressions
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class Anchors:
         return len(self.element)
 
 
-def anchors(dataset: Dataset, points: Any, vector: Sequence[str] | None = None, random: int = 0) -> Anchors:
+def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, random: int = 0) -> Anchors:
     """A vector at points (n, d) or at what texts stand for (`seeds`).
 
     vector  its components as texts; None: the velocity that is customary in the data
@@ -49,11 +47,11 @@ def anchors(dataset: Dataset, points: Any, vector: Sequence[str] | None = None, 
 
     ElvisError for 1D data, for what names no quantity, and for too few components.
     """
-    check_dimension(dataset)
-    expressions = velocity_expressions(dataset, vector)
-    velocity = Velocity(dataset, expressions)
-    locator = Locator(velocity.patches)
-    asked = seed_points(dataset, locator, points, random, velocity.evaluator.patches)
+    own_data = flow_data(data)
+    expressions = own_data.components(vector)
+    velocity = own_data.velocity(expressions)
+    locator = own_data.locator(velocity)
+    asked = seed_points(own_data.seed_places(velocity, locator), points, random)
     found = locator.locate(asked)
     inside = np.flatnonzero(found.patch >= 0)
     patch, row, own = found.patch[inside], found.row[inside], found.reference[inside]

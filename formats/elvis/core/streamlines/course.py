@@ -9,15 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from elvis.core.arguments import texts_of
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Limits, Tracer
-from elvis.core.streamlines.velocity import Velocity, check_dimension, velocity_expressions
-from elvis.core.streamlines.walls import WallVelocity, check_walls, corners_of, shear_expressions
+from elvis.core.streamlines.velocity import Velocity
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
@@ -97,16 +96,20 @@ class Flow:
     signs: tuple[int, ...]
 
     @staticmethod
-    def of(dataset: Dataset, course: Course, others: Sequence[Expression] = ()) -> Flow:
-        """A course in a dataset; ``others`` are quantities that the velocity can be asked for, too.
+    def of(data: FlowSource, course: Course, others: Sequence[Expression] = ()) -> Flow:
+        """A course in a dataset or other data; ``others`` are quantities that the velocity can be asked for, too.
 
         ElvisError for 1D data, for what names no quantity, too few components, and limits that are not positive.
         """
-        check_dimension(dataset)
+        own = flow_data(data)
         course.check()
-        velocity, neighbours = _moving(dataset, course, others)
-        locator = Locator(velocity.patches)
-        seeds = seed_points(dataset, locator, course.seeds, course.random, velocity.evaluator.patches)
+        if course.wall is None:
+            velocity = own.velocity(own.components(course.velocity), others)
+            neighbours = own.neighbours(velocity)
+        else:
+            velocity, neighbours = own.on_wall(course.wall, course.velocity, others)
+        locator = own.locator(velocity)
+        seeds = seed_points(own.seed_places(velocity, locator), course.seeds, course.random)
         location = locator.locate(seeds)
         limits = limits_of(diagonal(locator), course, REST * _fastest(velocity, location))
         return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
@@ -125,17 +128,6 @@ class Flow:
             tracer = make(self.velocity, self.neighbours, self.locator, self.limits, sign)
             tracer.place(self.location.patch, self.location.row, self.location.reference)
             yield tracer
-
-
-def _moving(dataset: Dataset, course: Course, others: Sequence[Expression]) -> tuple[Velocity, Neighbours]:
-    """What lines follow, in elements or on a wall."""
-    if course.wall is None:
-        velocity = Velocity(dataset, velocity_expressions(dataset, course.velocity), others)
-        return velocity, Neighbours.of(dataset, velocity.patches)
-    check_walls(dataset, course.wall)
-    on_wall = WallVelocity(dataset, shear_expressions(dataset, course.velocity), others, course.wall)
-    vertices = [corners_of(dataset, piece) for piece in on_wall.pieces]
-    return on_wall, Neighbours.of_faces(on_wall.patches, vertices)
 
 
 def diagonal(locator: Locator) -> float:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.boxnets import power_net
 from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.first_roots import before, beyond
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.tracer import Piece, Tracer
 from elvis.core.streamlines.velocity import Velocity
 
@@ -151,12 +151,12 @@ class Curves:
     size: float
 
 
-def curves(dataset: Dataset, course: Course, make: MakeTracer = Tracer) -> Curves:
+def curves(data: FlowSource, course: Course, make: MakeTracer = Tracer) -> Curves:
     """The lines of a course; ElvisError as `course.Flow.of`, and where there are too many pieces.
 
     make  as `Flow.tracers`
     """
-    flow = Flow.of(dataset, course)
+    flow = Flow.of(data, course)
     names = end_names(flow.neighbours.names)
     found, count = [], 0
     ends = np.zeros(len(names), np.int64)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.line_pieces import Pieces
-from elvis.core.streamlines.velocity import Velocity, velocity_expressions
 
 #: halvings of a piece until a mark's place is known to rounding; marks of all lines at most
 _HALVINGS, _MOST = 54, 1_000_000
@@ -39,7 +38,7 @@ class Marks:
 
 
 def marks(
-    dataset: Dataset,
+    data: FlowSource,
     pieces: Pieces,
     spacing: float,
     by: str = "length",
@@ -69,9 +68,10 @@ def marks(
     u = _places(pieces, which, ends, wanted, by)
 
     powers = u[:, None] ** np.arange(8)
-    points, reference = (np.einsum("np,npd->nd", powers, own[which]) for own in (pieces.points, pieces.reference))
+    points, reference = (np.einsum("np,npd->nd", powers, nets[which]) for nets in (pieces.points, pieces.reference))
     if wall is None:
-        moving = Velocity(dataset, velocity_expressions(dataset, velocity))
+        own = flow_data(data)
+        moving = own.velocity(own.components(velocity))
         vectors = moving.in_world(pieces.element[which], reference)
     else:
         slopes = np.arange(1, 8)[:, None] * pieces.points[which, 1:]

@@ -18,14 +18,15 @@ from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import Course, diagonal, limits_of
 from elvis.core.streamlines.endings import End, end_names
+from elvis.core.streamlines.flow_data import flow_data
 from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
-from elvis.core.streamlines.seeds import seed_points
+from elvis.core.streamlines.seeds import SeedPlaces, seed_points
 from elvis.core.streamlines.streamlines import SPACING, TAKEN, Along, Points, Streamlines, collected, joined
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Limits, Piece, Tracer
-from elvis.core.streamlines.velocity import check_dimension, velocity_expressions
+from elvis.core.streamlines.velocity import velocity_expressions
 
 #: from one time to another, earlier or later, the intervals between
 Intervals: TypeAlias = Callable[[float, float], Iterator[Interval]]
@@ -48,7 +49,7 @@ class _Scene:
     @staticmethod
     def of(dataset: Dataset, course: Course, fields: Sequence[str] = (), has_slopes: bool = False) -> _Scene:
         """Of the data at one of the steps."""
-        check_dimension(dataset)
+        flow_data(dataset)
         names = moving_names(dataset)
         components = velocity_expressions(dataset, course.velocity, names)
         slopes = slope_expressions(dataset, course, names) if has_slopes else []
@@ -56,7 +57,7 @@ class _Scene:
         interval = Interval(0.0, 1.0, np.zeros(1), (dataset,))
         patches = MovingVelocity(interval, components, [*slopes, *others]).patches
         locator = Locator(patches)
-        location = locator.locate(seed_points(dataset, locator, course.seeds, course.random, patches))
+        location = locator.locate(seed_points(SeedPlaces.of(dataset, locator), course.seeds, course.random))
         limits = limits_of(diagonal(locator), course, _NO_REST)
         return _Scene(Neighbours.of(dataset, patches), locator, location, limits, components, slopes, others)
 

@@ -24,14 +24,13 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import AXES, world_derivative
+from elvis.core.streamlines.flow_data import FlowData, FlowSource, flow_data
 from elvis.core.streamlines.line_pieces import Pieces, halves
-from elvis.core.streamlines.velocity import velocity_expressions
+from elvis.core.streamlines.velocity import Velocity
 
 #: how far the vector across may be from the solution, and how often a piece is halved for that at most
 DEVIATION, _HALVINGS = 1e-10, 8
@@ -72,7 +71,10 @@ class Ribbons:
 
 
 def ribbons(
-    dataset: Dataset, pieces: Pieces, velocity: Sequence[str] | None = None, across: Sequence[float] | None = None
+    data: FlowSource,
+    pieces: Pieces,
+    velocity: Sequence[str] | None = None,
+    across: Sequence[float] | None = None,
 ) -> Ribbons:
     """Strips along lines that follow a velocity, its components as texts (None: what is customary in the data).
 
@@ -81,9 +83,10 @@ def ribbons(
 
     ElvisError for surfaces in space, and where the velocity has no derivatives.
     """
-    if dataset.mesh.dimension != dataset.mesh.space:
+    data = flow_data(data)
+    if data.dimension != data.space:
         raise ElvisError("ribbons: expected 2D data in the plane or 3D data, found surfaces in space")
-    twist = _Twist(dataset, velocity)
+    twist = _Twist(data, velocity)
     pieces = pieces.along_lines()
     done, solved, deviations = [], [], []
     for halving in range(_HALVINGS + 1):
@@ -99,28 +102,28 @@ def ribbons(
     order = np.lexsort([np.abs(joined.time[:, 0]), joined.line])
     none = np.empty((0, 8, 3, 3))
     solution = np.concatenate([none, *solved])[order]
-    return _chained(joined.part(order), solution, np.concatenate([[], *deviations])[order], across, dataset.mesh.space)
+    return _chained(joined.part(order), solution, np.concatenate([[], *deviations])[order], across, data.space)
 
 
 class _Twist:
     """How fast strips turn about their lines: half the vorticity along these, zero in the plane."""
 
-    def __init__(self, dataset: Dataset, velocity: Sequence[str] | None) -> None:
-        components = velocity_expressions(dataset, velocity)
-        self.evaluator: Evaluator | None = None
+    def __init__(self, data: FlowData, velocity: Sequence[str] | None) -> None:
+        components = data.components(velocity)
+        self.velocity: Velocity | None = None
         if len(components) == len(AXES):
             pairs = [(2, 1), (1, 2), (0, 2), (2, 0), (1, 0), (0, 1)]
             expressions = [
                 Expression(f"{components[k].text}_{AXES[axis]}", world_derivative(components[k].root, axis))
                 for k, axis in pairs
             ]
-            self.evaluator = Evaluator(dataset, expressions)
+            self.velocity = data.velocity(components, expressions)
 
     def rates(self, element: Ints, reference: Floats, direction: Floats) -> Floats:
         """(n,) in time, at places (n, 3) of elements (n,), about unit vectors (n, 3); ElvisError where one is none."""
-        if self.evaluator is None:
+        if self.velocity is None:
             return np.zeros(len(element))
-        slopes = [self.evaluator.at(own, element, reference) for own in self.evaluator.expressions]
+        slopes = [self.velocity.at(own, element, reference) for own in self.velocity.others]
         vorticity = np.stack([slopes[0] - slopes[1], slopes[2] - slopes[3], slopes[4] - slopes[5]], axis=1)
         found = 0.5 * np.einsum("ni,ni->n", vorticity, direction)
         unknown = np.flatnonzero(~np.isfinite(found))

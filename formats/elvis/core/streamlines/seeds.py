@@ -14,12 +14,13 @@ a name of a file             the points of a table with columns x, y, z
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
@@ -40,32 +41,61 @@ _Parts = Sequence[str]
 _MOST, _DRAWS = 1_000_000, 100
 
 
-def seed_points(
-    dataset: Dataset, locator: Locator, seeds: Any, random: int = 0, patches: Sequence[Patch] | None = None
-) -> Floats:
+@dataclass(frozen=True, eq=False)
+class SeedPlaces:
+    """What texts refer to.
+
+    dimension    number of coordinates
+    locator      finds elements
+    positions    (n, 3) world points of reference points (n, D) in elements: patches (n,) and rows in them (n,)
+    on_boundary  (n, 3) the middles of k x k equal parts of each side of a boundary by its name, k of each edge in 2D;
+                 ElvisError where there is none
+    """
+
+    dimension: int
+    locator: Locator
+    positions: Callable[[Ints, Ints, Floats], Floats]
+    on_boundary: Callable[[str, int], Floats]
+
+    @staticmethod
+    def of(dataset: Dataset, locator: Locator, patches: Sequence[Patch] | None = None) -> SeedPlaces:
+        """In a dataset; ``patches`` are the elements whose sides boundaries are, None for those of the locator."""
+        sides = tuple(locator.patches if patches is None else patches)
+
+        def positions(patch: Ints, row: Ints, points: Floats) -> Floats:
+            found = np.empty((len(points), 3))
+            for number in np.unique(patch):
+                here = np.flatnonzero(patch == number)
+                found[here] = pointwise.positions(locator.patches[number], row[here], points[here])
+            return found
+
+        def on_boundary(name: str, count: int) -> Floats:
+            return _on_boundary(dataset, sides, name, count)
+
+        return SeedPlaces(Names.of(dataset).dimension, locator, positions, on_boundary)
+
+
+def seed_points(places: SeedPlaces, seeds: Any, random: int = 0) -> Floats:
     """(n, 3) seeds from points (n, d), a text or several (see above); ElvisError for what they can't be.
 
-    random   number that random points are drawn with: the same points each time
-    patches  the elements whose sides boundaries are; None: those of the locator
+    random  number that random points are drawn with: the same points each time
     """
-    dimension = Names.of(dataset).dimension
     if isinstance(seeds, (str, Path)):
         seeds = [seeds]
     if isinstance(seeds, Sequence) and seeds and all(isinstance(seed, (str, Path)) for seed in seeds):
-        found = np.concatenate([_Reader(dataset, locator, random, patches).points(str(seed)) for seed in seeds])
+        found = np.concatenate([_Reader(places, random).points(str(seed)) for seed in seeds])
     else:
-        found = world_points(seeds, dimension)
+        found = world_points(seeds, places.dimension)
     if not len(found):
         raise ElvisError("expected at least one seed, found none")
     return found
 
 
 class _Reader:
-    """What texts stand for in a dataset."""
+    """What texts stand for in data."""
 
-    def __init__(self, dataset: Dataset, locator: Locator, random: int, patches: Sequence[Patch] | None) -> None:
-        self.dataset, self.locator = dataset, locator
-        self._patches = tuple(locator.patches if patches is None else patches)
+    def __init__(self, places: SeedPlaces, random: int) -> None:
+        self.places, self.locator = places, places.locator
         self._draw = np.random.default_rng(random)
         self._kinds: Mapping[str, tuple[tuple[int, ...], Callable[[_Parts], Floats]]] = {
             "point": ((1,), self._point),
@@ -151,37 +181,24 @@ class _Reader:
         if parts != [""]:
             raise ValueError
         found = []
-        for patch in self.locator.patches:
+        for number, patch in enumerate(self.locator.patches):
             middle = np.zeros(patch.dimension)
             middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
-            found.append(pointwise.positions(patch, np.arange(len(patch)), np.tile(middle, (len(patch), 1))))
+            rows = np.arange(len(patch))
+            middles = np.tile(middle, (len(patch), 1))
+            found.append(self.places.positions(np.full(len(patch), number), rows, middles))
         return np.concatenate(found)
 
     def _boundary(self, parts: _Parts) -> Floats:
         """The middles of equal parts of each side, in its collapsed coordinates."""
-        count = _count(parts[1]) if len(parts) > 1 else 1
-        middles = (2 * np.arange(count) + 1) / count - 1
-        places_by_name = Places(self.dataset, self._patches, {})
-        known = (ALL, *places_by_name.boundaries)
-        if parts[0] not in known:
-            hint = perhaps(parts[0], known)
-            raise ElvisError(f"there is no boundary {parts[0]!r}{hint}; there are {', '.join(known)}")
-        found = []
-        for target in places_by_name.named(parts[0]).rows:
-            for piece in target.pieces:
-                assert isinstance(piece, Piece)
-                lattice = np.stack(np.meshgrid(*[middles] * piece.dimension, indexing="ij"), axis=-1)
-                places = piece.points(lattice.reshape(-1, piece.dimension))
-                rows = np.repeat(piece.rows, len(places))
-                found.append(pointwise.positions(piece.patch, rows, np.tile(places, (len(piece), 1))))
-        return np.concatenate(found)
+        return self.places.on_boundary(parts[0], _count(parts[1]) if len(parts) > 1 else 1)
 
     def _random(self, parts: _Parts) -> Floats:
         """Points of the box of all elements, those that none holds left out."""
         count = _count(parts[0])
         box = np.asarray(self.locator.tree.nodes[0], np.float64)
         low, high = box[:3], box[3:]
-        dimension = Names.of(self.dataset).dimension
+        dimension = self.places.dimension
         low[dimension:], high[dimension:] = 0.0, 0.0
         if len(parts) > 1:
             low, high = np.maximum(low, _triple(parts[1])), np.minimum(high, _triple(parts[2]))
@@ -194,6 +211,32 @@ class _Reader:
             if held >= count:
                 return np.concatenate(found)[:count]
         raise ElvisError(f"random:{':'.join(parts)}: expected elements in the box, found {held} of {count} seeds")
+
+
+def part_middles(count: int, dimension: int) -> Floats:
+    """(count^d, d) the middles of equal parts of [-1, 1]^d."""
+    middles = (2 * np.arange(count) + 1) / count - 1
+    return np.stack(np.meshgrid(*[middles] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+
+
+def check_boundary(name: str, known: Sequence[str]) -> None:
+    """ElvisError for a name that no boundary has."""
+    if name not in known:
+        raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join(known)}")
+
+
+def _on_boundary(dataset: Dataset, patches: Sequence[Patch], name: str, count: int) -> Floats:
+    """(n, 3) the middles of equal parts of each side of a boundary, in its collapsed coordinates."""
+    sides = Places(dataset, tuple(patches), {})
+    check_boundary(name, (ALL, *sides.boundaries))
+    found = []
+    for target in sides.named(name).rows:
+        for piece in target.pieces:
+            assert isinstance(piece, Piece)
+            places = piece.points(part_middles(count, piece.dimension))
+            rows = np.repeat(piece.rows, len(places))
+            found.append(pointwise.positions(piece.patch, rows, np.tile(places, (len(piece), 1))))
+    return np.concatenate(found)
 
 
 def _across(normal: Floats) -> Floats:

@@ -11,13 +11,12 @@ import numpy as np
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
-from elvis.core.quantities.names import Names
 from elvis.core.streamlines.course import Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import WORDS, End, end_names
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Piece, Tracer, points_within
 from elvis.core.streamlines.velocity import Velocity
@@ -122,7 +121,7 @@ class Streamlines:
 
 
 def trace(
-    dataset: Dataset,
+    data: FlowSource,
     seeds: Any,
     velocity: Sequence[str] | str | None = None,
     *,
@@ -158,11 +157,11 @@ def trace(
 
     ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
     """
-    names = Names.of(dataset)
-    others = column_expressions(fields, names, TAKEN)
+    data = flow_data(data)
+    others = column_expressions(fields, data.names, TAKEN)
     course = Course(seeds, components_of(velocity), direction, length, duration, speed, steps, tolerance, random, wall)
-    slopes = slope_expressions(dataset, course) if ftle else []
-    flow = Flow.of(dataset, course, [*others, *slopes])
+    slopes = slope_expressions(data, course) if ftle else []
+    flow = Flow.of(data, course, [*others, *slopes])
     positive("spacing", spacing)
     apart = SPACING * flow.size if spacing is None else float(spacing)
     directions, exponents = [], []

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.expression import Expression
@@ -19,8 +18,9 @@ from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.tracer import Piece
-from elvis.core.streamlines.velocity import Velocity, velocity_expressions
+from elvis.core.streamlines.velocity import Velocity, components_in
 
 _STAGES = 6
 _NODES = 0.5 * (1 + gauss(_STAGES)[0])
@@ -37,15 +37,16 @@ def _collocation() -> Floats:
 _MATRIX = _collocation()
 
 
-def slope_expressions(dataset: Dataset, course: Course, names: Names | None = None) -> list[Expression]:
+def slope_expressions(data: FlowSource, course: Course, names: Names | None = None) -> list[Expression]:
     """The derivatives of a velocity's components, a row of the gradient after the other.
 
-    names  that the components are made of, None for those of the dataset
+    names  that the components are made of, None for those of the data
 
     ElvisError on walls, on surfaces in space, and for Fourier directions.
     """
-    components = velocity_expressions(dataset, course.velocity, names)
-    if course.wall is not None or len(components) != dataset.mesh.dimension:
+    own_data = flow_data(data)
+    components = components_in(names or own_data.names, course.velocity)
+    if course.wall is not None or len(components) != own_data.dimension:
         raise ElvisError("FTLE: expected 2D data in the plane or 3D data, without walls and Fourier directions")
     axes = range(len(components))
     return [Expression(f"{own.text}_{AXES[k]}", world_derivative(own.root, k)) for own in components for k in axes]
@@ -87,7 +88,7 @@ class Stretching:
         found = np.empty((len(points), d * d))
         for number in np.unique(piece.patch):
             here = np.flatnonzero(piece.patch == number)
-            places = self.velocity.places(int(number), piece.row[here], points[here])
-            for column, value in enumerate(self.velocity.evaluator.values_at(self.slopes, places)):
+            values = self.velocity.together(self.slopes, int(number), piece.row[here], points[here])
+            for column, value in enumerate(values):
                 found[here, column] = value
         return self.sign * found.reshape(-1, d, d)

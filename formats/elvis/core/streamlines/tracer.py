@@ -16,7 +16,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping import tangents
-from elvis.core.mapping.inverse import Status, invert
+from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
 from elvis.core.streamlines.dop853 import Step, step
 from elvis.core.streamlines.endings import End
@@ -366,7 +366,7 @@ class Tracer:
             own = points[here].copy()
             for axis, _ in patch.periods:
                 own[:, axis] = 0.0
-            roots = invert(patch, self.row[lines[here]], own)
+            roots = self.locator.invert(int(number), self.row[lines[here]], own)
             inside = roots.status == Status.INSIDE
             self.state[lines[here[inside]], : roots.reference.shape[1]] = roots.reference[inside]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,23 +21,21 @@ from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES
 from elvis.core.shapes import Shape
 
+#: of an expression at points (n,), or everywhere
+Values: TypeAlias = Floats | float
 _SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
-def check_dimension(dataset: Dataset) -> None:
-    """ElvisError for 1D data."""
-    if dataset.mesh.dimension < 2:
-        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
-
-
 def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None, names: Names | None = None) -> list[Expression]:
-    """The components of a velocity: given as texts, or what is customary in the data.
+    """The components of a velocity of a dataset; ``names`` that texts are made of, None for those of the dataset."""
+    return components_in(names or Names.of(dataset), texts)
 
-    names  that texts are made of, None for those of the dataset
 
-    ElvisError where the data have none, and for another number of components than the data have coordinates.
+def components_in(names: Names, texts: Sequence[str] | None) -> list[Expression]:
+    """The components of a velocity: given as texts, or what is customary for such names.
+
+    ElvisError where there are none, and for another number of components than the data have coordinates.
     """
-    names = names or Names.of(dataset)
     if texts is None:
         nodes = names.flow.velocity()
         return [Expression(text, node) for text, node in zip("uvw", nodes, strict=False)]
@@ -107,14 +106,26 @@ class Velocity:
     def in_world(self, element: Ints, reference: Floats) -> Floats:
         """(n, 3) the velocity in elements with these ids (n,) at their reference points (n, 3)."""
         found = np.full((len(element), 3), np.nan)
+        for here, patch, rows, own in self._places_of(element, reference):
+            found[here] = self.motion(patch, rows, own).velocity
+        return found
+
+    def at(self, expression: Expression, element: Ints, reference: Floats) -> Floats:
+        """(n,) likewise values of one of the evaluator's expressions."""
+        found = np.full(len(element), np.nan)
+        for here, patch, rows, own in self._places_of(element, reference):
+            found[here] = self.values(expression, patch, rows, own)
+        return found
+
+    def _places_of(self, element: Ints, reference: Floats) -> Iterator[tuple[Ints, Ints, Ints, Floats]]:
+        """Which of some places (n,) are in each patch: their numbers, patches, rows and points."""
         for number, patch in enumerate(self.patches):
             order = np.argsort(patch.element_ids, kind="stable")
             place = np.searchsorted(patch.element_ids, element, sorter=order).clip(0, len(patch) - 1)
             rows = order[place]
             here = np.flatnonzero(patch.element_ids[rows] == element)
-            own = reference[here, : patch.dimension]
-            found[here] = self.motion(np.full(len(here), number), rows[here], own).velocity
-        return found
+            own = self.from_elements(number, reference[here, : patch.dimension])
+            yield here, np.full(len(here), number), rows[here], own
 
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates."""
@@ -127,6 +138,14 @@ class Velocity:
     def in_elements(self, number: int, points: Floats) -> Floats:
         """(…, D) reference coordinates in the elements of a patch, of points (…, D): the same."""
         return points
+
+    def from_elements(self, number: int, points: Floats) -> Floats:
+        """(…, D) the points whose reference coordinates these (…, D) are in the elements of a patch: the same."""
+        return points
+
+    def together(self, expressions: Sequence[Expression], number: int, rows: Ints, points: Floats) -> Iterator[Values]:
+        """(n,) values of some of the evaluator's expressions in elements (n,) of a patch, or one number."""
+        return self.evaluator.values_at(expressions, self.places(number, rows, points))
 
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of one of the evaluator's expressions."""

@@ -31,8 +31,7 @@ def derived_faces(hosts: Sequence[HostEvaluation]) -> Faces:
 
     ElvisError for a map that no polynomial of degree 12 comes near to.
     """
-    corners = [host.positions(np.arange(len(host)), host.shape.vertices) for host in hosts]
-    vertices = _vertex_numbers(corners)
+    vertices = vertex_numbers(hosts)
 
     # the vertices of each face say which one it is
     keys: list[Ints] = []
@@ -54,8 +53,9 @@ def derived_faces(hosts: Sequence[HostEvaluation]) -> Faces:
     return Faces(faces, [host.part.element_ids for host in hosts])
 
 
-def _vertex_numbers(corners: Sequence[Floats]) -> list[Ints]:
-    """(n, v) vertex numbers for the corners (n, v, 3) of each part: those at one place are one vertex."""
+def vertex_numbers(hosts: Sequence[HostEvaluation]) -> list[Ints]:
+    """(n, v) vertex numbers for the corners of the elements of each part: those at one place are one vertex."""
+    corners = [host.positions(np.arange(len(host)), host.shape.vertices) for host in hosts]
     tolerance = min(merging_tolerance(own, np.finfo(float).eps) for own in corners)
     numbers = clusters(np.concatenate([own.reshape(-1, 3) for own in corners]), tolerance)
     ends = np.cumsum([own.shape[0] * own.shape[1] for own in corners])[:-1]

@@ -148,8 +148,8 @@ class Scenery:
         """Streamlines, and arrow heads along them."""
         meet = tube_crossings if shown.ribbon is None else ribbon_crossings
         found = [meet(self.quantities, shown, view)]
-        if shown.arrows is not None and self.quantities.dataset is not None:
-            found.append(solid_crossings(self.quantities, heads_in(self.quantities.dataset, shown), view))
+        if shown.arrows is not None:
+            found.append(solid_crossings(self.quantities, heads_in(self.quantities.flow, shown), view))
         return Crossings.concatenate(found)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
@@ -207,8 +207,7 @@ class Scenery:
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.of_name(scene.palette, *ends).over_range(scene.bar)
         legend = Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field))
-        dataset = self.quantities.dataset
-        legends = (legend, *(() if dataset is None else keys_of(dataset, scene, view)))
+        legends = (legend, *keys_of(self.quantities.flow, scene, view))
         drawing = Drawing(made.depth, made.normal, made.color, legends, made.uncertainty, line_status)
         stats = {} if line_status is None else {"contours": contour_counts(line_status)}
         return Frame(scene, view, made.field, made.element, made.reference, status, stats, drawing)

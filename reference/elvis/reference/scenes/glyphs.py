@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.errors import ElvisError
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.unions import INTERVAL, union
@@ -98,10 +97,8 @@ class _Pairs:
 
 
 def glyph_crossings(quantities: Quantities, shown: Glyphs, view: View) -> Crossings:
-    """All places at which rays enter or leave arrows or cones; ElvisError for what a runtime plugin has opened."""
-    if quantities.dataset is None:
-        raise ElvisError("glyphs: expected elements of a dataset, found what a runtime plugin has opened")
-    return solid_crossings(quantities, frusta_in(quantities.dataset, shown), view)
+    """All places at which rays enter or leave arrows or cones."""
+    return solid_crossings(quantities, frusta_in(quantities.flow, shown), view)
 
 
 def solid_crossings(quantities: Quantities, solids: Frusta, view: View) -> Crossings:

@@ -13,11 +13,13 @@ from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.patch import Patch
 from elvis.core.quantities import Expression
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.plugins.faces import Faces, faces_of
 from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
+from elvis.plugins.host_flow import HostFlow
+from elvis.plugins.host_patch import HostPatch
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of
-from elvis.reference.host_patch import HostPatch
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
 from elvis.scene.frame import Frame
@@ -32,6 +34,7 @@ class HostQuantities(Quantities):
     def __init__(self, opened: PluginData, names: Sequence[str]) -> None:
         """Raises ElvisError where the plugin describes its elements in no NumPy."""
         self.names, known = tuple(names), names_of(opened)
+        self._opened = opened
         self._expressions = {name: Expression.parse(name, known) for name in names}
         fields = dict.fromkeys(name for each in self._expressions.values() for name in each.fields)
         self.volumes = {name: opened.volume(name) for name in fields or opened.fields[:1]}
@@ -47,6 +50,11 @@ class HostQuantities(Quantities):
         # what can't be evaluated is refused at once
         for name in self.names if len(self.hosts[0]) else ():
             self.values(name, self.patches[0], np.zeros(1, np.int64), np.zeros((1, self.hosts[0].shape.dimension)))
+
+    @cached_property
+    def flow(self) -> FlowSource:  # type: ignore[override]
+        """What lines are followed in."""
+        return HostFlow(self._opened)
 
     @property
     def boxes(self) -> list[Boxes]:

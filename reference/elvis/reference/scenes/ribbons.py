@@ -14,16 +14,13 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.ribbons import at_seeds
 from elvis.core.streamlines.tracer import Piece
-from elvis.core.streamlines.velocity import velocity_expressions
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.tubes import near_pixels
@@ -73,34 +70,33 @@ class _Strip:
 
 
 def ribbon_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Crossings:
-    """All places at which rays meet ribbons of streamlines; ElvisError where neighbours aren't known."""
-    if quantities.dataset is None:
-        raise ElvisError("the reference follows no lines in what a runtime plugin has opened")
+    """All places at which rays meet ribbons of streamlines."""
     assert shown.ribbon is not None
     places = places_of(quantities)
     found = []
-    for strip in _strips(quantities.dataset, shown):
+    for strip in _strips(quantities.flow, shown):
         check_time()
         if strip.element in places:
             found.append(_met(strip, places[strip.element], view, 0.5 * shown.ribbon))
     return Crossings.concatenate(found)
 
 
-def _strips(dataset: Dataset, shown: Streamlines) -> Iterator[_Strip]:
+def _strips(source: FlowSource, shown: Streamlines) -> Iterator[_Strip]:
     """The strips of all lines; where a direction jumps between two steps, one that turns in its place."""
     course = course_of(shown)
-    components = velocity_expressions(dataset, course.velocity)
+    data = flow_data(source)
+    components = data.components(course.velocity)
     slopes = [
         Expression(f"{own.text}_{AXES[axis]}", world_derivative(own.root, axis))
         for own in components
         for axis in range(len(components))
     ]
-    flow = Flow.of(dataset, course, slopes)
+    flow = Flow.of(data, course, slopes)
     seeds = flow.location
     inside = np.flatnonzero(seeds.patch >= 0)
     velocities = flow.velocity.motion(seeds.patch[inside], seeds.row[inside], seeds.reference[inside]).velocity
     starts = np.zeros((len(seeds), 3))
-    starts[inside] = at_seeds(_units(velocities), shown.across, dataset.mesh.space)
+    starts[inside] = at_seeds(_units(velocities), shown.across, data.space)
     for tracer in flow.tracers():
         vectors = starts.copy()
         for piece in tracer.run():
@@ -120,7 +116,7 @@ def _step(flow: Flow, slopes: list[Expression], piece: Piece, k: int, sign: int,
     directions = _units(velocity)
     d = round(len(slopes) ** 0.5)
     gradient = np.zeros((len(u), 3, 3))
-    values = flow.velocity.evaluator.values_at(slopes, ElementPoints(own, row, states[:, : own.dimension]))
+    values = flow.velocity.together(slopes, int(piece.patch[k]), row, states[:, : own.dimension])
     for number, value in enumerate(values):
         gradient[:, number // d, number % d] = value
 

@@ -14,9 +14,9 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
+from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.line_pieces import Pieces
 from elvis.core.streamlines.pathlines import path_steps
 from elvis.core.streamlines.tracer import Piece
@@ -72,10 +72,8 @@ class _Met:
 
 
 def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Crossings:
-    """All places at which rays enter or leave tubes of streamlines; ElvisError where neighbours aren't known."""
-    if quantities.dataset is None:
-        raise ElvisError("the reference follows no lines in what a runtime plugin has opened")
-    size, steps = _followed(quantities.dataset, shown)
+    """All places at which rays enter or leave tubes of streamlines."""
+    size, steps = _followed(quantities.flow, shown)
     if shown.width is None:
         radius, growth = shown.radius or RADIUS * size, 0.0
     else:
@@ -90,20 +88,19 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
     return union(np.concatenate(columns), quantities)
 
 
-def _followed(dataset: Dataset, shown: Streamlines) -> tuple[float, Iterator[_Step]]:
+def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_Step]]:
     """The diagonal of the box, and all steps of all lines."""
     if shown.since is None:
-        flow = Flow.of(dataset, course_of(shown))
+        flow = Flow.of(data, course_of(shown))
         pieces = ((flow.velocity, piece) for tracer in flow.tracers() for piece in tracer.run())
         return flow.size, _steps(pieces)
-    curves = curves_in(dataset, shown)
-    if shown.releases is not None or shown.since == dataset.time:
+    curves = curves_in(data, shown)
+    assert isinstance(data, Dataset)
+    if shown.releases is not None or shown.since == data.time:
         return curves.size, _rests(curves.pieces)
-    assert dataset.rates is not None
-    assert dataset.time is not None
-    return curves.size, _steps(
-        path_steps(dataset, dataset.rates.intervals, course_of(shown), shown.since, dataset.time)
-    )
+    assert data.rates is not None
+    assert data.time is not None
+    return curves.size, _steps(path_steps(data, data.rates.intervals, course_of(shown), shown.since, data.time))
 
 
 def _rests(pieces: Pieces) -> Iterator[_Step]:
