@@ -25,7 +25,7 @@ from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given_topology, topology
 from elvis.plugins.projection.traces import Skins, Traces
-from elvis.plugins.projection.verification import Findings, Tally, check, joint
+from elvis.plugins.projection.verification import Findings, Maps, Tally, check, joint
 from elvis.plugins.report import Measure, Report, is_rounding
 
 GeometryChoice = Literal["auto", "curves", "map"]
@@ -97,7 +97,7 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     maps = _maps(sampler, mesh, blocks) if has_map else []
     dataset = _dataset(source, mesh, blocks, [*fitted, *maps], has_map)
     if has_map:
-        findings = check(sampler, dataset, blocks, (), source.precision)
+        findings = check(sampler, Maps(dataset), blocks, (), source.precision)
         findings.fields = straight.fields
     if not _of_map(source, plan, findings).is_exact:
         placed = in_space(sampler, dataset, blocks, fitted)

@@ -165,6 +165,10 @@ def _groups(mesh: Mesh, shape: Shape, which: Ints) -> Iterator[tuple[PointsType,
     curves = _curves(mesh, shape)
     counts = np.diff(curves.offsets)
     keys = np.stack([curves.kinds[which], counts[which]], axis=1)
+    if len(which) and (keys == keys[0]).all():
+        kind, count = keys[0].tolist()
+        yield *_describe(mesh, shape, kind, count, which), which
+        return
     distinct, index = np.unique(keys, axis=0, return_inverse=True)
     for number, (kind, count) in enumerate(distinct.tolist()):
         group = which[index.reshape(-1) == number]

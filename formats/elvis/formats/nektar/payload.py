@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import binascii
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import DEFLATE_RATIO
+from elvis.core.threads import results
 
 ENCODING = "B64Z-LittleEndian"
 
@@ -22,6 +24,10 @@ ENCODING = "B64Z-LittleEndian"
 GREATEST_RATIO = 64
 ALWAYS_ALLOWED = 1 << 24
 _STEP = 1 << 18
+#: bytes that are packed by themselves
+_CHUNK = 1 << 20
+#: how a zlib stream begins, and its last block, which holds nothing
+_HEAD, _END = b"\x78\x01", b"\x03\x00"
 _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 
@@ -70,18 +76,49 @@ def possible_bytes(text: memoryview) -> int:
 def encode(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:
     """Base64 of the zlib stream of the arrays' bytes, one after another, in pieces, on one line, without padding.
 
-    NUL bytes behind the stream bring its length to a multiple of three; readers ignore them.
+    The stream is made of chunks that threads pack each by itself, as pigz does: one ends at a whole byte, so that the
+    next can be joined to it (RFC 1950, 1951).  NUL bytes behind it bring its length to a multiple of three; readers
+    ignore them.
     """
-    compressor, carry = zlib.compressobj(), b""
+    checksum = 1
+
+    def jobs() -> Iterator[Callable[[], bytes]]:
+        nonlocal checksum
+        for chunk in _chunks(arrays):
+            checksum = zlib.adler32(chunk, checksum)
+            yield partial(_packed, chunk)
+
+    carry = _HEAD
+    for packed in results(jobs()):
+        carry += packed
+        whole = len(carry) // 3 * 3
+        yield binascii.b2a_base64(carry[:whole], newline=False)
+        carry = carry[whole:]
+    carry += _END + checksum.to_bytes(4, "big")
+    yield binascii.b2a_base64(carry + b"\0" * (-len(carry) % 3), newline=False)
+
+
+def _chunks(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:
+    """The arrays' bytes, one after another, `_CHUNK` at a time."""
+    rest = b""
     for array in arrays:
         view = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-        for start in range(0, len(view), _STEP):
-            carry += compressor.compress(view[start : start + _STEP])
-            whole = len(carry) // 3 * 3
-            yield binascii.b2a_base64(carry[:whole], newline=False)
-            carry = carry[whole:]
-    carry += compressor.flush()
-    yield binascii.b2a_base64(carry + b"\0" * (-len(carry) % 3), newline=False)
+        for start in range(0, len(view), _CHUNK):
+            rest += view[start : start + _CHUNK]
+            if len(rest) >= _CHUNK:
+                yield rest[:_CHUNK]
+                rest = rest[_CHUNK:]
+    if rest:
+        yield rest
+
+
+def _packed(chunk: bytes) -> bytes:
+    """The bytes as blocks of a deflate stream, the last of which ends at a whole byte.
+
+    At the lowest level: the highest take two to eight times as long and gain 2 % of the length of ids and coefficients.
+    """
+    compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS)
+    return compressor.compress(chunk) + compressor.flush(zlib.Z_SYNC_FLUSH)
 
 
 def _items(size: int) -> str:

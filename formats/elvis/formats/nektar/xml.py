@@ -11,9 +11,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -323,20 +321,14 @@ def _member(raw: bytes, out: bytearray, limit: int, path: Path) -> bytes:
 
 _UNWRITABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _NOT_IN_NAMES = re.compile(r"[^\w.\-]")
-#: payloads that are packed at once, and their greatest size in bytes: greater ones are written piece by piece
-_AT_ONCE, _PACKED_APART = 2, 1 << 26
 COMPRESSED = {"COMPRESSED": ENCODING, "BITSIZE": "64"}
 
 
 class Writer:
-    """Writes elements to a binary stream, indented by four blanks a level.
+    """Writes elements to a binary stream, indented by four blanks a level."""
 
-    pool  packs payloads of moderate size while others are made; they are written in their order
-    """
-
-    def __init__(self, stream: BinaryIO, pool: ThreadPoolExecutor) -> None:
-        self._stream, self._level, self._pool = stream, 0, pool
-        self._waiting: deque[bytes | Future[bytes]] = deque()
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self._level = stream, 0
 
     @contextmanager
     def element(self, tag: str, attributes: Mapping[str, object] | None = None) -> Iterator[None]:
@@ -356,40 +348,22 @@ class Writer:
 
     def payload(self, tag: str, attributes: Mapping[str, object], arrays: Iterable[NDArray[np.generic]]) -> None:
         """An element with the arrays as its payload, on one line."""
-        self._write(f"{self._indent}<{tag}{_attributes(attributes)}>".encode())
-        if isinstance(arrays, list) and sum(array.nbytes for array in arrays) <= _PACKED_APART:
-            self.finish(_AT_ONCE - 1)
-            self._waiting.append(self._pool.submit(lambda: b"".join(encode(arrays))))
-        else:
-            self.finish()
-            for piece in encode(arrays):
-                self._stream.write(piece)
-        self._write(f"</{tag}>\n".encode())
-
-    def finish(self, most: int = 0) -> None:
-        """Write what was waiting, until at most so many payloads are still being packed."""
-        while sum(isinstance(item, Future) for item in self._waiting) > most or (self._waiting and not most):
-            item = self._waiting.popleft()
-            self._stream.write(item if isinstance(item, bytes) else item.result())
-
-    def _write(self, data: bytes) -> None:
-        """Write, after what is waiting."""
-        if self._waiting:
-            self._waiting.append(data)
-        else:
-            self._stream.write(data)
+        self._stream.write(f"{self._indent}<{tag}{_attributes(attributes)}>".encode())
+        for piece in encode(arrays):
+            self._stream.write(piece)
+        self._stream.write(f"</{tag}>\n".encode())
 
     def lines(self, lines: Iterable[str]) -> None:
         """Lines, complete, at this level."""
         indent = self._indent
-        self._write("".join(f"{indent}{line}\n" for line in lines).encode())
+        self._stream.write("".join(f"{indent}{line}\n" for line in lines).encode())
 
     @property
     def _indent(self) -> str:
         return "    " * self._level
 
     def _line(self, text: str) -> None:
-        self._write(f"{self._indent}{text}\n".encode())
+        self._stream.write(f"{self._indent}{text}\n".encode())
 
 
 @contextmanager
@@ -398,11 +372,9 @@ def document(path: Path, is_gzipped: bool) -> Iterator[Writer]:
     with path.open("wb") as file:
         stream = gzip.GzipFile(filename="", fileobj=file, mode="wb", mtime=0) if is_gzipped else file
         stream.write(b'<?xml version="1.0" encoding="utf-8" ?>\n')
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            writer = Writer(stream, pool)  # type: ignore[arg-type]
-            with writer.element("NEKTAR"):
-                yield writer
-            writer.finish()
+        writer = Writer(stream)  # type: ignore[arg-type]
+        with writer.element("NEKTAR"):
+            yield writer
         if is_gzipped:
             stream.close()
 

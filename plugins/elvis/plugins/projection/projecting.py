@@ -15,7 +15,7 @@ from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.fitting import FieldFit, fit_fields, join_traces
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.traces import Traces
-from elvis.plugins.projection.verification import Findings, check
+from elvis.plugins.projection.verification import Findings, Maps, check
 
 #: rounds of raising orders
 _ROUNDS = 6
@@ -36,7 +36,7 @@ class Projection:
 def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projection:
     """The fields at the orders of the blocks, or at their own where a block has none."""
     fitted = fit_joined(sampler, mesh, blocks, fields)
-    return Projection(blocks, fitted, check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision))
+    return Projection(blocks, fitted, check(sampler, Maps(Dataset(mesh)), blocks, fitted, sampler.source.precision))
 
 
 def fit_joined(
@@ -60,9 +60,10 @@ def at_tolerance(
     """
     bounds = bounds_of(sampler, blocks, fields, tolerance)
     blocks = adapt(sampler, blocks, fields, bounds, highest)
+    maps = Maps(Dataset(mesh))
     for _ in range(_ROUNDS):
         fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
-        findings = check(sampler, Dataset(mesh), blocks, fitted, sampler.source.precision, bounds)
+        findings = check(sampler, maps, blocks, fitted, sampler.source.precision, bounds)
         last = Projection(blocks, fitted, findings)
         beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
         if not len(beyond):
@@ -70,17 +71,17 @@ def at_tolerance(
         blocks = enrich(blocks, fields, beyond, highest)
         if _orders(blocks) == _orders(last.blocks):
             break
-    return _parted_where_better(sampler, mesh, last)
+    return _parted_where_better(sampler, maps, last)
 
 
 def _orders(blocks: Sequence[NativeBlock]) -> list[tuple[int | None, int]]:
     return [(block.modes, len(block)) for block in blocks]
 
 
-def _parted_where_better(sampler: Sampler, mesh: Mesh, joint: Projection) -> Projection:
+def _parted_where_better(sampler: Sampler, maps: Maps, joint: Projection) -> Projection:
     """Each field with one trace, unless that is off by far more than what elements hold by themselves."""
     alone = fit_fields(sampler, joint.blocks, [each.field for each in joint.fields])
-    apart = check(sampler, Dataset(mesh), joint.blocks, alone, sampler.source.precision)
+    apart = check(sampler, maps, joint.blocks, alone, sampler.source.precision)
     fitted = list(joint.fields)
     for i, (one, none) in enumerate(zip(joint.findings.fields, apart.fields, strict=True)):
         if one.worst > _FAR * none.worst:

@@ -21,10 +21,13 @@ class Sampler:
     def __init__(self, source: Converter) -> None:
         self.source = source
 
-    def batches(self, block: NativeBlock, points: Floats) -> Iterator[tuple[slice | Ints, Floats]]:
-        """Rows of the block in batches of bounded size, each with the source's points for native ``points`` (n, d)."""
+    def batches(self, block: NativeBlock, points: Floats, size: int = BATCH) -> Iterator[tuple[slice | Ints, Floats]]:
+        """Rows of the block in batches, each with the source's points for native ``points`` (n, d).
+
+        size  numbers in an array of samples of one field
+        """
         cache: dict[int, Floats] = {}
-        for order, part in block.batches(BATCH // max(1, len(points))):
+        for order, part in block.batches(size // max(1, len(points))):
             if order not in cache:
                 cache[order] = np.ascontiguousarray(block.points(order, points))
             yield part, cache[order]

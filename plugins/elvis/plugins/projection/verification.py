@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -14,10 +15,11 @@ from elvis.core.mapping.tangents import determinants
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.shapes import Shape
 from elvis.core.terminal import track
+from elvis.core.threads import results
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
 from elvis.plugins.projection.fitting import FieldFit
-from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.sampling import BATCH, Sampler
 
 #: of the reference shapes
 VOLUMES = {
@@ -32,6 +34,9 @@ VOLUMES = {
 
 #: distances from the map of the source below this share of an element are rounding
 _DEVIATION = 1e-11
+
+#: numbers in an array of samples: several batches are held at once
+_BATCH = BATCH // 4
 
 #: Jacobians below this share of an element's size to the power d are zero
 _FLAT = 1e-12
@@ -73,6 +78,15 @@ class Tally:
         self.square += float((weights * differences[:, : weights.shape[1]] ** 2).sum())
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
+    def include(self, other: Tally) -> None:
+        """Take in what another one, of elements that come after these, has summed up."""
+        if other.element >= 0 and (other.worst > self.worst or self.element < 0):
+            self.worst, self.element = other.worst, other.element
+        self.square += other.square
+        self.low, self.high = min(self.low, other.low), max(self.high, other.high)
+        self.broken += other.broken
+        self.beyond += other.beyond
+
 
 def joint(tallies: Sequence[Tally]) -> Tally:
     """Several quantities taken as one: the worst difference, the sum of the squares, the range of all."""
@@ -104,78 +118,133 @@ class Findings:
     inverted: list[Ints] = field(default_factory=list)
     degenerate: list[Ints] = field(default_factory=list)
 
+    @classmethod
+    def none(cls, limits: Sequence[float]) -> Findings:
+        """Those of no elements.
+
+        limits  for each field, the error beyond which elements are listed
+        """
+        return cls(Tally(), [Tally(bound=limit) for limit in limits])
+
+    def include(self, other: Findings) -> None:
+        """Take in what was found on elements that come after these."""
+        for own, its in zip((self.coordinates, *self.fields), (other.coordinates, *other.fields), strict=True):
+            own.include(its)
+        self.volume += other.volume
+        low, high = np.minimum(self.box[0], other.box[0]), np.maximum(self.box[1], other.box[1])
+        self.box = np.stack([low, high])
+        if other.deviation[0] > self.deviation[0]:
+            self.deviation = other.deviation
+        self.exceeding |= other.exceeding
+        self.inverted += other.inverted
+        self.degenerate += other.degenerate
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """What a source says of some elements of a block at the points of a check.
+
+    places  (k, n, 3) world coordinates
+    values  (k, n) of each field
+    """
+
+    block: NativeBlock
+    rows: slice | Ints
+    places: Floats
+    values: list[Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class _Check:
+    """Converted data that are compared with samples of their source.
+
+    inside     how many of the points count in integrals: the first ones
+    limits     for each field, the error beyond which elements are listed
+    precision  relative rounding of the source's coordinates
+    """
+
+    maps: Maps
+    blocks: Sequence[NativeBlock]
+    fitted: Sequence[FieldFit]
+    inside: int
+    limits: Sequence[float]
+    precision: float
+
+    def points(self, block: NativeBlock) -> Floats:
+        """(n, d) native reference points of a block."""
+        return check_points(block.shape, self.inside, block.is_collapsed)
+
+    def sample(self, sampler: Sampler, number: int, rows: slice | Ints, points: Floats) -> _Batch:
+        """What the source says of some elements of a block at its points (n, d)."""
+        block = self.blocks[number]
+        values = [sampler.values(block, rows, each.field, points) for each in self.fitted]
+        return _Batch(block, rows, sampler.positions(block, rows, points), values)
+
+    def compare(self, number: int, batch: _Batch) -> Findings:
+        """All that is found on some elements of the block of this number."""
+        findings, block, rows = Findings.none(self.limits), batch.block, batch.rows
+        own = self.points(block)
+        weights = self._compare_map(findings, batch, own)
+        for tally, each, values in zip(findings.fields, self.fitted, batch.values, strict=True):
+            ours = evaluate(block.expansion(each.modes[number]), each.coefficients[number][rows], own)
+            with np.errstate(invalid="ignore"):
+                tally.add(block.ids[rows], np.abs(ours - values), weights, values)
+        return findings
+
+    def _compare_map(self, findings: Findings, batch: _Batch, points: Floats) -> Floats:
+        """Compare the map on some elements, check their Jacobians; the weights (k, inside) of integrals over them."""
+        block, places, inside = batch.block, batch.places, self.inside
+        ids = block.ids[batch.rows]
+        ours, jacobians = self.maps.at(ids, points, inside)
+        distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
+        low, high = places.min(axis=1), places.max(axis=1)
+        sizes = (high - low).max(axis=1)
+        weights = np.abs(jacobians) * (VOLUMES[block.shape] / inside)
+        findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
+        findings.volume = float(weights.sum())
+        findings.box = np.stack([low.min(axis=0), high.max(axis=0)])
+
+        # measured against the size of each element, and against what 64 bits or the source's own digits can tell
+        most = distances.max(axis=1)
+        share = most / np.where(sizes > 0, sizes, 1.0)
+        if len(share) and share.max() > 0:
+            findings.deviation = (float(share.max()), int(ids[share.argmax()]))
+        magnitudes = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+        noise = (2 * self.precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * magnitudes
+        findings.exceeding = bool((most > _DEVIATION * sizes + noise).any())
+        scale = sizes**block.shape.dimension
+        flat: Bools = (np.abs(jacobians) <= _FLAT * scale[:, None]).all(axis=1)
+        findings.degenerate.append(ids[flat])
+        findings.inverted.append(ids[(jacobians < 0).any(axis=1) & ~flat])
+        return weights
+
 
 def check(
     sampler: Sampler,
-    dataset: Dataset,
+    maps: Maps,
     blocks: Sequence[NativeBlock],
     fitted: Sequence[FieldFit],
     precision: float,
     bounds: Sequence[float] = (),
 ) -> Findings:
-    """Compare the map of a dataset and the fields with the source.
+    """Compare the map of a dataset, and the fields, with the source.
 
     precision  relative rounding of the source's coordinates
     bounds     for each field, the error beyond which elements are listed
+
+    The source is asked in the calling thread alone; others compare meanwhile, and what they find is added up in order.
     """
-    maps = Maps(dataset)
     limits = [*bounds, *[np.inf] * (len(fitted) - len(bounds))]
-    findings = Findings(Tally(), [Tally(bound=limit) for limit in limits])
     inside = inside_count(sum(map(len, blocks)))
-    work = [
-        (i, rows, points)
-        for i, block in enumerate(blocks)
-        for rows, points in sampler.batches(block, check_points(block.shape, inside, block.is_collapsed))
+    work = _Check(maps, blocks, fitted, inside, limits, precision)
+    parts = [
+        (i, *part) for i, block in enumerate(blocks) for part in sampler.batches(block, work.points(block), _BATCH)
     ]
-    for i, rows, points in track(work, "checking"):
-        block = blocks[i]
-        weights = _check_map(sampler, maps, findings, block, rows, points, inside, precision)
-        own = check_points(block.shape, inside, block.is_collapsed)
-        for tally, each in zip(findings.fields, fitted, strict=True):
-            values = sampler.values(block, rows, each.field, points)
-            ours = evaluate(block.expansion(each.modes[i]), each.coefficients[i][rows], own)
-            with np.errstate(invalid="ignore"):
-                tally.add(block.ids[rows], np.abs(ours - values), weights, values)
+    jobs = (partial(work.compare, part[0], work.sample(sampler, *part)) for part in parts)
+    findings = Findings.none(limits)
+    for found in track(results(jobs), "checking", len(parts)):
+        findings.include(found)
     return findings
-
-
-def _check_map(
-    sampler: Sampler,
-    maps: Maps,
-    findings: Findings,
-    block: NativeBlock,
-    rows: slice | Ints,
-    points: Floats,
-    inside: int,
-    precision: float,
-) -> Floats:
-    """Compare the map on some elements, check their Jacobians; the weights (k, inside) of integrals over them."""
-    ids, own = block.ids[rows], check_points(block.shape, inside, block.is_collapsed)
-    places = sampler.positions(block, rows, points)
-    ours, jacobians = maps.at(ids, own, inside)
-    distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
-    low, high = places.min(axis=1), places.max(axis=1)
-    sizes = (high - low).max(axis=1)
-    weights = np.abs(jacobians) * (VOLUMES[block.shape] / inside)
-    findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
-    findings.volume += float(weights.sum())
-    findings.box = np.stack(
-        [np.minimum(findings.box[0], low.min(axis=0)), np.maximum(findings.box[1], high.max(axis=0))]
-    )
-
-    # measured against the size of each element, and against what 64 bits or the source's own digits can tell
-    most = distances.max(axis=1)
-    share = most / np.where(sizes > 0, sizes, 1.0)
-    if len(share) and share.max() > findings.deviation[0]:
-        findings.deviation = (float(share.max()), int(ids[share.argmax()]))
-    magnitudes = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
-    noise = (2 * precision + 64 * np.finfo(float).eps * (block.source.order + 1)) * magnitudes
-    findings.exceeding |= bool((most > _DEVIATION * sizes + noise).any())
-    scale = sizes**block.shape.dimension
-    flat: Bools = (np.abs(jacobians) <= _FLAT * scale[:, None]).all(axis=1)
-    findings.degenerate.append(ids[flat])
-    findings.inverted.append(ids[(jacobians < 0).any(axis=1) & ~flat])
-    return weights
 
 
 class Maps:
