@@ -41,10 +41,12 @@ _OF_ENCLOSED = 4
 _CHUNK = 1 << 16
 #: rounds of halving, and sub-elements that a dispatch halves
 _ROUNDS, _BATCH = 48, 1 << 14
-#: numbers that are on the device together: of leaves of elements, and of points of sub-elements
+#: numbers that are on the device together: of leaves of elements, and of points or series of sub-elements
 _OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
+#: nodes of a line up to which kernels have series in their threads' own memory (`Terms` in iso_series.slang)
+_SHORT = 4
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
@@ -169,7 +171,7 @@ class IsosurfaceDrawer:
         """What is to be drawn of whole elements, or parts of sub-elements, in order of depth."""
         of_polynomials = self.traversal.degree(level.number, level.quantity) > 0
         is_enclosed = self._is_enclosed(level.number, level.quantity)
-        most_parents = self._points_at_once(level) // 8 if is_enclosed else _BATCH
+        most_parents = min(self._points_at_once(level) // 8, _BATCH) if self._uses_grid(level) else _BATCH
         done = [parents[:0]]
         most = MOST_SUB_ELEMENTS
         if not of_polynomials:
@@ -240,19 +242,19 @@ class IsosurfaceDrawer:
         kernel = self._kernel("iso_split", number, quantity)
         elements = self._whole(kernel, number, quantity, level.value)
         enclosure = self._enclosure(number, quantity)
+        grid = self.device.empty(np.float64, _OF_POINTS if self._uses_grid(level) else 1)
+        level = replace(level, buffers={**level.buffers, "grid": grid})
         if enclosure is None:
             yield level, elements
             return
         leaves = 3 + enclosure.fields
         size = leaves * (enclosure.degree + 1) ** 3
-        grid = self.device.empty(np.float64, _OF_POINTS)
         kernel = self._kernel("iso_leaves", number, quantity)
         for some in np.array_split(elements, -(-len(elements) * size // _OF_LEAVES)) if len(elements) else []:
             some["slot"] = np.arange(len(some))
             lists = {
                 "leaf_series": self.device.empty(np.float64, size * len(some)),
                 "grid_errors": self.device.empty(np.float64, 2 * leaves * len(some)),
-                "grid": grid,
             }
             own = {
                 "elements": self.device.buffer(some["element"]),
@@ -262,9 +264,19 @@ class IsosurfaceDrawer:
             kernel(len(some), {**self._constants(number, quantity), **portion.buffers, **own})
             yield portion, some
 
+    def _nodes_of_line(self, level: Level) -> int:
+        """Nodes of a line of the longest series of a quantity, or of what it is made of."""
+        own = self.loaded.quantity(level.number, level.quantity)
+        enclosure = self._enclosure(level.number, level.quantity)
+        return max(own.degree or stand_in(own), 0 if enclosure is None else enclosure.degree) + 1
+
+    def _uses_grid(self, level: Level) -> bool:
+        """Whether kernels have the series of sub-elements in the grid."""
+        return self._nodes_of_line(level) > _SHORT
+
     def _points_at_once(self, level: Level) -> int:
-        """Sub-elements whose points the device has room for."""
-        return _OF_POINTS // (4 * (stand_in(self.loaded.quantity(level.number, level.quantity)) + 1) ** 3)
+        """Sub-elements whose points and series the device has room for."""
+        return _OF_POINTS // (4 * self._nodes_of_line(level) ** 3)
 
     def find_points(self, level: Level, sub_elements: Buffer, count: Buffer, most: int, offset: int = 0) -> None:
         """Map and quantity at the nodes of sub-elements: of ``count``, which are ``most`` at most, from one on."""
@@ -323,7 +335,7 @@ class IsosurfaceDrawer:
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
             "leaf_chebyshev": leaf_series,
-            **dict.fromkeys(("leaf_series", "grid_errors", "grid"), np.zeros(1)),
+            **dict.fromkeys(("leaf_series", "grid_errors"), np.zeros(1)),
         }
 
     def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:
