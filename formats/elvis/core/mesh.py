@@ -90,6 +90,18 @@ MEMBERS: Mapping[Shape, int] = {
 
 
 @dataclass(frozen=True, eq=False)
+class Excerpt:
+    """What a mesh that is a part of a whole one has to know of that (`elvis.core.portions`).
+
+    elements  how many the whole has
+    sides     (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole
+    """
+
+    elements: int
+    sides: Ints
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Vertices, edges, faces, elements, curves, composites and the domain.
 
@@ -100,6 +112,7 @@ class Mesh:
     entities    by shape; in 1D the elements are the segments, in 2D the elements are the triangles and
                 quadrilaterals, in 3D segments are edges and triangles and quadrilaterals are faces
     domains     domain id -> composite ids
+    excerpt     of a mesh that is a part of another
     """
 
     dimension: int
@@ -111,6 +124,7 @@ class Mesh:
     face_curves: Curves = field(default_factory=Curves.none)
     composites: tuple[Composite, ...] = ()
     domains: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    excerpt: Excerpt | None = None
 
     def of(self, shape: Shape) -> Entities:
         """The entities of one shape, possibly none."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Block, Expansion
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.boxnets import all_halves, box_degrees, box_nets, corners
@@ -51,6 +51,25 @@ def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
 def field_range(blocks: Sequence[Block]) -> Range | None:
     """The range of a field given by its blocks."""
     return value_range((block.expansion, block.coefficients) for block in blocks)
+
+
+def deciding(blocks: Sequence[Block]) -> Ints:
+    """(n,) ids of elements of which some may hold an end of the range: that of them alone is that of all.
+
+    Those beyond what is attained, and those that attain it; where Fourier directions are summed, the greatest bounds.
+    """
+    found = [np.empty(0, np.int64)]
+    for sign in (1.0, -1.0):
+        finite = [(block, sign * block.coefficients, finite_rows(block.coefficients)) for block in blocks]
+        present = [(block, own[rows], rows) for block, own, rows in finite if rows.any()]
+        values = [evaluate(block.expansion, own, _samples(block.expansion)).max(axis=1) for block, own, _ in present]
+        attained = max((float(value.max()) for value in values), default=np.inf)
+        for (block, own, rows), value in zip(present, values, strict=True):
+            bounds = _bounds(block.expansion, own)
+            is_summed = block.expansion.homogeneous is not None
+            beyond = bounds == bounds.max() if is_summed else bounds > attained
+            found.append(block.element_ids[rows][beyond | (value == attained)])
+    return np.unique(np.concatenate(found))
 
 
 def finite_rows(coefficients: Floats) -> Bools:

@@ -10,7 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import facets
-from elvis.core.quantities.attributes import is_constant, target_of
+from elvis.core.quantities.attributes import from_ideal, is_constant, target_of
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial, whole_exponent
@@ -340,6 +340,14 @@ def _operation(node: Node, operands: Sequence[str]) -> str:
     if node.op in "+-*":
         return f"{operands[0]} {node.op} {operands[1]}"
     return f"{_FUNCTIONS[node.op]}({', '.join(operands)})"
+
+
+def ideal_of(shape: Shape | None) -> Floats:
+    """(3, 3) the matrix to the ideal element as `Formula` takes it, unchanged beyond the shape's dimension."""
+    matrix = np.eye(3)
+    if shape is not None:
+        matrix[: shape.dimension, : shape.dimension] = from_ideal(shape)
+    return matrix
 
 
 def facets_of(shape: Shape | None, unit: bool = False) -> Floats:

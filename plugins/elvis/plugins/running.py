@@ -54,11 +54,11 @@ def _status(arguments: Sequence[str] | None, settings: Settings, interrupts: Int
         is_broken = _forget_broken_stdout()
         if interrupts.asked:
             return _say("interrupted", INTERRUPTED)  # which a library has made something else of
-        return _say(f"standard output: {_sentence(error)}" if is_broken else _sentence(error), 1)
+        return _say(f"standard output: {sentence_of(error)}" if is_broken else sentence_of(error), 1)
     return status if isinstance(status, int) else 0
 
 
-def _sentence(error: Exception) -> str:
+def sentence_of(error: Exception) -> str:
     """What went wrong, for a user."""
     if isinstance(error, ElvisError):
         return str(error)

@@ -13,10 +13,10 @@ from elvis.core.dataset import Dataset
 from elvis.core.distances import surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression, Names
-from elvis.core.quantities.attributes import from_ideal, target_of
+from elvis.core.quantities.attributes import target_of
 from elvis.core.quantities.element_sides import SIDES
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of
+from elvis.plugins.formulas import Formula, facets_of, ideal_of
 from elvis.plugins.host_evaluation import (
     POINTWISE,
     HostEvaluation,
@@ -160,10 +160,7 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     type, source, buffers = part.type, part.source, part.buffers
     if len(names) > 1:
         type, source, buffers = join_fields([fields.parts[name] for name in names], fields.folder)
-    ideal = np.eye(3)
-    if shape:
-        ideal[: shape.dimension, : shape.dimension] = from_ideal(shape)
-    formula = Formula(expression, names, ideal, fields.dimension, facets_of(shape, part.unit))
+    formula = Formula(expression, names, ideal_of(shape), fields.dimension, facets_of(shape, part.unit))
     constants = [fields.part.element_ids if name == "element" else number_of(shape) for name in formula.constants]
     table = np.stack([np.broadcast_to(one, len(part)) for one in constants] or [np.zeros(1)], axis=1)
     surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}

@@ -359,7 +359,7 @@ class Renderer:
             )
         frame.stats.update(
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
-            elements=len(self.stages.loaded.ids) - 1,
+            elements=self.stages.elements,
             pixels=frame.counts(),
             remarks=[
                 *frame.stats.get("remarks", ()),

@@ -82,6 +82,12 @@ class Stages:
         self.dataset = made_of if isinstance(made_of, Dataset) else None
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
+    @property
+    def elements(self) -> int:
+        """How many there are, also where only a part of the data is here."""
+        excerpt = self.dataset.mesh.excerpt if self.dataset else None
+        return excerpt.elements if excerpt else len(self.loaded.ids) - 1
+
     @cached_property
     def finder(self) -> Finder:
         """Points in the volume."""

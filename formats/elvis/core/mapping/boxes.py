@@ -188,12 +188,16 @@ def _morton(boxes: Boxes) -> NDArray[np.uint64]:
     """(n,) 63-bit places of the centres along a Z-shaped curve through all of them."""
     finite = np.isfinite(boxes).all(axis=1, keepdims=True)
     corners = np.where(finite, boxes, 0).astype(np.float64)
-    centres = (corners[:, :3] + corners[:, 3:]) / 2
-    if not len(centres):
+    return places_on_curve((corners[:, :3] + corners[:, 3:]) / 2)
+
+
+def places_on_curve(points: Floats) -> NDArray[np.uint64]:
+    """(n,) 63-bit places of points (n, 3) along a Z-shaped curve through all of them."""
+    if not len(points):
         return np.empty(0, np.uint64)
-    low, high = centres.min(axis=0), centres.max(axis=0)
+    low, high = points.min(axis=0), points.max(axis=0)
     width = np.where(high > low, high - low, 1.0)
-    cells = ((centres - low) / width * (2**21 - 1)).astype(np.uint64)
+    cells = ((points - low) / width * (2**21 - 1)).astype(np.uint64)
     x, y, z = (_spread(cells[:, axis]) << np.uint64(axis) for axis in range(3))
     return np.asarray(x | y | z)
 

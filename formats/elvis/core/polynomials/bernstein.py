@@ -30,6 +30,7 @@ from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.forms import elevations, form_degrees
 from elvis.core.polynomials.powers import powers_of
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 _TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
@@ -155,7 +156,7 @@ def bernstein_coefficients(
         return np.abs(numbers) if magnitudes else numbers
 
     if expansion.shape not in _TENSOR:
-        return maybe_absolute(coefficients) @ maybe_absolute(to_bernstein(expansion, space))
+        return row_products(maybe_absolute(coefficients), maybe_absolute(to_bernstein(expansion, space)))
     plan, target = product_plan(expansion), _target(expansion, space)
     net = maybe_absolute(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
     for direction, count in enumerate(expansion.modes):

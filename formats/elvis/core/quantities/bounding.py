@@ -21,7 +21,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, negative
-from elvis.core.ranges import Range, field_range, finite_rows
+from elvis.core.ranges import Range, deciding, field_range, finite_rows
 from elvis.core.shapes import Shape
 
 _ROUNDS = 6
@@ -52,6 +52,16 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
     return Range(min(lower, search.least), max(upper, search.greatest), search.least, search.greatest)
 
 
+def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
+    """(n,) ids of elements of which some may hold an end of the range: that of them alone is the `quantity_range`."""
+    if expression.is_field:
+        return deciding(dataset.field(expression.root.name).blocks)
+    evaluator = Evaluator(dataset, [expression])
+    if any(patch.homogeneous for patch in evaluator.patches):
+        return np.empty(0, np.int64)
+    return _Search(evaluator, expression).deciding()
+
+
 class _Search:
     """The elements that have an expression; extremes that are known to be attained."""
 
@@ -59,6 +69,7 @@ class _Search:
         self.evaluator, self.expression = evaluator, expression
         self.with_gradients = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
         self.least, self.greatest = np.inf, -np.inf
+        self._holders: dict[int, int] = {}  # of the greatest value, 1, and of the least, -1: ids of elements
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
             for place in self._places(patch.shape):
@@ -98,9 +109,22 @@ class _Search:
 
     def _attain(self, patch: Patch, rows: Ints, reference: Floats) -> None:
         values = self.evaluator.values(self.expression, patch, rows, reference)
-        finite = values[np.isfinite(values)]
-        if len(finite):
-            self.least, self.greatest = min(self.least, float(finite.min())), max(self.greatest, float(finite.max()))
+        finite = np.flatnonzero(np.isfinite(values))
+        if not len(finite):
+            return
+        low, high = (finite[which(values[finite])] for which in (np.argmin, np.argmax))
+        if values[low] < self.least:
+            self.least, self._holders[-1] = float(values[low]), int(patch.element_ids[rows[low]])
+        if values[high] > self.greatest:
+            self.greatest, self._holders[1] = float(values[high]), int(patch.element_ids[rows[high]])
+
+    def deciding(self) -> Ints:
+        """See `deciding_elements`."""
+        found = [np.array([*self._holders.values()], np.int64)]
+        for patch, rows, (low, high) in self._first if self.expression.order < 2 else ():
+            may_win = ~(high <= self.greatest) & ~np.isnan(high) | ~(low >= self.least) & ~np.isnan(low)
+            found.append(patch.element_ids[rows[may_win]])
+        return np.unique(np.concatenate(found))
 
     @cached_property
     def _first(self) -> list[tuple[Patch, Ints, Interval]]:
@@ -122,10 +146,11 @@ class _Search:
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
         threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
         forgotten = max(attained, threshold)
-        for patch, rows, upper in rivals:
-            rows = rows[upper > threshold]
-            if len(rows):
-                forgotten = max(forgotten, self._refine(root, self._cells(patch, rows), attained))
+        # those of a patch together, so that what is found doesn't depend on batches
+        for patch in self.evaluator.patches:
+            own = [rows[upper > threshold] for other, rows, upper in rivals if other is patch]
+            if sum(map(len, own)):
+                forgotten = max(forgotten, self._refine(root, self._cells(patch, np.concatenate(own)), attained))
         return forgotten
 
     def _cells(self, patch: Patch, rows: Ints) -> Cells:

@@ -14,6 +14,7 @@ from elvis.core.mapping.orientation import face_shape, first_face_row
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled_nets
@@ -39,7 +40,10 @@ def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = N
                 found += _blocks(mesh, part, block, rows, numbers, length)
     is_extruded = length is not None
     boundaries, regions = _names(mesh, is_extruded)
-    return Faces(found, ids, boundaries, regions)
+    inner = np.empty(0, np.int64)
+    if mesh.excerpt is not None and (mesh.dimension == 3 or is_extruded):
+        inner = mesh.excerpt.sides
+    return Faces(found, ids, boundaries, regions, inner)
 
 
 def frames(shape: Shape, unit: bool = False) -> Floats:
@@ -133,7 +137,7 @@ def _images(block: GeometryBlock, length: float | None) -> Images:
     def positions(rows: Ints, points: Floats) -> Floats:
         in_plane = points[:, : block.expansion.shape.dimension]
         basis = values(block.expansion, in_plane)
-        found: Floats = np.einsum("ndm,km->nkd", block.coefficients[rows], basis, optimize=True)
+        found = row_products(block.coefficients[rows], basis.T).swapaxes(1, 2)
         if length is not None:
             found[..., 2] = length * (1 + points[:, 2]) / 2
         return found

@@ -48,12 +48,14 @@ class Faces:
     ids         for each part the ids of its elements in the file
     boundaries  name or id of a boundary -> numbers of faces (entities)
     regions     name or id of a set of elements -> their ids
+    inner       numbers of faces that are inner ones though their other side may not be here: of a part of the data
     """
 
     blocks: Sequence[FaceBlock]
     ids: Sequence[Ints]
     boundaries: Mapping[str, Ints] = field(default_factory=dict)
     regions: Mapping[str, Ints] = field(default_factory=dict)
+    inner: Ints = field(default_factory=lambda: np.empty(0, np.int64))
 
     def select(self, words: Sequence[str]) -> tuple[Ints, ...]:
         """For each block the rows of the faces that any of the words names, ascending.
@@ -113,5 +115,7 @@ class Faces:
 
     @cached_property
     def _sides(self) -> Ints:
-        """(entities,) how many faces of elements each face of the mesh has."""
-        return np.bincount(np.concatenate([block.entity for block in self.blocks]))
+        """(entities,) how many faces of elements each face of the mesh has, those that aren't here counted."""
+        counts = np.bincount(np.concatenate([block.entity for block in self.blocks]))
+        counts[self.inner[self.inner < len(counts)]] = 2
+        return counts

@@ -60,9 +60,12 @@ class NativeVolume:
         primary = names.index(carried[0]) if carried else None
         attributes = Attributes(dataset)
         derived = any(expression.order for expression in expressions)
-        groups = [group for sort in (_by_affinity(found) if derived else [found]) for group in _groups(sort, primary)]
+        sorts = by_affinity(found) if derived else [found]
+        count = elements_in_all(dataset)
+        groups = [group for sort in sorts for group in _groups(sort, primary, count)]
         keep = partial(kept, dataset)
-        parts = [Elements(some, geometry, names, expressions, attributes, keep).part() for geometry, some in groups]
+        made = (Elements(own, geometry, names, expressions, attributes, keep, count) for geometry, own in groups)
+        parts = [elements.part() for elements in made]
         if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
@@ -70,7 +73,7 @@ class NativeVolume:
 
 def stacks(found: Sequence[Patch], evaluator: Evaluator, names: tuple[str, ...]) -> Iterator[tuple[Part, list[Patch]]]:
     """Parts that have several fields of a dataset in each element (see Elements.stack), with the patches in each."""
-    for geometry, own in _groups(found, evaluator.names.index(names[0])):
+    for geometry, own in _groups(found, evaluator.names.index(names[0]), sum(map(len, found))):
         elements = Elements(own, geometry, evaluator.names, evaluator.expressions, evaluator.attributes)
         part = elements.stack(names)
         is_in_space = geometry.shape.dimension == 2 and not all(patch.is_flat for patch in own)
@@ -97,7 +100,7 @@ def _in_space(part: Part) -> Part:
     return replace(part, source=part.source + says, quantities=quantities)
 
 
-def _by_affinity(found: Sequence[Patch]) -> tuple[list[Patch], list[Patch]]:
+def by_affinity(found: Sequence[Patch]) -> tuple[list[Patch], list[Patch]]:
     """Elements with affine maps, in which derivatives are polynomials (see `polynomials`), and the others."""
     straight, bent = [], []
     for patch in found:
@@ -109,9 +112,16 @@ def _by_affinity(found: Sequence[Patch]) -> tuple[list[Patch], list[Patch]]:
     return straight, bent
 
 
-def _groups(found: Sequence[Patch], primary: int | None) -> Iterator[tuple[BernsteinSpace, list[Patch]]]:
+def elements_in_all(dataset: Dataset) -> int:
+    """Elements of the mesh, or of that which it is a part of."""
+    excerpt = dataset.mesh.excerpt
+    return sum(map(len, dataset.mesh.elements.values())) if excerpt is None else excerpt.elements
+
+
+def _groups(found: Sequence[Patch], primary: int | None, elements: int) -> Iterator[tuple[BernsteinSpace, list[Patch]]]:
     """Patches with one kind of map: by order of the field ``primary``, unless so few that one order does for all.
 
+    elements  how many there are in all: it is for these to be few, so that a part of the data is drawn as the whole
     A part costs kernels of its own, which take longer to prepare than a few elements of higher degree to draw.
     """
 
@@ -122,7 +132,7 @@ def _groups(found: Sequence[Patch], primary: int | None) -> Iterator[tuple[Berns
         alike = list(own)
         spaces = [field_space(patch, primary) for patch in alike]
         count = max(space.count for space in spaces)
-        if sum(map(len, alike)) * count * 8 <= FEW_BYTES:
+        if elements * count * 8 <= FEW_BYTES:
             yield geometry, alike
         else:
             for _, some in groupby(alike, key=lambda patch: field_space(patch, primary)):

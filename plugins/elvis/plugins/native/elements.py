@@ -17,14 +17,14 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
-from elvis.core.quantities.attributes import Attributes, from_ideal, is_constant
+from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of, is_continuous
+from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
 from elvis.plugins.native.device_spaces import even_space, field_space
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
@@ -55,6 +55,7 @@ class Elements:
     names        of the patches' fields
     expressions  the quantities; the first becomes the part's own field
     keep         gives what follows from the mesh alone: what was made before, by a key, or what it makes
+    in_all       elements of all data, of which these may be a part
     """
 
     def __init__(
@@ -65,9 +66,10 @@ class Elements:
         expressions: Sequence[Expression],
         attributes: Attributes,
         keep: Keep = keep_nothing,
+        in_all: int = 0,
     ) -> None:
         self.patches, self.geometry, self.names = patches, geometry, tuple(names)
-        self.expressions, self.attributes, self._keep = expressions, attributes, keep
+        self.expressions, self.attributes, self._keep, self._in_all = expressions, attributes, keep, in_all
         self._nets: dict[tuple[str, ...], tuple[BernsteinSpace, Floats]] = {}
         self._surface_buffers: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
 
@@ -144,7 +146,7 @@ class Elements:
                 return Quantity(type, source, buffers)
             degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
             return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
-        ideal = _ideal(shape, shape.dimension + self._directions)
+        ideal = ideal_of(shape), shape.dimension + self._directions
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if stands_for and self._is_straight else HIGHEST
         is_beyond = found is None or found > highest or self.series or spurious
@@ -269,7 +271,8 @@ class Elements:
         most = _MOST_STRAIGHT if self._is_straight else _MOST_DEGREES
         numbers = [self.names.index(name) for name in expression.fields]
         own = sum(len(patch) * field_space(patch, number).count for patch in self.patches for number in numbers)
-        if max(space.degrees) > most or space.count * count > max(_MOST_NUMBERS, _MOST_TIMES * own):
+        is_many = space.count * max(self._in_all, count) > _MOST_NUMBERS and space.count * count > _MOST_TIMES * own
+        if max(space.degrees) > most or is_many:
             return None
         nets = []
         for patch in self.patches:
@@ -419,13 +422,6 @@ def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) 
         plain.max(axis=1, out=high[part])
     error = rounding()
     return low - error, high + error
-
-
-def _ideal(shape: Shape, dimension: int) -> tuple[Floats, int]:
-    """(3, 3) the matrix to the ideal element, unchanged beyond the shape's dimension."""
-    matrix = np.eye(3)
-    matrix[: shape.dimension, : shape.dimension] = from_ideal(shape)
-    return matrix, dimension
 
 
 def _arguments(space: BernsteinSpace) -> list[int]:

@@ -16,6 +16,7 @@ from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.core.portions.ranks import Ranks
     from elvis.plugins.opening import PluginData
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
@@ -77,20 +78,27 @@ def render(
     Without --output the picture takes the name of the scene or of the first file, in the current folder, and a number
     where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
+    from elvis.core.portions.ranks import ranks_of_run
     from elvis.core.terminal import say
+    from elvis.plugins.running import sentence_of
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed, panels
 
-    scene = composed(data, options, settings)
-    is_named = bool(scene.outputs)
-    scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
-    _check_places(scene, data, save_scene, overwrite)
-    frames, notes = _frames(tuple(with_range(each, not no_cache) for each in panels(scene)), not no_cache)
-    _write(frames, scene, save_scene)
-    for frame in frames:
-        _report(frame, notes)
-    if not is_named:
-        say(f"wrote {scene.outputs[0]}")
+    with ranks_of_run(sentence_of) as ranks:
+        scene = composed(data, options, settings)
+        is_named = bool(scene.outputs)
+        scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
+        _check_places(scene, data, save_scene, overwrite)
+        scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
+        opened = _opened(scenes, not no_cache, ranks)
+        if ranks.rank:
+            return
+        frames, notes = _frames(scenes, opened)
+        _write(frames, scene, save_scene)
+        for frame in frames:
+            _report(frame, notes)
+        if not is_named:
+            say(f"wrote {scene.outputs[0]}")
 
 
 def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:
@@ -125,24 +133,34 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 
 
-def _frames(scenes: tuple[Scene, ...], is_kept: bool) -> tuple[list[Frame], list[str]]:
-    """The pictures of scenes, and what is noted of their data, which are opened once.
+def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Dataset | PluginData]:
+    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on.
+
+    Ranks but the first have none.
+    """
+    from elvis.renderer.parts import of_ranks
+
+    alike: dict[object, list[Scene]] = {}
+    for scene in scenes:
+        alike.setdefault(_key(scene), []).append(scene)
+    known = {key: _open(some, is_kept) for key, some in alike.items()}
+    return known if ranks.size == 1 else of_ranks(known, alike, ranks)
+
+
+def _frames(scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData]) -> tuple[list[Frame], list[str]]:
+    """The pictures of scenes, and what is noted of their data.
 
     Those that have their colours from one field are drawn in one range, so that a bar tells all.
     """
     from elvis.plugins.opening import PluginData
     from elvis.scene.commandline.composing import in_one_range
 
-    alike: dict[object, list[Scene]] = {}
-    for scene in scenes:
-        alike.setdefault(_key(scene), []).append(scene)
-    known = {key: _open(some, is_kept) for key, some in alike.items()}
-    data = [known[_key(scene)] for scene in scenes]
+    data = [opened[_key(scene)] for scene in scenes]
     frames = list(map(_frame, data, scenes))
     shared = in_one_range(frames) if len(frames) > 1 else None
     if shared is not None:
         frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
-    datasets = [own for own in known.values() if not isinstance(own, PluginData)]
+    datasets = [own for own in opened.values() if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
     return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]
 

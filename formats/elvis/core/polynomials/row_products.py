@@ -1,0 +1,33 @@
+"""Products of many rows with one small matrix, in which no row depends on how many others there are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+
+#: rows that are multiplied together
+_ROWS = 32
+
+
+def row_products(rows: Floats, matrix: Floats) -> Floats:
+    """(..., k) the rows (..., m), each times the matrix (m, k).
+
+    BLAS adds up in another order where a matrix has few rows, or one, than where it has many: numbers of an element
+    would depend on what else is looked at.  So the product is taken of blocks, all of one size, the last filled up
+    with zeros.
+    """
+    flat = np.ascontiguousarray(rows).reshape(-1, rows.shape[-1])
+    products = np.empty((len(flat), matrix.shape[1]))
+    whole = len(flat) // _ROWS * _ROWS
+    np.matmul(_blocks(flat[:whole]), matrix, out=_blocks(products[:whole]))
+    if whole < len(flat):
+        last = np.zeros((_ROWS, rows.shape[-1]))
+        last[: len(flat) - whole] = flat[whole:]
+        products[whole:] = (_blocks(last) @ matrix)[0, : len(flat) - whole]
+    return products.reshape(*rows.shape[:-1], matrix.shape[1])
+
+
+def _blocks(rows: Floats) -> Floats:
+    """(b, _ROWS, m) whole blocks of rows; the same memory."""
+    return rows.reshape(-1, _ROWS, rows.shape[-1])

@@ -1,0 +1,308 @@
+"""Portions: some elements of a dataset, which know their numbers in the whole.
+
+A portion is a dataset itself, of these elements and of what they are made of alone.  Portions of one dataset are
+united by numbers in the whole, so that order, and with it which element is first, doesn't depend on how it was cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.mesh import Composite, Curves, Entities, Excerpt, Mesh
+from elvis.core.shapes import Shape
+
+#: kinds of entities: vertices, then shapes
+_Kind = Shape | None
+_FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
+_TAGS: Mapping[str, tuple[_Kind, ...]] = {
+    "V": (None,),
+    "E": (Shape.SEGMENT,),
+    "F": _FACES,
+    **{shape.tag: (shape,) for shape in Shape},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """Some elements of a dataset.
+
+    dataset   of these elements alone; it has no data on other meshes, and no derivatives in time
+    rows      (n,) rows in the whole, ascending: of vertices (None) and of entities by shape
+    edges, faces  (n,) the same of the curves of edges and faces
+    blocks    for each field and block (n,) rows of its elements in the block of the whole
+    sides     numbers in the whole of faces, of 2D meshes edges, that have elements on both sides in the whole
+    elements, triangles  how many the whole has
+    """
+
+    dataset: Dataset
+    rows: Mapping[_Kind, Ints]
+    edges: Ints
+    faces: Ints
+    blocks: Mapping[str, tuple[Ints, ...]]
+    sides: Ints
+    elements: int
+    triangles: int
+
+    @staticmethod
+    def whole(dataset: Dataset) -> Portion:
+        """All of a dataset."""
+        mesh = dataset.mesh
+        rows: dict[_Kind, Ints] = {shape: np.arange(len(own)) for shape, own in mesh.entities.items()}
+        rows[None] = np.arange(len(mesh.vertices))
+        blocks = {field.name: tuple(np.arange(len(block)) for block in field.blocks) for field in dataset.fields}
+        elements = sum(map(len, mesh.elements.values()))
+        triangles = len(mesh.of(Shape.TRIANGLE))
+        edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
+        alone = replace(dataset, others={}, shared={}, rates=None)
+        return Portion(alone, rows, edges, faces, blocks, _inner_sides(dataset), elements, triangles)
+
+    def of(self, ids: Ints) -> Portion:
+        """The elements among these that have one of the ids (n,)."""
+        mesh = self.dataset.mesh
+        kept = _kept_rows(mesh, ids)
+        rows = {kind: self.rows[kind][own] for kind, own in kept.items()}
+        curved_edges = np.flatnonzero(np.isin(mesh.edge_curves.rows, kept[Shape.SEGMENT]))
+        curved_faces = np.flatnonzero(np.isin(mesh.face_curves.rows, _face_numbers(mesh, kept)))
+        fields, blocks = [], {}
+        for field in self.dataset.fields:
+            chosen = [np.flatnonzero(np.isin(block.element_ids, ids)) for block in field.blocks]
+            own = (_of_block(block, some) for block, some in zip(field.blocks, chosen, strict=True))
+            fields.append(replace(field, blocks=tuple(own)))
+            old = zip(self.blocks[field.name], chosen, strict=True)
+            blocks[field.name] = tuple(before[some] for before, some in old)
+        cut = _cut_mesh(mesh, kept, curved_edges, curved_faces)
+        portion = replace(
+            self,
+            dataset=replace(self.dataset, mesh=cut, fields=tuple(fields)),
+            rows=rows,
+            edges=self.edges[curved_edges],
+            faces=self.faces[curved_faces],
+            blocks=blocks,
+        )
+        return portion._with_excerpt(np.intersect1d(self.sides, portion._side_numbers()))
+
+    @property
+    def bytes(self) -> int:
+        """How much memory its arrays take."""
+        mesh = self.dataset.mesh
+        places = mesh.vertices.nbytes + mesh.edge_curves.points.nbytes + mesh.face_curves.points.nbytes
+        entities = sum(own.ids.nbytes + own.members.nbytes for own in mesh.entities.values())
+        return places + entities + sum(block.coefficients.nbytes for own in self.dataset.fields for block in own.blocks)
+
+    def _side_numbers(self) -> Ints:
+        """(n,) numbers in the whole of its faces, triangles first; of 2D meshes of its edges."""
+        numbers = _faces_in_whole if self.dataset.mesh.dimension == 3 else _edges_in_whole
+        return numbers(self, self.rows)
+
+    def _with_excerpt(self, sides: Ints) -> Portion:
+        """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
+        excerpt = Excerpt(self.elements, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
+        mesh = replace(self.dataset.mesh, excerpt=excerpt)
+        return replace(self, dataset=replace(self.dataset, mesh=mesh), sides=sides)
+
+
+def portions(dataset: Dataset, parts: Sequence[Ints]) -> list[Portion]:
+    """A dataset cut into the elements with these ids, one array a part."""
+    whole = Portion.whole(dataset)
+    return [whole.of(ids) for ids in parts]
+
+
+def unite(some: Sequence[Portion]) -> Portion:
+    """The elements of portions of one dataset, which may have some in common, in the order of the whole."""
+    first = some[0]
+    if len(some) == 1:
+        return first
+    meshes = [portion.dataset.mesh for portion in some]
+    rows: dict[_Kind, Ints] = {}
+    places: dict[_Kind, Ints] = {}
+    for kind in first.rows:
+        rows[kind], places[kind] = _united([portion.rows[kind] for portion in some])
+    vertex_ids = np.concatenate([mesh.vertex_ids for mesh in meshes])[places[None]]
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])[places[None]]
+    entities = {}
+    for shape in (kind for kind in rows if kind is not None):
+        ids = np.concatenate([mesh.of(shape).ids for mesh in meshes])[places[shape]]
+        members = np.concatenate([_members_in_whole(portion, shape) for portion in some])[places[shape]]
+        own = _numbers_of_members(first, rows, shape)
+        entities[shape] = Entities(frozen_ints(ids), frozen_ints(np.searchsorted(own, members)))
+    edges, edge_places = _united([portion.edges for portion in some])
+    faces, face_places = _united([portion.faces for portion in some])
+    mesh = replace(
+        meshes[0],
+        vertex_ids=frozen_ints(vertex_ids),
+        vertices=frozen_floats(vertices),
+        entities=entities,
+        edge_curves=_united_curves(some, edge_places, rows, on_edges=True),
+        face_curves=_united_curves(some, face_places, rows, on_edges=False),
+        composites=tuple(map(_united_composite, zip(*(mesh.composites for mesh in meshes), strict=True))),
+    )
+    fields, blocks = _united_fields(some)
+    dataset = replace(first.dataset, mesh=mesh, fields=fields)
+    united = replace(first, dataset=dataset, rows=rows, edges=edges, faces=faces, blocks=blocks)
+    return united._with_excerpt(distinct(np.sort(np.concatenate([portion.sides for portion in some]))))
+
+
+def _inner_sides(dataset: Dataset) -> Ints:
+    """Numbers of faces, of 2D meshes edges, that have elements on both sides, which have the first field if any has."""
+    mesh = dataset.mesh
+    solution = dataset.solution
+    carriers = [block.element_ids for block in solution[0].blocks] if solution else []
+    members = []
+    for entities in mesh.elements.values():
+        chosen = np.isin(entities.ids, np.concatenate(carriers)) if carriers else np.ones(len(entities), bool)
+        members.append(entities.members[chosen].reshape(-1))
+    counts = np.bincount(np.concatenate([np.empty(0, np.int64), *members]))
+    return np.flatnonzero(counts > 1) if mesh.dimension > 1 else np.empty(0, np.int64)
+
+
+def _kept_rows(mesh: Mesh, ids: Ints) -> dict[_Kind, Ints]:
+    """Rows of the elements with these ids, and of the faces, edges and vertices that they are made of."""
+    elements = mesh.elements
+    kept: dict[_Kind, Ints] = {shape: np.empty(0, np.int64) for shape in (*mesh.entities, Shape.SEGMENT)}
+    for shape, own in elements.items():
+        kept[shape] = np.flatnonzero(np.isin(own.ids, ids))
+    triangles = len(mesh.of(Shape.TRIANGLE))
+    if mesh.dimension == 3:
+        faces = _used(mesh, kept, elements)
+        kept[Shape.TRIANGLE] = faces[faces < triangles]
+        kept[Shape.QUADRILATERAL] = faces[faces >= triangles] - triangles
+    if mesh.dimension > 1:
+        kept[Shape.SEGMENT] = _used(mesh, kept, _FACES)
+    kept[None] = _used(mesh, kept, (Shape.SEGMENT,))
+    return {kind: own for kind, own in kept.items() if kind is None or kind in mesh.entities}
+
+
+def _used(mesh: Mesh, kept: Mapping[_Kind, Ints], shapes: Sequence[Shape] | Mapping[Shape, Entities]) -> Ints:
+    """(n,) what the kept entities of some shapes are made of, ascending."""
+    none = np.empty(0, np.int64)
+    members = [mesh.of(shape).members[kept.get(shape, none)].reshape(-1) for shape in shapes]
+    return np.unique(np.concatenate([none, *members]))
+
+
+def _face_numbers(mesh: Mesh, kept: Mapping[_Kind, Ints]) -> Ints:
+    """(n,) numbers of kept faces: triangles first."""
+    none = np.empty(0, np.int64)
+    quadrilaterals = len(mesh.of(Shape.TRIANGLE)) + kept.get(Shape.QUADRILATERAL, none)
+    return np.concatenate([kept.get(Shape.TRIANGLE, none), quadrilaterals])
+
+
+def _numbers_of_members(portion: Portion, rows: Mapping[_Kind, Ints], shape: Shape) -> Ints:
+    """(n,) numbers in the whole of what entities of a shape are made of, in order of their rows."""
+    if shape.dimension == 3:
+        return _faces_in_whole(portion, rows)
+    return rows[Shape.SEGMENT if shape.dimension == 2 else None]
+
+
+def _members_in_whole(portion: Portion, shape: Shape) -> Ints:
+    """(n, k) members of entities by their numbers in the whole."""
+    return _numbers_of_members(portion, portion.rows, shape)[portion.dataset.mesh.of(shape).members]
+
+
+def _united(rows: Sequence[Ints]) -> tuple[Ints, Ints]:
+    """(n,) rows of several lists, ascending, each once, and where in all lists together the first of each is."""
+    united, place = np.unique(np.concatenate(rows), return_index=True)
+    return united, place
+
+
+def _cut_mesh(mesh: Mesh, kept: Mapping[_Kind, Ints], edges: Ints, faces: Ints) -> Mesh:
+    """The mesh of the kept entities and curves."""
+    entities = {}
+    for shape, own in mesh.entities.items():
+        if shape.dimension == 3:
+            numbers = _face_numbers(mesh, kept)
+        else:
+            numbers = kept[Shape.SEGMENT if shape.dimension == 2 else None]
+        members = np.searchsorted(numbers, own.members[kept[shape]])
+        entities[shape] = Entities(frozen_ints(own.ids[kept[shape]]), frozen_ints(members))
+    segments = kept.get(Shape.SEGMENT, np.empty(0, np.int64))
+    return replace(
+        mesh,
+        vertex_ids=frozen_ints(mesh.vertex_ids[kept[None]]),
+        vertices=frozen_floats(mesh.vertices[kept[None]]),
+        entities=entities,
+        edge_curves=_some_curves(mesh.edge_curves, edges, segments),
+        face_curves=_some_curves(mesh.face_curves, faces, _face_numbers(mesh, kept)),
+        composites=tuple(_cut_composite(mesh, kept, composite) for composite in mesh.composites),
+    )
+
+
+def _some_curves(curves: Curves, which: Ints, numbers: Ints) -> Curves:
+    """Some of the curves, on entities with new rows; ``numbers`` are the old ones of these, ascending."""
+    rows = np.searchsorted(numbers, curves.rows[which])
+    counts = np.diff(curves.offsets)[which]
+    offsets = np.append(0, np.cumsum(counts))
+    points = np.repeat(curves.offsets[which] - offsets[:-1], counts) + np.arange(offsets[-1])
+    kinds = curves.kinds[which]
+    return Curves(frozen_ints(rows), frozen_ints(kinds), frozen_ints(offsets), frozen_floats(curves.points[points]))
+
+
+def _united_curves(some: Sequence[Portion], which: Ints, rows: Mapping[_Kind, Ints], *, on_edges: bool) -> Curves:
+    """The curves of portions, of all in order those with numbers ``which``, on entities ``rows`` of the whole."""
+    numbers = _edges_in_whole if on_edges else _faces_in_whole
+    every = [one.dataset.mesh.edge_curves if on_edges else one.dataset.mesh.face_curves for one in some]
+    owners = [numbers(one, one.rows)[curves.rows] for one, curves in zip(some, every, strict=True)]
+    counts = np.concatenate([np.diff(curves.offsets) for curves in every])
+    joined = Curves(
+        frozen_ints(np.concatenate(owners)),
+        frozen_ints(np.concatenate([curves.kinds for curves in every])),
+        frozen_ints(np.append(0, np.cumsum(counts))),
+        frozen_floats(np.concatenate([curves.points for curves in every])),
+    )
+    return _some_curves(joined, which, numbers(some[0], rows))
+
+
+def _edges_in_whole(portion: Portion, rows: Mapping[_Kind, Ints]) -> Ints:
+    """(n,) numbers in the whole of edges."""
+    return rows.get(Shape.SEGMENT, np.empty(0, np.int64))
+
+
+def _faces_in_whole(portion: Portion, rows: Mapping[_Kind, Ints]) -> Ints:
+    """(n,) numbers in the whole of faces, triangles first."""
+    none = np.empty(0, np.int64)
+    return np.concatenate([rows.get(Shape.TRIANGLE, none), portion.triangles + rows.get(Shape.QUADRILATERAL, none)])
+
+
+def _cut_composite(mesh: Mesh, kept: Mapping[_Kind, Ints], composite: Composite) -> Composite:
+    """A composite without the entities that aren't kept."""
+    parts = []
+    for tag, ids in composite.parts:
+        kinds = [kind for kind in _TAGS[tag] if kind in kept]
+        own = [(mesh.vertex_ids if kind is None else mesh.of(kind).ids)[kept[kind]] for kind in kinds]
+        parts.append((tag, ids[np.isin(ids, np.concatenate([np.empty(0, np.int64), *own]))]))
+    return replace(composite, parts=tuple(parts))
+
+
+def _united_composite(some: Sequence[Composite]) -> Composite:
+    """A composite that is in each of several meshes, with the entities of all."""
+    tags = [tag for tag, _ in some[0].parts]
+    ids = (np.unique(np.concatenate(own)) for own in zip(*([ids for _, ids in one.parts] for one in some), strict=True))
+    return replace(some[0], parts=tuple(zip(tags, map(frozen_ints, ids), strict=True)))
+
+
+def _of_block(block: Block, rows: Ints) -> Block:
+    """Some elements of a block."""
+    return Block(block.expansion, frozen_ints(block.element_ids[rows]), frozen_floats(block.coefficients[rows]))
+
+
+def _united_fields(some: Sequence[Portion]) -> tuple[tuple[Field, ...], dict[str, tuple[Ints, ...]]]:
+    """The fields of portions, and rows of their blocks in those of the whole."""
+    fields: list[Field] = []
+    rows: dict[str, tuple[Ints, ...]] = {}
+    for number, field in enumerate(some[0].dataset.fields):
+        blocks: list[Block] = []
+        found: list[Ints] = []
+        for index, block in enumerate(field.blocks):
+            own, place = _united([portion.blocks[field.name][index] for portion in some])
+            every = [portion.dataset.fields[number].blocks[index] for portion in some]
+            ids = np.concatenate([one.element_ids for one in every])[place]
+            coefficients: Floats = np.concatenate([one.coefficients for one in every])[place]
+            blocks.append(Block(block.expansion, frozen_ints(ids), frozen_floats(coefficients)))
+            found.append(own)
+        fields.append(replace(field, blocks=tuple(blocks)))
+        rows[field.name] = tuple(found)
+    return tuple(fields), rows

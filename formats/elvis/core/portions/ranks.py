@@ -1,0 +1,152 @@
+"""The processes that work at one picture together: alone, or the ranks of a run under mpiexec.
+
+Three operations are enough: who am I, what have all found (`gather`), how did it end (`share`).  Waiting takes no
+processor time, which those that are not done yet may need.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from time import sleep
+from typing import Any, Protocol, TypeVar
+
+from elvis.core.errors import ElvisError
+from elvis.core.needing import require_module
+
+T = TypeVar("T")
+#: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM with PMIx
+_SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
+#: seconds between two looks at whether a message is there
+_PAUSE = 0.002
+_FOUND, _END = 1, 2
+
+
+class Ranks(Protocol):
+    """Processes of one run."""
+
+    @property
+    def rank(self) -> int:
+        """The number of this one; 0 draws and writes."""
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+
+    def gather(self, value: T) -> list[T]:
+        """What all have found, in order, for rank 0; to be called once by each.  Elsewhere it is empty.
+
+        ElvisError that names the part and the reason where a rank has failed.
+        """
+
+
+class Alone:
+    """One process."""
+
+    rank, size = 0, 1
+
+    def gather(self, value: T) -> list[T]:
+        """Its own."""
+        return [value]
+
+
+class MpiRanks:
+    """The ranks of COMM_WORLD."""
+
+    def __init__(self, communicator: Any) -> None:
+        self._world = communicator
+        self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
+        self._is_gathered = False
+
+    def gather(self, value: T) -> list[T]:
+        """See Ranks."""
+        self._is_gathered = True
+        if self.rank:
+            self._send((value, None), 0, _FOUND)
+            return []
+        every = [(value, None), *(self._receive(rank, _FOUND) for rank in range(1, self.size))]
+        failed = [(number, reason) for number, (_, reason) in enumerate(every) if reason]
+        if failed:
+            others = f" ({len(failed)} parts failed)" if len(failed) > 1 else ""
+            raise ElvisError(f"part {failed[0][0] + 1} of {self.size}: {failed[0][1]}{others}")
+        return [found for found, _ in every]
+
+    def fail(self, reason: str) -> None:
+        """Let rank 0 know why this one has found nothing."""
+        if not self._is_gathered:
+            self._is_gathered = True
+            self._send((None, reason), 0, _FOUND)
+
+    def end(self, status: int) -> int:
+        """How the run ended: told by rank 0, and waited for by all others."""
+        if self.rank:
+            return int(self._receive(0, _END))
+        if not self._is_gathered:
+            for rank in range(1, self.size):
+                self._receive(rank, _FOUND)
+        for rank in range(1, self.size):
+            self._send(status, rank, _END)
+        return status
+
+    def abort(self, status: int) -> None:
+        """End all at once."""
+        self._world.Abort(status)
+
+    def _send(self, value: object, to: int, tag: int) -> None:
+        request = self._world.isend(value, dest=to, tag=tag)
+        while not request.test()[0]:
+            sleep(_PAUSE)
+
+    def _receive(self, source: int, tag: int) -> Any:
+        message = self._world.improbe(source=source, tag=tag)
+        while message is None:
+            sleep(_PAUSE)
+            message = self._world.improbe(source=source, tag=tag)
+        return message.recv()
+
+
+def started_together(environment: Mapping[str, str] = os.environ) -> int:
+    """How many processes mpiexec or srun has started with this one; 1 without."""
+    sizes = [environment[name] for name in _SIZES if environment.get(name, "").isdigit()]
+    return int(sizes[0]) if sizes else 1
+
+
+@contextmanager
+def ranks_of_run(describe: Callable[[Exception], str]) -> Iterator[Ranks]:
+    """The ranks that this process is one of; they end together, with one status.
+
+    All but rank 0 are silent: what is wrong with their part is gathered.  Leaving the block, they wait for rank 0, and
+    exit with its status.
+
+    describe  the sentence of an error
+    """
+    if started_together() < 2:
+        yield Alone()
+        return
+    mpi = require_module("mpi4py.MPI", "one picture by several processes", "mpi")
+    ranks = MpiRanks(mpi.COMM_WORLD)
+    if ranks.rank:
+        _be_silent()
+    status = 1
+    try:
+        yield ranks
+        status = 0
+    except Exception as error:
+        if ranks.rank:
+            ranks.fail(describe(error))
+        else:
+            raise
+    except BaseException:
+        ranks.abort(130)
+        raise
+    finally:
+        status = ranks.end(status)
+    if ranks.rank:
+        sys.exit(status)
+
+
+def _be_silent() -> None:
+    """Let messages of this process go nowhere."""
+    sys.stdout = sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

@@ -1,0 +1,95 @@
+"""Pictures of data in parts: each part tells which of its elements matter, and these are drawn as all would be.
+
+A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to the process that draws, with
+their numbers in the whole, and every stage works on them as it is.  No pixel is compared or merged, so that pictures
+are the same to the byte, whatever the parts are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Ints
+from elvis.core.dataset import Dataset
+from elvis.core.portions.partition import along_curve
+from elvis.core.portions.portion import Portion, unite
+from elvis.core.portions.ranks import Ranks
+from elvis.plugins.opening import PluginData
+from elvis.renderer.relevance import Relevance
+from elvis.renderer.rendering import completed, default_field
+from elvis.scene import Scene
+from elvis.scene.bare_mesh import of_mesh
+from elvis.scene.errors import SceneError
+
+
+def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
+    """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
+    if not _is_local(dataset, scenes):
+        return dataset
+    whole = Portion.whole(dataset)
+    return _restored(unite([_what_matters(whole.of(ids), scenes) for ids in parts]), dataset)
+
+
+def of_ranks(
+    opened: Mapping[object, Dataset | PluginData], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
+) -> dict[object, Dataset | PluginData]:
+    """For rank 0 of several, the elements of data that scenes depend on; each rank looks for them in its part.
+
+    Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
+    """
+    found = {}
+    for key, data in opened.items():
+        if isinstance(data, PluginData):
+            raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
+        own = Portion.whole(data).of(along_curve(data, ranks.size)[ranks.rank])
+        found[key] = _what_matters(own, scenes[key]) if _is_local(data, scenes[key]) else own
+    every = ranks.gather(found)
+    if ranks.rank:
+        return {}
+    return {
+        key: _restored(unite([some[key] for some in every]), data)
+        for key, data in opened.items()
+        if isinstance(data, Dataset)
+    }
+
+
+def _is_local(dataset: Dataset, scenes: Sequence[Scene]) -> bool:
+    """Whether scenes may depend on less than all elements."""
+    return _has_one_set_of_elements(dataset) and all(
+        Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes
+    )
+
+
+def _what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
+    """The elements of a portion that scenes of the whole depend on."""
+    dataset = drawable(portion)
+    found = [Relevance(dataset, _whole_scene(dataset, scene)).ids() for scene in scenes]
+    return portion.of(np.unique(np.concatenate(found)))
+
+
+def _restored(portion: Portion, dataset: Dataset) -> Dataset:
+    """The dataset of a portion, with what the whole has beside elements."""
+    return replace(drawable(portion), others=dataset.others, shared=dataset.shared, rates=dataset.rates)
+
+
+def drawable(portion: Portion) -> Dataset:
+    """The dataset of a portion, without blocks that have no elements."""
+    dataset = portion.dataset
+    fields = (replace(own, blocks=tuple(block for block in own.blocks if len(block))) for own in dataset.fields)
+    return replace(dataset, fields=tuple(fields))
+
+
+def _has_one_set_of_elements(dataset: Dataset) -> bool:
+    """Whether all fields have the same elements, so that faces are inner ones of all or of none."""
+    held = [np.sort(np.concatenate([b.element_ids for b in own.blocks])) for own in dataset.solution if own.blocks]
+    return all(np.array_equal(one, held[0]) for one in held)
+
+
+def _whole_scene(dataset: Dataset, scene: Scene) -> Scene:
+    """The scene with its field and its objects."""
+    if not scene.field and not dataset.solution:
+        scene = of_mesh(scene)
+    return completed(dataset, scene if scene.field else replace(scene, field=default_field(dataset)))

@@ -1,0 +1,227 @@
+"""Which elements of a part of the data a picture depends on: what is drawn of these alone is what is drawn of all.
+
+Each stage looks at elements of which it isn't certain that nothing of them is there: those whose boxes a surface
+meets, those whose certified bounds hold a value, those that have chosen faces.  Of what a picture depends on
+altogether, such as its view or ranges over all data, those elements count that decide it.  More than these do no harm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.boxes import Boxes, BoxTree
+from elvis.core.patch import patches
+from elvis.core.picturing import Kind
+from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import deciding_elements
+from elvis.core.quantities.element_sides import SIDES
+from elvis.plugins.faces import faces_of
+from elvis.plugins.native.buffers import by_affinity
+from elvis.plugins.serving import volume_of
+from elvis.plugins.volume import Part, Quantity, Volume
+from elvis.renderer.passes.solids.hits import triangles
+from elvis.renderer.traversal import ROUNDING
+from elvis.scene import (
+    Camera,
+    Cone,
+    CutSurface,
+    Cylinder,
+    Faces,
+    Glyphs,
+    Implicit,
+    Isosurface,
+    Plane,
+    Scene,
+    Sphere,
+    Streamlines,
+    TriangleMesh,
+    VolumeRendering,
+    unit,
+)
+from elvis.scene.quantities import quantities
+from elvis.scene.view import named_camera
+
+#: attributes that an element has by itself
+_OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
+#: part of the greatest coordinate by which surfaces may be off
+_SLACK = 1e-9
+
+
+class Relevance:
+    """A part of the data, and the scene that is drawn of all; its objects and velocities are named."""
+
+    def __init__(self, dataset: Dataset, scene: Scene) -> None:
+        self.dataset, self.scene = dataset, scene
+        self.texts = quantities(scene)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether less than all may do: no light or line goes through all elements, no expression looks beyond one."""
+        scene = self.scene
+        goes_through = any(isinstance(item, VolumeRendering | Streamlines | Glyphs) for item in scene.every_object)
+        cones = any(isinstance(item, CutSurface) and isinstance(item.surface, Cone) for item in scene.every_object)
+        expressions = [Expression.of(self.dataset, text) for text in self.texts]
+        beyond = any(name not in _OWN for each in expressions for name in each.attributes)
+        is_line = Kind.of(self.dataset) is Kind.LINE
+        return not (goes_through or cones or beyond or is_line or self.dataset.others)
+
+    def ids(self) -> Ints:
+        """(n,) ids of the elements that the picture depends on."""
+        volume = volume_of(self.dataset, self.texts)
+        found = [np.empty(0, np.int64), *self._first_ones(volume), *self._ends()]
+        masks = [np.zeros(len(part), bool) for part in volume.parts]
+        for mask, part in zip(masks, volume.parts, strict=True):
+            mask |= self._outermost(part)
+            for item in self.scene.every_object:
+                mask |= self._seen(item, part)
+        for mask, chosen in zip(masks, self._of_faces(volume), strict=True):
+            mask |= chosen
+        found += [part.element_ids[mask] for part, mask in zip(volume.parts, masks, strict=True)]
+        return np.unique(np.concatenate(found))
+
+    def _first_ones(self, volume: Volume) -> Iterator[Ints]:
+        """The first element of each kind: kinds make the parts of a volume, and their order."""
+        expressions = [Expression.of(self.dataset, text) for text in self.texts]
+        names = tuple(dict.fromkeys(name for each in expressions for name in each.fields))
+        every = patches(self.dataset, names)
+        yield from (patch.element_ids[:1] for patch in every)
+        if any(expression.order for expression in expressions):
+            yield from (patch.element_ids[:1] for sort in by_affinity(every) for patch in sort)
+
+    def _ends(self) -> Iterator[Ints]:
+        """Elements that decide certified ranges over all data."""
+        scene, names = self.scene, list[str]()
+        if scene.range == "all":
+            names += [scene.field, *(item.style.quantity or scene.field for item in _surfaces(scene))]
+        names += [item.quantity or scene.field for item in scene.every_object if isinstance(item, Isosurface)]
+        for item in _surfaces(scene):
+            style = item.style
+            if style.contours is not None and style.contours.count is None:
+                names.append(style.contours.quantity or style.quantity or scene.field)
+            if style.contours is not None and scene.range == "all":
+                names.append(style.contours.quantity or scene.field)
+            names += style.lic.components if style.lic else ()
+        names += "xyz" if scene.box or scene.axes else ""
+        for name in dict.fromkeys(names):
+            with suppress(ElvisError):
+                yield deciding_elements(self.dataset, Expression.of(self.dataset, name))
+
+    def _outermost(self, part: Part) -> Bools:
+        """(n,) elements at the ends of the domain, along the axes and as the camera sees it."""
+        mask = np.zeros(len(part), bool)
+        finite = np.flatnonzero(np.isfinite(part.boxes).all(axis=1))
+        if not len(finite):
+            return mask
+        boxes = part.boxes[finite].astype(np.float64)
+        for column in boxes.T:
+            mask[finite[[column.argmin(), column.argmax(), np.abs(column).argmax()]]] = True
+        camera = self.scene.camera
+        if isinstance(camera, str):
+            camera = named_camera(camera, self.scene.only_plane)
+        if isinstance(camera, Camera):
+            middle, half = 0.5 * (boxes[:, :3] + boxes[:, 3:]), 0.5 * (boxes[:, 3:] - boxes[:, :3])
+            for axis in np.array(camera.basis()[:2]):
+                place, reach = middle @ axis, half @ np.abs(axis)
+                # as near to the end as rounding may tell
+                slack = _SLACK * float(np.abs(boxes).max())
+                mask[finite[place - reach <= (place - reach).min() + slack]] = True
+                mask[finite[place + reach >= (place + reach).max() - slack]] = True
+        return mask
+
+    def _seen(self, item: object, part: Part) -> Bools:
+        """(n,) elements of a part that an object other than faces may show something of."""
+        if isinstance(item, Isosurface):
+            every = [self._level(part, item.quantity or self.scene.field, value) for value in item.values]
+            return np.asarray(np.any(every, axis=0))
+        if isinstance(item, CutSurface) and isinstance(item.surface, Implicit):
+            return self._level(part, item.surface.expression, 0.0)
+        if isinstance(item, CutSurface):
+            return meets(item.surface, part.boxes)
+        return np.zeros(len(part), bool)
+
+    def _level(self, part: Part, name: str, value: float) -> Bools:
+        """(n,) elements that may have a value, or don't know it: their own bounds, and what is drawn in their place."""
+        own: Part | Quantity = part if name == self.scene.field else part.quantities[name]
+        mask = _may_have(own, len(part), value)
+        stand_in = own.level(value) if own.level is not None else None
+        return mask if stand_in is None else mask | _may_have(stand_in[0], len(part), stand_in[1])
+
+    def _of_faces(self, volume: Volume) -> list[Bools]:
+        """For each part (n,) elements that have faces which are drawn."""
+        masks = [np.zeros(len(part), bool) for part in volume.parts]
+        chosen = [word for item in self.scene.every_object if isinstance(item, Faces) for word in item.select]
+        if not chosen or not sum(map(len, masks)):
+            return masks
+        faces = faces_of(self.dataset, volume)
+        for word in chosen:
+            # what no part has is missed where all are together
+            with suppress(ElvisError):
+                for block, rows in zip(faces.blocks, faces.select((word,)), strict=True):
+                    masks[block.part][block.element[rows]] = True
+        return masks
+
+
+def _surfaces(scene: Scene) -> list[CutSurface | Faces | Isosurface]:
+    """The objects of a scene that are surfaces."""
+    return [item for item in scene.every_object if isinstance(item, CutSurface | Faces | Isosurface)]
+
+
+def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
+    """(n,) elements whose bounds don't leave a value out, by far more than rounding, or aren't numbers."""
+    if own.bounds is None:
+        return np.ones(count, bool)
+    low, high = own.bounds()
+    greatest = np.nan_to_num(np.maximum(np.abs(low), np.abs(high)), posinf=abs(value))
+    rounding = ROUNDING * greatest if own.rounding is None else own.rounding()
+    mask = ~(low - 8.0 * rounding > value) & ~(high + 8.0 * rounding < value)
+    # what is beyond all by less than rounding is drawn nonetheless
+    if count:
+        mask[np.nan_to_num(rounding).argmax()] = True
+    return np.asarray(mask)
+
+
+def meets(surface: object, boxes: Boxes) -> Bools:
+    """(n,) whether a plane, a sphere, a cylinder or triangles may meet each of the boxes (n, 6).
+
+    Distances from planes, spheres and cylinders change by no more than one moves: from the middle of a box by half its
+    diagonal, along a plane's normal by half its sides together.
+    """
+    corners = boxes.astype(np.float64)
+    middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
+    finite = np.abs(corners[np.isfinite(corners).all(axis=1)])
+    slack = _SLACK * float(finite.max(initial=0.0))
+    if isinstance(surface, TriangleMesh):
+        return _meets_triangles(surface, boxes, slack)
+    reach = np.linalg.norm(half, axis=1)
+    with np.errstate(invalid="ignore"):
+        if isinstance(surface, Plane):
+            normal = surface.basis()[2]
+            slack += _SLACK * float(np.abs(surface.point).max())
+            distance, reach = (middle - surface.point) @ normal, half @ np.abs(normal)
+        elif isinstance(surface, Sphere):
+            distance = np.linalg.norm(middle - surface.center, axis=1) - surface.radius
+        else:
+            assert isinstance(surface, Cylinder)
+            distance = _from_axis(surface, middle) - surface.radius
+        return np.asarray(~(np.abs(distance) > reach + slack))
+
+
+def _from_axis(surface: Cylinder, points: Floats) -> Floats:
+    """(n,) distances of points (n, 3) from the axis of a cylinder."""
+    axis, away = unit(surface.axis, "axis"), points - np.asarray(surface.point)
+    return np.asarray(np.linalg.norm(away - np.outer(away @ axis, axis), axis=1))
+
+
+def _meets_triangles(surface: TriangleMesh, boxes: Boxes, slack: float) -> Bools:
+    """(n,) whether the box of a triangle meets each of the boxes."""
+    mask = np.zeros(len(boxes), bool)
+    corners = triangles(surface.file)
+    _, element = BoxTree.build(boxes).overlaps(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
+    mask[element] = True
+    return mask

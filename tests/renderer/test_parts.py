@@ -1,0 +1,187 @@
+"""Pictures of data in parts are those of the whole, to the byte, however the data are cut."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.portions import along_curve, portions, unite
+from elvis.core.shapes import Shape
+from elvis.core.testing.bending import curved, ripple
+from elvis.core.testing.fields import approximated, with_field
+from elvis.core.testing.meshes import grid, mixed_volume
+from elvis.formats import write
+from elvis.plugins.faces import faces_of
+from elvis.plugins.serving import volume_of
+from elvis.renderer.parts import drawable, in_parts
+from elvis.renderer.rendering import completed
+from elvis.scene import (
+    Clip,
+    Contours,
+    CutSurface,
+    Faces,
+    Implicit,
+    Isosurface,
+    MeshLines,
+    Plane,
+    Scene,
+    Sphere,
+    Style,
+    Transfer,
+    VolumeRendering,
+)
+from elvis.scene.quantities import quantities
+
+LINES = Style(contours=Contours(count=6), mesh_lines=MeshLines())
+TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
+UPRIGHT = Plane((0.5, 0.45, 0.52), (1.0, 0.1, 0.0))
+SCENES = {
+    "plane": Scene(plane=TILTED),
+    "plane with lines": Scene(objects=(CutSurface(TILTED, LINES),), camera="iso"),
+    "faces with lines": Scene(objects=(Faces(("all",), LINES),), camera="iso"),
+    "inner faces": Scene(objects=(Faces(("inner",), Style(opacity=0.4)),), camera="iso"),
+    "one element's faces": Scene(objects=(Faces(("element:40", "element:7")),), camera="iso"),
+    "isosurface": Scene(objects=(Isosurface((0.35,)),), camera="iso"),
+    "isosurface with lines": Scene(
+        objects=(Isosurface((0.35,), style=Style(quantity="x", contours=Contours((0.3, 0.6)))),), camera="iso"
+    ),
+    "isosurface of an expression": Scene(objects=(Isosurface((0.6,), "u*u + x"),), camera="-x"),
+    "clear surfaces": Scene(
+        objects=(Isosurface((0.2, 0.5), style=Style(opacity=0.5)), Faces(("all",), Style(opacity=0.3))), camera="iso"
+    ),
+    "clipped": Scene(objects=(Faces(), CutSurface(UPRIGHT)), clip=(Clip(UPRIGHT),), camera="iso"),
+    "sphere": Scene(objects=(CutSurface(Sphere((0.5, 0.5, 0.5), 0.3)),), camera="iso", range="all", box=True),
+    "implicit": Scene(objects=(CutSurface(Implicit("x + 0.3*y*y - 0.6")),), range="all", camera="iso"),
+    "volume": Scene(objects=(VolumeRendering(Transfer((0.0, 1.0), (0.0, 3.0))),), camera="iso"),
+}
+
+
+def function(points):
+    x, y, z = points.T
+    return 0.5 + 0.5 * np.sin(2.0 * x + y) * np.cos(3.0 * z - x)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """162 bent tetrahedra with a cubic field, and another one of mixed orders."""
+    return with_field(curved(grid(Shape.TETRAHEDRON, 3), ripple(0.05), 3), function, 4)
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """All shapes, straight and bent, with fields of order 2 and 4."""
+    whole = with_field(curved(mixed_volume(1), ripple(0.05), 3), lambda points: function(points / 3.0), 5)
+    low = approximated(whole, "u", lambda points: function(points / 3.0), 3)
+    (prisms,) = (block for block in low.blocks if block.expansion.shape is Shape.PRISM)
+    blocks = [prisms if block.expansion.shape is Shape.PRISM else block for block in whole["u"].blocks]
+    return Dataset(whole.mesh, (replace(low, blocks=tuple(blocks)),))
+
+
+def cuts(dataset):
+    """Partitions: compact, at random, like combs."""
+    ids = np.concatenate([entities.ids for entities in dataset.mesh.elements.values()])
+    mixed_up = np.random.default_rng(0).permutation(ids)
+    return [
+        *(along_curve(dataset, count) for count in (1, 2, 3)),
+        [np.sort(some) for some in np.array_split(mixed_up, 8)],
+        [np.sort(ids)[start::3] for start in range(3)],
+    ]
+
+
+def written(renderer, dataset, scene, folder):
+    """The bytes of a picture and of its record, what is told of pixels, and how many elements were drawn."""
+    whole = completed(dataset, scene)
+    renderer.load(dataset, *quantities(whole))
+    frame = renderer.render(whole)
+    for name in ("a.png", "a.npz"):
+        frame.save(folder / name)
+    told = frame.counts(), frame.remarks, frame.stats["elements"]
+    return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), told
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path):
+    scene = replace(SCENES[name], field="u", size=(96, 72))
+    drawn = renderer("vulkan")
+    expected = written(drawn, bent, scene, tmp_path)
+    for parts in cuts(bent):
+        assert written(drawn, in_parts(bent, [scene], parts), scene, tmp_path) == expected
+    assert expected[2][0]["certain"] > 200
+
+
+def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):
+    scene = Scene(field="u", objects=(Faces(("all",), LINES), Isosurface((0.6,))), camera="iso", size=(96, 72))
+    drawn = renderer("vulkan")
+    expected = written(drawn, mixed, scene, tmp_path)
+    assert all(written(drawn, in_parts(mixed, [scene], own), scene, tmp_path) == expected for own in cuts(mixed))
+
+
+def test_a_cut_asks_for_few_elements(bent):
+    scene = Scene(field="u", plane=TILTED, size=(96, 72))
+    count = sum(map(len, in_parts(bent, [scene], along_curve(bent, 2)).mesh.elements.values()))
+    assert count < 100
+
+
+@pytest.mark.parametrize("shape", Shape)
+def test_portions_are_united_to_the_whole(shape):
+    dataset = with_field(grid(shape, 3), lambda points: points[:, 0], 3)
+    if shape.dimension > 1:
+        dataset = with_field(curved(grid(shape, 3), ripple(0.05), 3), lambda points: points[:, 0], 3)
+    for parts in cuts(dataset):
+        united = unite(portions(dataset, parts[::-1])).dataset
+        assert united.mesh.vertices.tobytes() == dataset.mesh.vertices.tobytes()
+        assert united.mesh.edge_curves.points.tobytes() == dataset.mesh.edge_curves.points.tobytes()
+        assert united.mesh.face_curves.points.tobytes() == dataset.mesh.face_curves.points.tobytes()
+        for kind, entities in dataset.mesh.entities.items():
+            assert np.array_equal(united.mesh.of(kind).members, entities.members)
+        assert united["u"].blocks[0].coefficients.tobytes() == dataset["u"].blocks[0].coefficients.tobytes()
+
+
+def test_faces_between_parts_are_inner_ones():
+    dataset = with_field(grid(Shape.HEXAHEDRON, 2), lambda points: points[:, 0], 2)
+    outer = []
+    for part in portions(dataset, along_curve(dataset, 8)):
+        own = drawable(part)
+        outer.append(len(faces_of(own, volume_of(own, ["u"])).select(("all",))[0]))
+    assert outer == [3] * 8
+
+
+@pytest.fixture(scope="module")
+def files(bent, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("parts")
+    write(bent, folder / "bent.xml", folder / "bent.fld")
+    (folder / "damaged.fld").write_text("no field")
+    return folder
+
+
+ELVIS = (sys.executable, "-c", "from elvis.plugins.command import main; main()", "render")
+STARTER = Path(sys.executable).with_name("mpiexec")
+needs_mpi = pytest.mark.skipif(not STARTER.exists(), reason="there is no mpiexec beside Python")
+
+
+def run(folder, *arguments):
+    return subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@needs_mpi
+def test_ranks_write_what_one_process_writes(files):
+    arguments = ("bent.xml", "bent.fld", "--faces", "all", "--camera", "iso", "--size", "96x72")
+    alone = run(files, *ELVIS, *arguments, "-o", "1.png", "-o", "1.npz")
+    ranks = run(files, STARTER, "-n", "3", *ELVIS, *arguments, "-o", "3.png", "-o", "3.npz")
+    assert (alone.returncode, ranks.returncode, ranks.stderr) == (0, 0, alone.stderr)
+    for suffix in ("png", "npz"):
+        assert (files / f"3.{suffix}").read_bytes() == (files / f"1.{suffix}").read_bytes()
+
+
+@needs_mpi
+def test_a_rank_that_fails_names_its_part_and_its_reason(files):
+    good, bad = (("bent.xml", field, "-o", "none.png") for field in ("bent.fld", "damaged.fld"))
+    ranks = run(files, STARTER, "-n", "1", *ELVIS, *good, ":", "-n", "1", *ELVIS, *bad)
+    assert ranks.returncode == 1
+    (sentence,) = ranks.stderr.splitlines()
+    assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld: expected")
+    assert not [path for path in files.iterdir() if "none" in path.name]
