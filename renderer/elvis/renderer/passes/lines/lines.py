@@ -31,8 +31,6 @@ MOST, WIDEST = 1024, 100.0
 #: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
 UNITS = 1 << 26
 NOTHING = NOBODY
-#: lanes of a wave where lanes share what they read (native_data.slang)
-WAVE = 8
 #: what line_draw tells of squares, as in line.slang
 _MANY, _POSSIBLE = 1, 2
 #: squares that several elements have, above which it is told first which of them may have a contour
@@ -203,7 +201,7 @@ class Lines:
         **size: float,
     ) -> None:
         """A stage over the items of each part, sorted by element."""
-        items = _waves(items)
+        items = items.take(order_of(items["element"]))
         ends = np.searchsorted(items["element"], self._loaded.first)
         for number in range(len(self._loaded.parts)):
             work = _Work(stage, view, hits, number, quantity, buffers, size)
@@ -276,26 +274,6 @@ def _work_items(pixel: Ints, element: NDArray[Any], dtype: np.dtype[Any], whole:
     items["element"] = element
     items["whole"] = whole
     return items
-
-
-def _waves(items: NDArray[Any]) -> NDArray[Any]:
-    """Work items by element, as many of each as fill whole waves, so that all lanes of a wave have the same."""
-    order = order_of(items["element"])
-    items = items.take(order)
-    first = np.flatnonzero(np.diff(items["element"].astype(np.int64), prepend=-1))
-    counts = np.diff(np.append(first, len(items)))
-    rooms = -(-counts // WAVE) * WAVE
-
-    # rooms that hold no item have the first one of their element, without a pixel
-    spare = np.cumsum(rooms - counts) - (rooms - counts)
-    place = np.arange(len(items)) + np.repeat(spare, counts)
-    filled = np.repeat(first, rooms)
-    filled[place] = np.arange(len(items))
-    found = items.take(filled)
-    pixel = np.full(len(filled), NOBODY, np.uint32)
-    pixel[place] = items["pixel"]
-    found["pixel"] = pixel
-    return found
 
 
 def line_coverage(distance: Floats, width: float) -> Floats:
