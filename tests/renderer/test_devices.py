@@ -1,7 +1,10 @@
 """Which device draws, among adapters that are made up: GPUs with and without what kernels need, drivers, compilers."""
 
+import ctypes
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -77,9 +80,40 @@ def test_everything_that_is_missing_is_named():
 
 
 def test_limits_below_what_kernels_need_are_named():
-    assert limited(lambda limit: 65535) == ""
-    few = {"max_compute_threads_per_group": 32, "max_compute_dispatch_thread_groups": 65535}
+    enough = {limit: least for limit, (least, _) in adapters.LIMITS.items()}
+    assert limited(enough.__getitem__) == ""
+    few = enough | {"max_compute_threads_per_group": 32}
     assert limited(few.__getitem__) == "grants 32 threads in a group, of which the kernels need 64"
+    few = enough | {adapters.REACH: 1 << 20}
+    assert limited(few.__getitem__) == "grants 1048576 bytes of a bound buffer, of which the kernels need 134217728"
+
+
+def test_of_bound_buffers_as_much_is_reached_as_vulkan_tells():
+    """The place of a number in Vulkan's own structure, by the rules of C; no more is asked of software than all has."""
+
+    class Limits(ctypes.Structure):
+        names = ("1d", "2d", "3d", "cube", "layers", "texels", "uniform", "storage")
+        _fields_ = (*((name, ctypes.c_uint32) for name in names), ("granularity", ctypes.c_uint64))
+
+    class Properties(ctypes.Structure):
+        names = ("api", "driver", "vendor", "device", "type")
+        _fields_ = (
+            *((name, ctypes.c_uint32) for name in names),
+            ("name", ctypes.c_char * 256),
+            ("cache", ctypes.c_uint8 * 16),
+            ("limits", Limits),
+        )
+
+    place = Properties.limits.offset + Limits.storage.offset
+    assert place == ctypes.sizeof(ctypes.c_uint32) * adapters._REACH_PLACE
+    for adapter in adapters.adapters():
+        if adapter.kind == "vulkan":
+            opened = adapters.open_adapter(adapter)
+            told = adapters._granted(opened, adapters.REACH)
+            assert 1 << 27 <= told < 1 << 32
+            assert adapters.reach_of(adapter, opened) == (np.inf if adapter.software else told)
+            assert adapters.reach_of(replace(adapter, software=False), opened) == told
+            opened.close()
 
 
 def test_the_cpu_is_offered_only_where_a_compiler_is_found(monkeypatch):

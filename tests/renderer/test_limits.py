@@ -112,6 +112,25 @@ def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkey
 
 
 @pytest.mark.own_devices
+def test_a_list_of_which_kernels_do_not_reach_all_is_drawn_in_pieces(cube, renderer, monkeypatch):
+    renderer("vulkan")
+    scene = Scene("u", objects=(Faces(style=Style(contours=Contours(count=3))),), camera=NEAR, size=(40, 30))
+    with Renderer("vulkan") as drawing:
+        drawing.load(cube, "u")
+        whole = drawing.render(scene)
+        first = drawing.device
+        first.reach = 1 << 16
+        with monkeypatch.context() as patch:
+            patch.setattr(rendering, "FEWEST", rendering.BAND)
+            with pytest.raises(DeviceError, match=r"reaches 0 MiB of a bound .* takes 1, even"):
+                drawing.render(scene)
+
+        # the device that is opened in its place is as it should be
+        assert np.array_equal(drawing.render(scene).color, whole.color)
+        assert drawing.device is not first
+
+
+@pytest.mark.own_devices
 def test_a_device_that_always_fails_is_given_up(cube, renderer, monkeypatch):
     renderer("vulkan")
 

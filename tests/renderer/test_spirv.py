@@ -1,4 +1,4 @@
-"""What kernels ask of a device: the capabilities that their SPIR-V declares, and whether it is valid."""
+"""What kernels ask of a device: what their SPIR-V declares and uses, and whether it is valid."""
 
 import shutil
 import struct
@@ -8,20 +8,8 @@ import pytest
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import (
-    Contours,
-    CutSurface,
-    Faces,
-    Isosurface,
-    MeshLines,
-    Plane,
-    Renderer,
-    Scene,
-    Style,
-    Transfer,
-    VolumeRendering,
-    kernel_cache,
-)
+from elvis.renderer import Renderer, kernel_cache
+from elvis.renderer.device import SHADERS
 from elvis.renderer.kernel_database import content
 
 #: capabilities by number in the specification of SPIR-V, and the features of Vulkan devices that they need
@@ -35,11 +23,16 @@ ALLOWED = {
 }
 MAGIC = struct.pack("<I", 0x07230203)
 ENVIRONMENTS = ("vulkan1.2", "vulkan1.3")
-OBJECTS = (
-    CutSurface(Plane((0.5, 0.5, 0.5), (0.2, 0.3, 1.0)), Style(contours=Contours(count=3), mesh_lines=MeshLines())),
-    Faces(("all",)),
-    Isosurface((0.5,)),
-    VolumeRendering(Transfer((-1.0, 0.0, 1.0), (0.0, 1.0, 3.0))),
+#: instructions by number in the same specification
+TYPE_INT, VARIABLE, DECORATE, CAPABILITY, MEMORY_MODEL, SOURCE = 21, 59, 71, 17, 14, 3
+BARRIERS = {224: "OpControlBarrier", 225: "OpMemoryBarrier"}
+#: built-in variables that tell of subgroups: how large one is, which lane or subgroup a thread is of
+OF_SUBGROUPS = {36, 37, 38, 39, 40, 41}
+#: variables that the threads of a group share
+WORKGROUP = 4
+#: all kernels there are, by the names of their files
+STAGES = sorted(
+    path.stem for folder in SHADERS for path in folder.glob("*.slang") if '[shader("compute")]' in path.read_text()
 )
 
 
@@ -60,35 +53,56 @@ def instructions(words):
 
 @pytest.fixture(scope="module")
 def kernels(tmp_path_factory, linear):
-    """The SPIR-V of all kernels of a picture, drawn with nothing compiled before."""
+    """The SPIR-V of every kernel, for elements of one shape, compiled with nothing kept before."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(kernel_cache, "_caches", {})
         with Renderer("vulkan") as renderer:
             renderer.load(linear(grid(Shape.TETRAHEDRON, cells=1)), "u")
-            renderer.render(Scene("u", size=(16, 16), objects=OBJECTS))
-            assert renderer.device.cache.private is not None
-            found, _ = content(renderer.device.cache.private, set())
+            device, (part,) = renderer.device, renderer.stages.loaded.parts
+            for stage in STAGES:
+                device.kernel(stage, part)
+            assert device.cache.private is not None
+            found, _ = content(device.cache.private, set())
         for cache in kernel_cache._caches.values():
             cache.close()
+    assert len(found) == len(STAGES) > 30
     return [words_of(kernel) for kernel in found.values()]
 
 
+def of_kind(words, *kinds):
+    """Places of all instructions of some kinds."""
+    return [place for number, place in instructions(words) if number in kinds]
+
+
 def test_kernels_ask_for_what_devices_are_asked_for(kernels):
-    declared = {words[place + 1] for words in kernels for number, place in instructions(words) if number == 17}
-    assert len(kernels) > 10
+    """Not for 64-bit integers either, though addresses of buffers have 64 bits."""
+    declared = {words[place + 1] for words in kernels for place in of_kind(words, CAPABILITY)}
     assert declared - ALLOWED.keys() == set()
     assert {1, 10, 5347} <= declared
+    widths = {words[place + 2] for words in kernels for place in of_kind(words, TYPE_INT)}
+    assert widths == {32}
+
+
+def test_kernels_share_no_memory_and_know_no_size_of_subgroups(kernels):
+    """Threads of a group share nothing and don't wait for one another; what lanes vote on doesn't hang on how many."""
+    for words in kernels:
+        assert all(words[place + 3] != WORKGROUP for place in of_kind(words, VARIABLE))
+        assert not of_kind(words, *BARRIERS)
+        decorations = [words[place + 2 : place + 4] for place in of_kind(words, DECORATE)]
+        assert not OF_SUBGROUPS & {built_in for kind, built_in in decorations if kind == 11}
+        # addresses of buffers, and the memory model that all devices have
+        (place,) = of_kind(words, MEMORY_MODEL)
+        assert words[place + 1 : place + 3] == [5348, 1]
 
 
 @pytest.mark.skipif(shutil.which("spirv-val") is None, reason="spirv-val is not installed")
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_kernels_are_valid(kernels, environment, tmp_path):
     for words in kernels:
-        for number, place in instructions(words):
-            if number == 3:
-                # OpSource: older validators don't know Slang's number
-                words[place + 1] = 0
+        for place in of_kind(words, SOURCE):
+            # older validators don't know Slang's number
+            words[place + 1] = 0
         path = tmp_path / "kernel.spv"
         path.write_bytes(struct.pack(f"<{len(words)}I", *words))
         command = ["spirv-val", "--scalar-block-layout", "--target-env", environment, path]

@@ -30,12 +30,16 @@ ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan
 COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
 #: features that kernels use, as slangpy calls them -> in words
 FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
-#: limits that kernels need, as slangpy calls them -> least, in words.  No shared memory is used; slangpy doesn't tell
-#: the range of a bound buffer
+#: what is said of bytes that kernels reach of a bound buffer, as slangpy might call it: Vulkan is asked itself
+REACH = "max_storage_buffer_range"
+#: limits that kernels need, as slangpy calls them -> least, in words; no shared memory is used
 LIMITS = {
     "max_compute_threads_per_group": (64, "threads in a group"),
     "max_compute_dispatch_thread_groups": (32768, "groups in a row"),
+    REACH: (1 << 27, "bytes of a bound buffer"),
 }
+#: place of maxStorageBufferRange in Vulkan's properties of a device, in numbers of 32 bits; how many there may be
+_REACH_PLACE, _MOST_PROPERTIES = 81, 512
 #: kinds of devices that say of themselves which features they have; CUDA has all, the CPU target answers none
 ASKED = ("vulkan",)
 #: of two devices alike otherwise the first kind is taken
@@ -202,10 +206,27 @@ def _has(device: slangpy.Device, feature: str) -> bool:
     return bool(device.create_buffer(element_count=1, struct_size=8, usage=usage).device_address)
 
 
+def reach_of(adapter: Adapter, device: slangpy.Device) -> float:
+    """Bytes that kernels reach of a bound buffer; software reaches all of it, whatever it grants."""
+    is_limited = adapter.kind in ASKED and not adapter.software
+    return _granted(device, REACH) if is_limited else float("inf")
+
+
 def _granted(device: slangpy.Device, limit: str) -> int:
     """A limit of an open device; of those that have one for each direction, the first."""
+    if limit == REACH:
+        return _vulkan_reach(device)
     found = getattr(device.info.limits, limit)
     return int(found) if isinstance(found, int) else int(found[0])
+
+
+def _vulkan_reach(device: slangpy.Device) -> int:
+    """maxStorageBufferRange of a Vulkan device, which slangpy doesn't tell."""
+    kind = slangpy_module().NativeHandleType.VkPhysicalDevice
+    handle = next(handle.value for handle in device.native_handles if handle.type == kind)
+    properties = (ctypes.c_uint32 * _MOST_PROPERTIES)()
+    _vulkan().vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), properties)
+    return int(properties[_REACH_PLACE])
 
 
 def unfit(adapter: Adapter) -> str:
@@ -236,6 +257,13 @@ def _quiet() -> Iterator[None]:
             os.dup2(original, stream)
             os.close(original)
         os.close(void)
+
+
+@cache
+def _vulkan() -> ctypes.CDLL:
+    """Vulkan's loader, which slangpy has opened already."""
+    names = {"win32": "vulkan-1.dll", "darwin": "libvulkan.1.dylib"}
+    return ctypes.CDLL(names.get(sys.platform, "libvulkan.so.1"))
 
 
 @cache

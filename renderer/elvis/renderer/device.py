@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.adapters import open_device
+from elvis.renderer.adapters import open_device, reach_of
 from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
@@ -60,6 +60,7 @@ class Device:
 
     passed  a sentence for each better device that ``auto`` could not take
     watch   what its kernels do between dispatches
+    reach   bytes that kernels reach of a bound buffer
     """
 
     def __init__(self, name: str = "auto") -> None:
@@ -67,6 +68,7 @@ class Device:
         choice = open_device(name)
         self.adapter, self.passed = choice.adapter, choice.passed
         self._opened: slangpy.Device | None = choice.device
+        self.reach = reach_of(self.adapter, choice.device)
         self.cache = kernel_cache()
         self._announcement = Announcement(self.cache, self.adapter.software)
         self.watch = Watch(choice.device.wait_for_idle, _keeping(choice.device, self.cache, self._announcement))
@@ -235,9 +237,14 @@ class Device:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
 
         It runs again with a longer list where the first was too short, so running twice must be harmless.
+        DeviceLostError where kernels don't reach all of the list: of fewer pixels they may.
         """
         dtype = kernel.dtype(name)
         while True:
+            size = kernel.capacity * dtype.itemsize
+            if size > self.reach:
+                room = f"{self.reach / 2**20:.0f} MiB of a bound buffer"
+                raise DeviceLostError(f"{self.adapter.label} reaches {room}, and a list takes {size / 2**20:.0f}")
             lists = {name: self.empty(dtype, kernel.capacity), "count": self.buffer(np.zeros(1, np.uint32))}
             run(lists)
             count = int(self.read(lists["count"], np.uint32)[0])
