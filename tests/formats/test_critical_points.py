@@ -8,6 +8,7 @@ import pytest
 from elvis.core.critical_points import critical_points
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
@@ -96,6 +97,20 @@ def test_none_is_missed_and_none_invented(shape, bend, seed):
         assert all(np.abs(places - own).max(axis=1).min() < 1e-10 for own in truth)
     inner = truth[(np.abs(truth - 0.5) < 0.4).all(axis=1)]
     assert all(np.abs(places - own).max(axis=1).min() < 1e-10 for own in inner)
+    for point, gradient in zip(found.points, gradients(functions, places), strict=True):
+        assert point.index == np.sign(np.linalg.det(gradient))
+        assert in_order(point.eigenvalues) == pytest.approx(in_order(np.linalg.eigvals(gradient)), rel=1e-8)
+
+
+def gradients(functions, places):
+    """(n, d, d) derivatives of components at places (n, d), by complex steps."""
+    steps = 1e-30j * np.eye(len(functions))
+    slopes = [np.stack([own(places + step).imag / 1e-30 for step in steps], axis=-1) for own in functions]
+    return np.stack(slopes, axis=1)
+
+
+def in_order(values):
+    return sorted(values, key=lambda z: np.round([z.real, z.imag], 6).tolist())
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -108,6 +123,36 @@ def test_indices_add_up_to_the_winding_number(seed):
     )
     angles = np.unwrap(np.arctan2(functions[1](border), functions[0](border)))
     assert sum(point.index for point in found.points) == round((angles[-1] - angles[0]) / (2 * np.pi))
+
+
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.sampled(least=3, free=("shape", "seed"))
+def test_indices_in_space_add_up_to_the_degree_on_the_border(shape, seed):
+    """How often directions on the cube's surface cover the sphere: solid angles of triangles.
+
+    Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. BME-30, 1983.
+    """
+    functions = random_field(3, 2, seed)
+    s = np.linspace(0, 1, 61)
+    p, q = (own.reshape(-1) for own in np.meshgrid(s, s, indexing="ij"))
+    square = np.arange(61 * 61).reshape(61, 61)
+    a, b, c, d = (own.reshape(-1) for own in (square[:-1, :-1], square[1:, :-1], square[1:, 1:], square[:-1, 1:]))
+    total = 0.0
+    for axis in range(3):
+        for end in (0.0, 1.0):
+            places = np.insert(np.stack([p, q], axis=1)[:, :: 1 if axis != 1 else -1], axis, end, axis=1)
+            vectors = np.stack([own(places) for own in functions], axis=1)
+            vectors /= np.linalg.norm(vectors, axis=1)[:, None]
+            for corners in ((a, b, c), (a, c, d)):
+                one, two, three = (vectors[own] for own in corners)
+                volume = np.einsum("ni,ni->n", one, np.cross(two, three))
+                dots = [(u * v).sum(axis=1) for u, v in ((one, two), (two, three), (three, one))]
+                total += (2 * end - 1) * 2 * np.arctan2(volume, 1 + sum(dots)).sum()
+    degree = total / (4 * np.pi)
+    assert degree == pytest.approx(round(degree), abs=1e-9)
+    found = critical_points(data(grid(shape, 1), functions))
+    assert sum(point.index for point in found.points) == round(degree)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -239,6 +284,49 @@ def test_on_walls_none_is_missed_and_none_invented(shape, bend, seed):
         )
         assert point.kind.split()[0] == ("attachment" if np.trace(gradient) > 0 else "separation")
         assert point.index == np.sign(np.linalg.det(gradient))
+
+
+#: the squares of a cube with corners x + 2 y + 4 z, seen from outside anticlockwise
+SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+
+
+@pytest.fixture(scope="module")
+def around_a_ball():
+    """Six hexahedra about a ball, whose wall is within 2e-3 of a sphere, and a field h that is zero on it alone.
+
+    Between cubes h is the distance by the greatest coordinate, linear in each element; elements are bent with it.
+    """
+    inner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
+    elements = np.array([[*square, *[k + 8 for k in square]] for square in SQUARES])
+    flat = connected(np.concatenate([inner, 1.8 * inner]), {Shape.HEXAHEDRON: elements}, 3)
+    height = approximated(Dataset(flat), "h", lambda p: np.abs(p).max(axis=1) - 1, 2)
+
+    def rounded(p):
+        return p * (np.abs(p).max(axis=1) / np.linalg.norm(p, axis=1))[:, None]
+
+    squares = flat.of(Shape.QUADRILATERAL)
+    low = (np.abs(flat.vertices[local_vertices(flat, Shape.QUADRILATERAL)]).max(axis=2) == 1).all(axis=1)
+    ball = Composite(7, (("F", squares.ids[low]),), "ball")
+    mesh = curved(flat, rounded, 8)
+    return Dataset(replace(mesh, composites=(*mesh.composites, ball)), (height,))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.sampled(least=4, free=("seed",))
+def test_indices_on_a_ball_add_up_to_two(around_a_ball, seed):
+    """The theorem of Poincare and Hopf, for the shear of h times a random linear velocity; points as on the sphere."""
+    rng = np.random.default_rng(seed)
+    matrix, shift = rng.normal(size=(3, 3)), rng.normal(size=3)
+    rows = [[f"({weight!r})*{x}" for weight, x in zip(own, "xyz", strict=True)] for own in matrix.tolist()]
+    velocity = [f"h*({'+'.join(own)}+({by!r}))" for own, by in zip(rows, shift.tolist(), strict=True)]
+    found = wall_points(around_a_ball, "ball", velocity)
+    assert found.undecided == ()
+    assert sum(point.index for point in found.points) == 2
+    for point in found.points:
+        place = np.array(point.place)
+        vector = matrix @ place + shift
+        off = np.linalg.norm(np.cross(vector, place / np.linalg.norm(place)))
+        assert off < 0.02 * np.linalg.norm(vector)
 
 
 def test_a_cavity_has_one_point_on_its_floor():

@@ -115,14 +115,45 @@ def test_a_helix_passes_through_elements_of_every_shape(turns):
     assert found.velocity[:, 0] == pytest.approx(0.3, abs=1e-12)
 
 
-def test_errors_fall_with_the_tolerance():
-    dataset = data(curved(grid(Shape.TRIANGLE, 1), ripple(0.05), 3), of_dimension(ROTATION, 2), 5)
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+@pytest.mark.sampled(free=("shape",))
+def test_errors_fall_with_the_tolerance_down_to_rounding(shape):
+    d = shape.dimension
+    dataset = data(curved(grid(shape, 1), ripple(0.05), 3), of_dimension(ROTATION, d), 5)
+    seed = [0.6, 0.5, 0.45][:d]
     errors = []
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
-        found = trace(dataset, [[0.6, 0.5]], duration=2 * np.pi, tolerance=tolerance)
-        errors.append(np.linalg.norm(found[0][-1, :2] - [0.6, 0.5]))
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-13):
+        found = trace(dataset, [seed], duration=2 * np.pi, tolerance=tolerance)
+        climb = [0, 0, 0.002 * np.pi][:d]
+        errors.append(np.linalg.norm(found[0][-1, :d] - seed - climb))
     assert all(10 * later < earlier for earlier, later in pairwise(errors))
-    assert errors[-1] < 1e-9
+    assert errors[-1] < 2e-13
+    # a tolerance below rounding makes it no worse, and lines still end
+    end = trace(dataset, [seed], duration=0.5, tolerance=1e-16).points[-1]
+    assert np.abs(end[:2] - turned(np.array([*seed, 0]), 0.5)[:2]).max() < 1e-13
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+@pytest.mark.parametrize("modes", range(2, 8))
+@pytest.mark.sampled(least=2, free=("shape", "modes"))
+def test_where_the_speed_jumps_at_every_border_lines_keep_their_course(shape, modes):
+    """Of the orders 1 to 6: a rotation, by a factor of its own in each element, after two turns by its length."""
+    d = shape.dimension
+    mesh = grid(shape, 2 if d == 2 else 1)
+    mesh = mesh if modes == 2 else curved(mesh, ripple(0.04), modes)
+    dataset = Dataset(mesh, (approximated(Dataset(mesh), "c", constant(1.0), modes),))
+    for element in mesh.elements[shape].ids:
+        dataset = altered(dataset, "c", element, 1 + element % 3)
+    seed = np.array([0.75, 0.5, 0.45])[:d]
+    velocity = ["c*(0.5-y)", "c*(x-0.5)", "0"][:d]
+    found = trace(dataset, [seed], velocity, length=np.pi, fields=["c"])
+    assert found.counts() == {"length": 1}
+    assert np.linalg.norm(found[0][-1, :d] - seed) < 1e-10
+    assert len(set(np.round(found.values["c"]))) > 1
+    assert np.abs(np.hypot(*(found.points[:, :2] - 0.5).T) - 0.25).max() < 1e-10
+    # as long as the way through each element takes at the speed there
+    ways = np.diff(found.length)
+    assert found.time[-1] == pytest.approx((ways / (0.25 * found.values["c"][1:])).sum(), rel=1e-10)
 
 
 def hill(t, p):
