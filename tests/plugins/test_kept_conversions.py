@@ -187,7 +187,7 @@ def test_the_work_goes_on_where_nothing_can_be_kept(case, tmp_path, monkeypatch,
         reason = "No space left on device"
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
-        def full(store, key, content):
+        def full(store, key, *content):
             raise OSError(28, reason)
 
         monkeypatch.setattr(kept_conversions.Store, "write", full)

@@ -1,7 +1,8 @@
 """Conversions in memory, kept in the user's cache until the files, the options or the code that made them change.
 
-What is kept are the native files that `elvis convert` would write, and what comes out is always what these hold: so a
-picture is the same whether the data were converted now, once, or by hand.
+What is kept are the native files that `elvis convert --format hdf5` would write, which are read and written sooner than
+packed ones, and what comes out is always what these hold: so a picture is the same whether the data were converted now,
+once, or by hand.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
+from elvis.formats.nektar.geometry_output import place
 from elvis.formats.reading import read
 from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
@@ -51,19 +53,22 @@ class _Result:
     """A conversion as it is kept.
 
     files   native files by name
+    keys    of the metadata, in their order
     beside  digests of what was read though it was not given, by paths from the folder of the first file that was
     remark  on the errors
     """
 
-    files: Mapping[str, bytes]
+    files: Mapping[str, bytes | memoryview]
+    keys: Sequence[str]
     beside: Mapping[str, str]
     remark: str
 
-    def packed(self) -> bytes:
-        """All of it: the length of a head, the head, which is JSON, and the files one after another."""
+    def packed(self) -> tuple[bytes, ...]:
+        """All of it in parts: the length of a head, the head, which is JSON, and the files one after another."""
         sizes = {name: len(data) for name, data in self.files.items()}
-        head = json.dumps({"files": sizes, "beside": dict(self.beside), "remark": self.remark}).encode()
-        return len(head).to_bytes(_LENGTH, "little") + head + b"".join(self.files.values())
+        about = {"files": sizes, "keys": list(self.keys), "beside": dict(self.beside), "remark": self.remark}
+        head = json.dumps(about).encode()
+        return len(head).to_bytes(_LENGTH, "little"), head, *map(bytes, self.files.values())
 
     @classmethod
     def unpacked(cls, content: bytes) -> _Result:
@@ -72,8 +77,8 @@ class _Result:
         head = json.loads(content[_LENGTH:start])
         files = {}
         for name, size in head["files"].items():
-            files[name], start = content[start : start + size], start + size
-        return cls(files, head["beside"], head["remark"])
+            files[name], start = memoryview(content)[start : start + size], start + size
+        return cls(files, head["keys"], head["beside"], head["remark"])
 
     def dataset(self) -> Dataset:
         """The dataset in the files."""
@@ -81,7 +86,7 @@ class _Result:
             paths = [Path(folder, Path(name).name) for name in self.files]
             for path, data in zip(paths, self.files.values(), strict=True):
                 path.write_bytes(data)
-            return replace(read(*paths), remarks=(self.remark,))
+            return _read(paths, self.keys, self.remark)
 
 
 def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
@@ -137,10 +142,10 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     others = None if source.beside is None else [path for path in source.beside if path not in work.paths]
     try:
         with TemporaryDirectory(prefix="elvis-") as folder:
-            written = write(conversion.dataset, Path(folder, _MESH))
-            files = {path.name: path.read_bytes() for path in written}
-        result = _Result(files, {}, remark)
-        dataset = result.dataset()
+            written = _write(conversion.dataset, Path(folder, _MESH))
+            keys = list(conversion.dataset.metadata)
+            dataset = _read(written, keys, remark)
+            result = _Result({path.name: path.read_bytes() for path in written}, keys, {}, remark)
     except (OSError, ElvisError):
         # there is no room for files, or the format can't hold the data: they are here nonetheless
         return None, replace(conversion.dataset, remarks=(remark,))
@@ -151,13 +156,30 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     return replace(result, beside=dict(zip(names, digests, strict=True))), dataset
 
 
+def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
+    """The native files of a dataset, not packed; packed ones where ids are too great for HDF5."""
+    try:
+        return write(dataset, path, mesh_format="hdf5", field_format="hdf5")
+    except ElvisError:
+        return write(dataset, path)
+
+
+def _read(paths: Sequence[Path], keys: Sequence[str], remark: str) -> Dataset:
+    """The dataset in files, its shapes and metadata in the order of packed ones: HDF5 has another, or none."""
+    dataset = read(*paths)
+    entities = dict(sorted(dataset.mesh.entities.items(), key=lambda item: place(item[0])))
+    names = [*(key for key in keys if key in dataset.metadata), *dataset.metadata]
+    metadata = {key: dataset.metadata[key] for key in dict.fromkeys(names)}
+    return replace(dataset, mesh=replace(dataset.mesh, entities=entities), metadata=metadata, remarks=(remark,))
+
+
 def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None:
     """Write a conversion to the cache, where there is room for it."""
     content = result.packed()
-    if len(content) > store.most:
+    if sum(map(len, content)) > store.most:
         return
     try:
-        store.write(key, content)
+        store.write(key, *content)
     except OSError as error:
         remarks.append(f"conversions can't be kept in {store.folder}: {error.strerror or error}")
         return

@@ -56,14 +56,21 @@ class Store:
         """The file of the result with this key."""
         return self.folder / f"{sha256(key).hexdigest()[:40]}.{self.kind}"
 
-    def write(self, key: bytes, content: bytes) -> Path:
-        """Keep a result, in a file that takes its name when it is whole; OSError where that can't be."""
+    def write(self, key: bytes, *content: bytes) -> Path:
+        """Keep a result, in a file that takes its name when it is whole; OSError where that can't be.
+
+        content  in parts, one after another
+        """
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = self.place(key)
         beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
-        rest = len(key).to_bytes(_LENGTH, "little") + key + content
+        parts = (len(key).to_bytes(_LENGTH, "little"), key, *content)
+        total = sha256()
+        for part in parts:
+            total.update(part)
         try:
-            beside.write_bytes(self.mark + sha256(rest).digest() + rest)
+            with beside.open("wb") as file:
+                file.writelines((self.mark, total.digest(), *parts))
             beside.replace(path)
         except OSError:
             with suppress(OSError):

@@ -87,7 +87,7 @@ class _CompressedPayloads:
 
     def tables(self, section: str, shapes: tuple[Shape, ...]) -> None:
         with self._writer.element(section):
-            for shape in sorted(shapes, key=_place):
+            for shape in sorted(shapes, key=place):
                 entities = self._mesh.of(shape)
                 if len(entities):
                     records = _records(entities.ids, member_ids(self._mesh, shape))
@@ -162,7 +162,8 @@ class _Text:
         )
 
 
-def _place(shape: Shape) -> int:
+def place(shape: Shape) -> int:
+    """Where the tables of a shape stand in XML among those of its dimension."""
     return _ORDER.index(shape) if shape in _ORDER else -1
 
 
