@@ -220,6 +220,8 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
         (tmp_path / "frames" / "frame-00002.png").unlink()
         run(*arguments)
         assert sorted(scene.step for scene in drawn) == [0, 2, 2]
+    with pytest.raises(ElvisError, match=r"expected a Dask scheduler at nowhere, found none: "):
+        run(*arguments[:-1], "nowhere")
 
     class Ended:
         def gather(self, _):

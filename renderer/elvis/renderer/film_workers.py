@@ -92,7 +92,11 @@ class Workers:
         """A client of the scheduler, or of workers of its own."""
         distributed = require_module("distributed", "--workers", "parallel")
         if self.scheduler:
-            with distributed.Client(self.scheduler) as client:
+            try:
+                own = distributed.Client(self.scheduler)
+            except (OSError, ValueError) as error:
+                raise ElvisError(f"expected a Dask scheduler at {self.scheduler}, found none: {error}") from error
+            with own as client:
                 yield client
             return
         dask = require_module("dask", "--workers", "parallel")

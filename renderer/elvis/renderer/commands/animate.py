@@ -121,9 +121,10 @@ def animate(
     crew = Workers(workers, scheduler) if workers > 1 or scheduler else None
     if crew is not None:
         crew.check()
-        crew.prepare()
     moving = [Key.of(*key) for key in keys]
     folder, films = _places(outputs, data, overwrite)
+    if crew is not None and not any(folder.glob("frame-*.png")):
+        crew.prepare()
     with Film(scene, not no_cache) as film:
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene, coloured = _coloured(film, scene, folder, not no_cache)
@@ -226,7 +227,7 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, crew: Workers | 
     missing = frames.begin()
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
-    drawn = film.write(shots) if crew is None else crew.draw(film.scene, shots, is_kept, told)
+    drawn = film.write(shots) if crew is None or not shots else crew.draw(film.scene, shots, is_kept, told)
     for _ in track(drawn, f"drawing {len(missing)} of {len(scenes)} frames", len(missing)):
         pass
     for remark in dict.fromkeys([*film.told, *told]):
