@@ -56,6 +56,14 @@ def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
     assert told == ["1 of 3 seeds lie outside of all elements"]
     found = elvis_json("trace", *shear[1], "--seeds", "random:5")
     assert (found["lines"], found["ends"]) == (5, {"boundary": 5})
+    assert np.shape(found["lengths"]) == (5,)
+    stretched = "trace", *shear[1], "--seeds", "point:0.2,0.25", "--seeds", "point:7,7", "--duration", "0.5", "--ftle"
+    found = elvis_json(*stretched)
+    exponent = np.log(np.linalg.norm([[1, 0.5], [0, 1]], 2)) / 0.5
+    assert found["lengths"] == [pytest.approx(0.625), None]
+    assert found["ftle"] == [pytest.approx(exponent), None]
+    said = f"finite-time Lyapunov exponents from {exponent:.6g} to {exponent:.6g}, of 1 lines"
+    assert elvis(*stretched).splitlines()[-1] == said
 
 
 @pytest.mark.parametrize(

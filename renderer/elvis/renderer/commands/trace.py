@@ -17,6 +17,7 @@ from elvis.scene.commandline.options import COURSE, course_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from elvis.core.arrays import Floats
     from elvis.core.streamlines import Streamlines
     from elvis.scene import Streamlines as Shown
 
@@ -182,9 +183,29 @@ def _report(found: Streamlines, output: Path | None, as_json: bool) -> None:
     if output is not None:
         write_lines(output, found, _of_lines(found))
     if as_json:
-        print_json({"lines": len(found), "points": len(found.points), "ends": found.counts()})
-    else:
-        print_table(("end", "meaning", "lines"), found.table())
+        print_json(_facts(found))
+        return
+    print_table(("end", "meaning", "lines"), found.table())
+    if found.ftle is not None:
+        click.echo(_exponents(found.ftle))
+
+
+def _facts(found: Streamlines) -> dict[str, Any]:
+    """How lines end, how long each is and, where they were asked for, the exponents; None where there is none."""
+    last = found.offsets[1:] - 1
+    lengths = [float(found.length[k]) if k >= first else None for first, k in zip(found.offsets, last, strict=False)]
+    facts = {"lines": len(found), "points": len(found.points), "ends": found.counts(), "lengths": lengths}
+    return facts if found.ftle is None else {**facts, "ftle": found.ftle.tolist()}
+
+
+def _exponents(ftle: Floats) -> str:
+    """A sentence on the exponents (n,) of lines, NaN where there is none."""
+    import numpy as np
+
+    known = ftle[np.isfinite(ftle)]
+    if not len(known):
+        return "no line has an exponent"
+    return f"finite-time Lyapunov exponents from {known.min():.6g} to {known.max():.6g}, of {len(known)} lines"
 
 
 def _of_lines(found: Streamlines) -> dict[str, Any]:
