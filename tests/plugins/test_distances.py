@@ -6,10 +6,12 @@ import trimesh
 
 from elvis.core.distances import nearest, surface_of
 from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, ripple, scattered
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, scattered
 from elvis.formats import Dataset
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, Isosurface, Scene, Status, render
@@ -88,3 +90,68 @@ def test_bounds_of_elements_leave_out_those_that_are_too_far():
 def test_an_unknown_boundary_is_refused_before_anything_is_drawn():
     with pytest.raises(ElvisError, match="there is no boundary 'wall'; there are all, boundary, 1"):
         volume_of(with_field(grid(Shape.HEXAHEDRON, 1)), ["distance(wall)"])
+
+
+#: every operator and function with a distance D in it, where it is defined all over, and where it is not
+OPERATIONS = {
+    "+": ("D + u", "2 + D"),
+    "-": ("u - D", "-D", "D - D"),
+    "*": ("D * u", "D * D", "D * (u - 0.4)"),
+    "/": ("D / (2 + u)", "u / (0.9 + D)", "u / D"),
+    "^": ("D^2", "D^3", "(1 + D)^1.5", "2^D", "(1 + D)^u"),
+    "step": (),  # in derivatives alone
+    "abs": ("abs(D)",),
+    "sign": ("sign(D)",),
+    "sqrt": ("sqrt(0.9 + D)", "sqrt(D)"),
+    "exp": ("exp(2 * D)",),
+    "log": ("log(0.9 + D)", "log(D)"),
+    "sin": ("sin(9 * D)",),
+    "cos": ("cos(9 * D)",),
+    "tan": ("tan(D)", "tan(9 * D)"),
+    "asin": ("asin(D)", "asin(9 * D)"),
+    "acos": ("acos(D)",),
+    "atan": ("atan(9 * D)",),
+    "sinh": ("sinh(D)",),
+    "cosh": ("cosh(D)",),
+    "tanh": ("tanh(D)",),
+    "atan2": ("atan2(D, u - 0.5)",),
+    "min": ("min(D, u - 0.5)",),
+    "max": ("max(D, u - 0.5)", "max(D, -D)"),
+    "imaginary_root": ("imaginary_root(D, u)",),
+    "middle_eigenvalue": ("middle_eigenvalue(D, u, 0.2, D, 0.1, u)",),
+    "pow": ("pow(1 + D, u)",),
+}
+
+
+@pytest.fixture(scope="module")
+def bent(file):
+    """Elements of all shapes, bent, and the shapes by id."""
+    dataset = with_field(curved(mixed_volume(seed=2), ripple(0.03), n=3))
+    shapes = {int(number): block.expansion.shape for block in geometry(dataset) for number in block.element_ids}
+    assert set(shapes.values()) == set(Shape.of_dimension(3))
+    return dataset, shapes
+
+
+def test_every_operation_is_tried():
+    assert OPERATIONS.keys() == {**OPERATORS, **FUNCTIONS}.keys()
+
+
+@pytest.mark.parametrize("name", [name for name, texts in OPERATIONS.items() if texts])
+def test_bounds_of_operations_with_distances_hold_all_values(bent, file, name):
+    """On each element of all shapes; where a value is not a number somewhere nothing is claimed of the rest."""
+    dataset, shapes = bent
+    texts = [text.replace("D", f"distance('{file}')") for text in OPERATIONS[name]]
+    expressions = [Expression.of(dataset, text) for text in texts]
+    value = Evaluator(dataset, expressions)
+    close = 0
+    for part in volume_of(dataset, ["u", *texts]).parts:
+        spots = scattered(shapes[int(part.element_ids[0])], 60, seed=5)
+        ids, points = np.repeat(part.element_ids, len(spots)), np.tile(spots, (len(part), 1))
+        for text, expression in zip(texts, expressions, strict=True):
+            low, high = (np.repeat(ends, len(spots)) for ends in part.quantities[text].bounds())
+            own = value.at(expression, ids, points)
+            there = np.isfinite(own)
+            assert (low[there] <= own[there]).all(), text
+            assert (own[there] <= high[there]).all(), text
+            close += (np.isfinite(low) & np.isfinite(high)).sum()
+    assert close > 0

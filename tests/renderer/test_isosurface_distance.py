@@ -131,3 +131,27 @@ def test_all_layers_are_found_and_clear_misses_are_misses(level, tmp_path):
         assert np.abs(hits.depth - expected).max() < 0.01
         beyond = hits.depth
     assert not (draw(view, None, 0.2, beyond).owner != NOBODY).any()
+
+
+def test_expressions_of_distances_are_where_samples_show_them_and_nothing_of_them_is_certain(renderer, files):
+    """Arithmetic of a distance and a field: samples before a hit, or on a miss, are on one side of the value."""
+    dataset = bodies(files)["spikes"][0]
+    distance = f"distance('{files / 'spikes.ply'}')"
+    text, value = f"max({distance}, 0.4*u - {distance}^2/(2 + u))", 0.15
+    drawing, view = renderer("vulkan"), view_of(3)
+    drawing.show(volume_of(dataset, [text]))
+    hits = drawing.stages.isosurfaces.draw(view, None, value)
+    hit = hits.owner != NOBODY
+    assert 0.05 < hit.mean() < 0.9
+    assert not (hits.status == Status.CERTAIN).any()
+
+    # from where a ray enters to its hit, or to its end, values are on one side
+    origins, ways = view.every_ray()
+    at_hits = sample(dataset, text, (origins + hits.depth[:, None] * ways)[hit]).values[:, 0]
+    assert np.abs(at_hits - value).max() < 1e-12
+    ends = np.where(hit, hits.depth * (1 - 1e-6), 5.0)
+    steps = ends[:, None, None] * np.linspace(0.0, 1.0, COUNT)[:, None]
+    points = origins[:, None] + steps * ways[:, None]
+    beyond = sample(dataset, text, points.reshape(-1, 3)).values.reshape(-1, COUNT) - value
+    crossed = (np.fmin.reduce(beyond, axis=1) < -1e-9) & (np.fmax.reduce(beyond, axis=1) > 1e-9)
+    assert crossed.mean() < 0.01
