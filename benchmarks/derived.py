@@ -24,7 +24,7 @@ from tables import Table, percent, seconds
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.formats import Dataset, Shape
 from elvis.renderer import Camera, Isosurface, Renderer, Scene, read
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 
 CAMERA = Camera((2.5, -2.0, 1.9), (0.5, 0.5, 0.5), fov=30.0)
 #: cells of a grid each way, and modes of the fields: 27 hexahedra of order 4, 48 tetrahedra and 16 prisms of order 3

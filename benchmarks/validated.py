@@ -32,7 +32,7 @@ from elvis.plugins.discovery import choose_converter, installed_converters, with
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
 from elvis.renderer import Faces, Plane, Renderer, Scene
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 from elvis.renderer.rendering import render as draw
 from elvis.scene import Isosurface
 

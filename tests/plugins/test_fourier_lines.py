@@ -17,7 +17,7 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.plugins.testing import check_volume
 from elvis.renderer import Faces, Plane, Scene, SceneError, render
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 
 IDS = ((0, 0), (2, 1), (1, 2), (3, 3))
 

@@ -7,7 +7,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
 from elvis.renderer import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Status, Style
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 
 SIZE = (48, 40)
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))

@@ -8,7 +8,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.reference import places
 from elvis.reference.picture import render
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 from elvis.scene import Camera, Contours, CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Style, time_limit
 from elvis.scene.errors import SceneError
 

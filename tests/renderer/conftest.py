@@ -15,11 +15,11 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as render_reference
 from elvis.renderer import Scene, Status
+from elvis.renderer.completing import completed
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
-from elvis.renderer.rendering import completed
 from elvis.scene.quantities import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"

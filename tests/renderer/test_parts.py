@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
-from elvis.core.portions import along_curve, portions, unite
+from elvis.core.portions import Portion, along_curve, portions, unite
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated, with_field
@@ -17,8 +17,9 @@ from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.formats import write
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
+from elvis.renderer.completing import completed
 from elvis.renderer.parts import drawable, in_parts
-from elvis.renderer.rendering import completed
+from elvis.renderer.rendering import Pictures
 from elvis.scene import (
     Clip,
     Contours,
@@ -34,6 +35,7 @@ from elvis.scene import (
     Transfer,
     VolumeRendering,
 )
+from elvis.scene.errors import SceneError
 from elvis.scene.quantities import quantities
 
 LINES = Style(contours=Contours(count=6), mesh_lines=MeshLines())
@@ -118,6 +120,21 @@ def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):
     drawn = renderer("vulkan")
     expected = written(drawn, mixed, scene, tmp_path)
     assert all(written(drawn, in_parts(mixed, [scene], own), scene, tmp_path) == expected for own in cuts(mixed))
+
+
+def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
+    scene = Scene(field="u", plane=TILTED, size=(96, 72))
+    expected = written(renderer("vulkan"), bent, scene, tmp_path)[:2]
+    whole = 4 * Portion.whole(bent).bytes
+    with Pictures(bent) as pictures:
+        for memory in (0.72 * whole, 0.9 * whole):
+            frame = pictures.draw(replace(scene, memory=float(memory), outputs=("a.npz",)))
+            frame = replace(frame, scene=scene)
+            for name in ("a.png", "a.npz"):
+                frame.save(tmp_path / name)
+            assert ((tmp_path / "a.png").read_bytes(), (tmp_path / "a.npz").read_bytes()) == expected
+        with pytest.raises(SceneError, match=r"^memory: expected .* bytes at least, .*, found 1e\+03"):
+            pictures.draw(replace(scene, memory=1000.0))
 
 
 def test_a_cut_asks_for_few_elements(bent):

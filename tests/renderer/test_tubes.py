@@ -23,8 +23,8 @@ from elvis.renderer import (
     Streamlines,
     Style,
 )
+from elvis.renderer.completing import completed
 from elvis.renderer.passes.tubes.tubes import TubeDrawer
-from elvis.renderer.rendering import completed
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.commandline.writing import option_words

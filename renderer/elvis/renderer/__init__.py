@@ -12,9 +12,10 @@ from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from elvis.plugins.data import read
+    from elvis.renderer.completing import default_field
     from elvis.renderer.device_errors import DeviceError
     from elvis.renderer.in_situ import Session
-    from elvis.renderer.rendering import Renderer, default_field, render
+    from elvis.renderer.rendering import Renderer, render
     from elvis.scene import *  # noqa: F403
     from elvis.viewer.widget import view
 
@@ -26,7 +27,8 @@ __getattr__ = lazy_names(
         "elvis.plugins.data": ("read",),
         "elvis.renderer.device_errors": ("DeviceError",),
         "elvis.renderer.in_situ": ("Session",),
-        "elvis.renderer.rendering": ("Renderer", "default_field", "render"),
+        "elvis.renderer.completing": ("default_field",),
+        "elvis.renderer.rendering": ("Renderer", "render"),
         "elvis.scene": tuple(scene.__all__),
         "elvis.viewer.widget": ("view",),
     },

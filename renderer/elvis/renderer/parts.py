@@ -18,11 +18,14 @@ from elvis.core.portions.partition import along_curve
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.portions.ranks import Ranks
 from elvis.plugins.opening import PluginData
+from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance
-from elvis.renderer.rendering import completed, default_field
 from elvis.scene import Scene
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
+
+#: how much memory elements take, on the host and on a device, while they are drawn, in parts of their coefficients
+_TIMES = 4
 
 
 def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
@@ -31,6 +34,28 @@ def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -
         return dataset
     whole = Portion.whole(dataset)
     return _restored(unite([_what_matters(whole.of(ids), scenes) for ids in parts]), dataset)
+
+
+def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
+    """The elements of a dataset that a scene depends on, if all would take more than the scene's memory.
+
+    They are found brick by brick.  SceneError where they, too, take more.
+    """
+    if scene.memory is None:
+        return dataset
+    if isinstance(dataset, PluginData):
+        raise SceneError(f"memory: what the plugin {dataset.name} opens is drawn as a whole: leave it out")
+    needed = _TIMES * Portion.whole(dataset).bytes
+    if needed <= scene.memory:
+        return dataset
+    found = in_parts(dataset, [scene], along_curve(dataset, int(np.ceil(needed / scene.memory))))
+    needed = _TIMES * Portion.whole(found).bytes
+    if needed > scene.memory:
+        whose = (
+            "the elements that the picture depends on" if found is not dataset else "all elements, which count here,"
+        )
+        raise SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {scene.memory:.3g}")
+    return found
 
 
 def of_ranks(
@@ -58,9 +83,8 @@ def of_ranks(
 
 def _is_local(dataset: Dataset, scenes: Sequence[Scene]) -> bool:
     """Whether scenes may depend on less than all elements."""
-    return _has_one_set_of_elements(dataset) and all(
-        Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes
-    )
+    is_whole = not _has_one_set_of_elements(dataset) or any(other_device(scene.device) for scene in scenes)
+    return not is_whole and all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
 
 
 def _what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeAlias, cast
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,11 @@ from elvis.core.terminal import Progress, warn
 from elvis.plugins.data import open_data
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
-from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
-from elvis.renderer.adapters import KINDS
 from elvis.renderer.canvas import BAND, Canvas, check_memory
+from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
@@ -35,13 +34,14 @@ from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
 from elvis.renderer.other_data import OtherData
+from elvis.renderer.parts import in_bricks
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.request import Request, reading_for
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
-from elvis.scene import CutSurface, Faces, Glyphs, Isosurface, Plane, Scene, Streamlines, Vector
+from elvis.scene import Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
@@ -53,8 +53,6 @@ from elvis.scene.view import PlaneView, View, view_of
 
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
-#: what a plugin of ``elvis.devices`` is
-Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
 
 
 def render(
@@ -106,65 +104,9 @@ def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
     return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
-def _other(device: str) -> Drawing | None:
-    """The device plugin of that name; None for the devices of this renderer, which is the plugin ``auto``."""
-    if device.split(":")[0] in ("auto", *KINDS) or device not in plugins("elvis.devices"):
-        return None
-    return cast(Drawing, load("elvis.devices", device))
-
-
 def _is_exact(scene: Scene) -> bool:
     """Whether the scene asks for more than colours, such as what hides the box, or doesn't say what it is for."""
     return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
-
-
-def default_field(data: Dataset | PluginData) -> str:
-    """The first field; SceneError where the data have none."""
-    names = names_of(data).fields
-    if not names:
-        raise SceneError(
-            "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"
-        )
-    return names[0]
-
-
-def completed(dataset: Dataset, scene: Scene) -> Scene:
-    """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
-    kind = Kind.of(dataset)
-    return _arrange(with_velocities(_with_quantity(scene, dataset), names_of(dataset), kind), kind)
-
-
-def _with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
-    """The scene, if its field is a quantity of the data; SceneError where it is none."""
-    try:
-        Expression.parse(scene.field, names_of(data))
-    except ElvisError as error:
-        raise SceneError(str(error)) from error
-    return scene
-
-
-def _arrange(scene: Scene, kind: Kind) -> Scene:
-    """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
-    if kind is Kind.LINE:
-        return scene
-    if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines | Glyphs) for item in scene.every_object):
-        raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
-    if kind is Kind.PLANE:
-        ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-        if not scene.every_object:
-            return replace(scene, plane=ground)
-        named = [
-            name for item in scene.every_object if isinstance(item, Faces) for name in item.select if name != "all"
-        ]
-        if named:
-            raise SceneError(
-                f"2D data are drawn whole, in their own plane: expected no faces but all, found {named[0]!r}"
-            )
-        if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
-            raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
-        objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
-        return replace(scene, objects=tuple(objects))
-    return scene if scene.every_object else replace(scene, objects=(Faces(),))
 
 
 def _note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequence[str]) -> Frame:
@@ -245,12 +187,14 @@ class Pictures:
         if isinstance(data, Dataset) and data.rates is None and scene.time is not None:
             data = replace(data, time=scene.time)
         if self._checked != (scene.field, scene.time):
-            scene = _with_quantity(scene, data)
+            scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
         self._kind = self._kind or _kind(data, scene)
-        asked, scene = scene, _arrange(with_velocities(scene, names_of(data), self._kind), self._kind)
-        other = _other(self.device)
+        asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
+        other = other_device(self.device)
         remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *_rates(data, scene))
+        if scene.memory is not None:
+            data, self._quantities = in_bricks(data, scene), ()
         if other is not None:
             return _note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):

@@ -187,6 +187,21 @@ Components: TypeAlias = Annotated[
 ]
 #: the files of another dataset, and the name that expressions have for it
 OtherFiles: TypeAlias = Annotated[str, Text("other")]
+#: memory that elements may take
+Memory: TypeAlias = Annotated[
+    float | None,
+    Setting(
+        "Memory that elements may take while they are drawn: those that the picture depends on are looked for in "
+        "bricks of this size.",
+        gt=0,
+        unit="bytes",
+        option="--memory",
+        metavar="BYTES",
+        parse="memory",
+        option_help="Memory that elements may take while they are drawn, such as 2GiB: those that the picture depends "
+        "on are looked for in bricks of this size.",
+    ),
+]
 
 
 class Model:

@@ -9,7 +9,7 @@ from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
-from elvis.scene.settings import FilePath, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
+from elvis.scene.settings import FilePath, Memory, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
 
 if TYPE_CHECKING:
@@ -323,6 +323,7 @@ class Scene(Model):
             option="--timeout",
         ),
     ] = None
+    memory: Memory = None
     data: Annotated[tuple[FilePath, ...], Setting("The files of the dataset: mesh and fields, in any order.")] = ()
     plugin: Annotated[
         str | None,

@@ -13,7 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as reference
 from elvis.renderer import Renderer, Scene, SceneError
-from elvis.renderer.rendering import completed
+from elvis.renderer.completing import completed
 from elvis.scene.frame import Drawing, Frame, Status
 from elvis.scene.quantities import quantities
 from elvis.scene.view import View

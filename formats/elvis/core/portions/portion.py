@@ -50,16 +50,18 @@ class Portion:
 
     @staticmethod
     def whole(dataset: Dataset) -> Portion:
-        """All of a dataset."""
-        mesh = dataset.mesh
+        """All of a dataset, which may be that of a portion."""
+        mesh, sides = dataset.mesh, _inner_sides(dataset)
         rows: dict[_Kind, Ints] = {shape: np.arange(len(own)) for shape, own in mesh.entities.items()}
         rows[None] = np.arange(len(mesh.vertices))
         blocks = {field.name: tuple(np.arange(len(block)) for block in field.blocks) for field in dataset.fields}
         elements = sum(map(len, mesh.elements.values()))
+        if mesh.excerpt is not None:
+            elements, sides = mesh.excerpt.elements, np.union1d(sides, mesh.excerpt.sides)
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
         alone = replace(dataset, others={}, shared={}, rates=None)
-        return Portion(alone, rows, edges, faces, blocks, _inner_sides(dataset), elements, triangles)
+        return Portion(alone, rows, edges, faces, blocks, sides, elements, triangles)
 
     def of(self, ids: Ints) -> Portion:
         """The elements among these that have one of the ids (n,)."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from io import BytesIO, FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
+#: bytes beyond which an array is worth being mapped, and whether they are
+_LONG = 1 << 20
+_IS_MAPPED = ContextVar("mapped", default=False)
 
 
 @contextmanager
@@ -45,6 +49,19 @@ def reading(path: Path) -> Iterator[h5py.File]:
             yield file
     except FormatError as error:
         raise error.within(path) from error
+
+
+@contextmanager
+def mapped(*, if_so: bool = True) -> Iterator[None]:
+    """In the block long arrays of floats are mapped, not read: what nobody looks at is never in memory.
+
+    The files must stay as they are while the arrays are used.
+    """
+    token = _IS_MAPPED.set(if_so)
+    try:
+        yield
+    finally:
+        _IS_MAPPED.reset(token)
 
 
 def group(parent: h5py.Group, name: str) -> h5py.Group | None:
@@ -197,6 +214,10 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
         if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
             raise FormatError(f"expected {expected}, found {_kind(found)}", place=_place(parent, name))
+        if _IS_MAPPED.get() and found.nbytes > _LONG and found.dtype == np.dtype("<f8") == dtype:
+            place = found.id.get_offset()
+            if place is not None and not found.file.userblock_size:
+                return np.memmap(found.file.filename, "<f8", "r", place, found.shape)
         out = np.empty(found.shape, dtype)
         if out.size:
             found.read_direct(out)

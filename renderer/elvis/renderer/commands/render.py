@@ -138,12 +138,15 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
 
     Ranks but the first have none.
     """
+    from elvis.formats.nektar.hdf5 import mapped
     from elvis.renderer.parts import of_ranks
 
     alike: dict[object, list[Scene]] = {}
     for scene in scenes:
         alike.setdefault(_key(scene), []).append(scene)
-    known = {key: _open(some, is_kept) for key, some in alike.items()}
+    in_parts = ranks.size > 1 or any(scene.memory for scene in scenes)
+    with mapped(if_so=in_parts):
+        known = {key: _open(some, is_kept) for key, some in alike.items()}
     return known if ranks.size == 1 else of_ranks(known, alike, ranks)
 
 

@@ -26,7 +26,7 @@ COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "spe
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
-    "Data": ("field", "plugin", "reader", "others", "step", "time", "between", "device"),
+    "Data": ("field", "plugin", "reader", "others", "step", "time", "between", "device", "memory"),
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from math import inf
 from typing import Any, get_args, get_origin
 
 import click
@@ -173,6 +174,18 @@ def size(text: str) -> tuple[int, int]:
     good = len(sides) == 2 and all(side.isdecimal() and setting.holds(int(side)) for side in sides)
     check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.values_text}", repr(text))
     return int(sides[0]), int(sides[1])
+
+
+def memory(text: str) -> float:
+    """A number of bytes, such as ``2GiB``, ``500MB`` or ``1e9``."""
+    found = re.fullmatch(r"\s*([\d.eE+]+)\s*(?:([kKMGT])(i?))?B?\s*", text)
+    try:
+        amount = float(found[1]) if found else 0.0
+    except ValueError:
+        amount = 0.0
+    check(found is not None and 0.0 < amount < inf, "memory", "bytes above 0, such as 2GiB", repr(text))
+    assert found is not None
+    return amount * (1024.0 if found[3] else 1000.0) ** " KMGT".index((found[2] or " ").upper())
 
 
 def color_range(text: str) -> tuple[float, float] | str:

@@ -1,0 +1,79 @@
+"""What a scene leaves to the data: its field, its objects, and which plugin draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeAlias, cast
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.picturing import Kind
+from elvis.core.quantities import Expression
+from elvis.plugins.opening import PluginData
+from elvis.plugins.registry import load, plugins
+from elvis.plugins.serving import names_of
+from elvis.renderer.adapters import KINDS
+from elvis.scene import CutSurface, Faces, Glyphs, Plane, Scene, Streamlines
+from elvis.scene.errors import SceneError
+from elvis.scene.frame import Frame
+from elvis.scene.quantities import with_velocities
+
+#: what a plugin of ``elvis.devices`` is
+Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
+
+
+def other_device(device: str) -> Drawing | None:
+    """The device plugin of that name; None for the devices of this renderer, which is the plugin ``auto``."""
+    if device.split(":")[0] in ("auto", *KINDS) or device not in plugins("elvis.devices"):
+        return None
+    return cast(Drawing, load("elvis.devices", device))
+
+
+def default_field(data: Dataset | PluginData) -> str:
+    """The first field; SceneError where the data have none."""
+    names = names_of(data).fields
+    if not names:
+        raise SceneError(
+            "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"
+        )
+    return names[0]
+
+
+def completed(dataset: Dataset, scene: Scene) -> Scene:
+    """The scene with its quantity checked and its objects: 2D data and surfaces show themselves."""
+    kind = Kind.of(dataset)
+    return arranged(with_velocities(with_quantity(scene, dataset), names_of(dataset), kind), kind)
+
+
+def with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
+    """The scene, if its field is a quantity of the data; SceneError where it is none."""
+    try:
+        Expression.parse(scene.field, names_of(data))
+    except ElvisError as error:
+        raise SceneError(str(error)) from error
+    return scene
+
+
+def arranged(scene: Scene, kind: Kind) -> Scene:
+    """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
+    if kind is Kind.LINE:
+        return scene
+    if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines | Glyphs) for item in scene.every_object):
+        raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
+    if kind is Kind.PLANE:
+        ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+        if not scene.every_object:
+            return replace(scene, plane=ground)
+        named = [
+            name for item in scene.every_object if isinstance(item, Faces) for name in item.select if name != "all"
+        ]
+        if named:
+            raise SceneError(
+                f"2D data are drawn whole, in their own plane: expected no faces but all, found {named[0]!r}"
+            )
+        if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
+            raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
+        objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
+        return replace(scene, objects=tuple(objects))
+    return scene if scene.every_object else replace(scene, objects=(Faces(),))
