@@ -202,14 +202,14 @@ class IsosurfaceDrawer:
             "parents": self.device.buffer(parents),
             "sub_elements": self.device.empty(parents.dtype, most),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
-            "sifted": self.device.empty(parents.dtype, most if is_enclosed else 1),
+            "sifted": self.device.empty(parents.dtype, most),
             "enclosures": self.device.empty(split.dtype("enclosures"), most if is_enclosed else 1),
             "sifted_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
+        self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
         if is_enclosed:
-            self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
             self.find_points(level, lists["sifted"], lists["sifted_count"], most)
-        split(groups, lists, groups=True)
+        split(most, lists)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
