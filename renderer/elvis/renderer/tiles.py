@@ -6,6 +6,7 @@ The Tile records of all passes (pixels.slang) are made here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -92,20 +93,19 @@ def bin_sections(
     pairs = tiles_of(aligned, most)
 
     # sections by tile, in their own order within each
-    columns = int(pairs.x.max(initial=0)) // TILE + 1
-    order = order_of(pairs.y // TILE * columns + pairs.x // TILE)
-    place = places_of(pairs.x, pairs.y)[order]
-    first = np.flatnonzero(np.diff(place, prepend=-1))
-    end = np.append(first, len(place))[1:]
-    listed = pairs.section[order].astype(np.uint32)
+    columns = _tiles_along(size[0] if size else int(pairs.x.max(initial=0)) + 1)
+    number = pairs.y // TILE * columns + pairs.x // TILE
+    order = order_of(number)
+    number = number[order]
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    end = np.append(first, len(number))[1:]
+    seen, listed = number[first], pairs.section[order].astype(np.uint32)
     if size is None:
-        return _records(*corners_of(place[first]), first, end, dtype), listed
+        return _records(TILE * (seen % columns), TILE * (seen // columns), first, end, dtype), listed
 
     # tiles that see no section are there, too
-    places = _all_places(*size)
-    tiles = empty_tiles(places, dtype)
-    own = np.searchsorted(places, place[first])
-    tiles["first"][own], tiles["end"][own] = first, end
+    tiles = _all_tiles(*size, dtype).copy()
+    tiles["first"][seen], tiles["end"][seen] = first, end
     return tiles, listed
 
 
@@ -140,10 +140,17 @@ def corners_of(places: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     return places & 0xFFFFF, places >> 20
 
 
-def _all_places(width: int, height: int) -> NDArray[np.int64]:
-    """Numbers of all tiles of a picture."""
-    y, x = np.meshgrid(np.arange(0, height, TILE), np.arange(0, width, TILE), indexing="ij")
-    return places_of(x.ravel(), y.ravel())
+def _tiles_along(pixels: int) -> int:
+    """Tiles that cover a row or a column of pixels."""
+    return -(-pixels // TILE)
+
+
+@lru_cache(maxsize=4)
+def _all_tiles(width: int, height: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Records of all tiles of a picture, row by row, with nothing in them."""
+    y, x = TILE * np.indices((_tiles_along(height), _tiles_along(width))).reshape(2, -1)
+    zeros = np.zeros(len(x))
+    return _records(x, y, zeros, zeros, dtype)
 
 
 def _records(

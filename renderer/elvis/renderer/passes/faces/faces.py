@@ -125,7 +125,8 @@ class FaceDrawer:
         hits.near_squares = partial(self.near_squares, view, tuple(select)) if beyond is None else None
 
         for _, edges in self._patches(view, select):
-            _mark_edges(view, hits, edges, np.broadcast_to(after, view.count))
+            if len(edges.radius):
+                _mark_edges(view, hits, edges, np.broadcast_to(after, view.count))
         return hits
 
     def hits(
