@@ -59,26 +59,27 @@ def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginDa
 
 
 def of_ranks(
-    opened: Mapping[object, Dataset | PluginData], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
+    opened: dict[object, Dataset | PluginData], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
 ) -> dict[object, Dataset | PluginData]:
     """For rank 0 of several, the elements of data that scenes depend on; each rank looks for them in its part.
 
+    opened  what each rank has opened whole; emptied, so that it takes no memory any longer
     Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
     """
-    found = {}
-    for key, data in opened.items():
+    found, beside = {}, {}
+    for key in list(opened):
+        data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
+        is_local = _is_local(data, scenes[key])
         own = Portion.whole(data).of(along_curve(data, ranks.size)[ranks.rank])
-        found[key] = _what_matters(own, scenes[key]) if _is_local(data, scenes[key]) else own
-    every = ranks.gather(found)
+        beside[key] = replace(data, mesh=own.dataset.mesh, fields=())
+        del data
+        found[key] = _what_matters(own, scenes[key]) if is_local else own
+    every = ranks.gather(found, repr(scenes))
     if ranks.rank:
         return {}
-    return {
-        key: _restored(unite([some[key] for some in every]), data)
-        for key, data in opened.items()
-        if isinstance(data, Dataset)
-    }
+    return {key: _restored(unite([some[key] for some in every]), data) for key, data in beside.items()}
 
 
 def _is_local(dataset: Dataset, scenes: Sequence[Scene]) -> bool:

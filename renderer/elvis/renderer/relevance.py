@@ -124,14 +124,12 @@ class Relevance:
         camera = self.scene.camera
         if isinstance(camera, str):
             camera = named_camera(camera, self.scene.only_plane)
-        if isinstance(camera, Camera):
-            middle, half = 0.5 * (boxes[:, :3] + boxes[:, 3:]), 0.5 * (boxes[:, 3:] - boxes[:, :3])
-            for axis in np.array(camera.basis()[:2]):
-                place, reach = middle @ axis, half @ np.abs(axis)
-                # as near to the end as rounding may tell
-                slack = _SLACK * float(np.abs(boxes).max())
-                mask[finite[place - reach <= (place - reach).min() + slack]] = True
-                mask[finite[place + reach >= (place + reach).max() - slack]] = True
+        if self.scene.only_plane is None and isinstance(camera, Camera):
+            # as pictures are fitted: of elements that reach as far any will do
+            axes = np.array(camera.basis()[:2]).T
+            for corner in range(8):
+                places = boxes[:, [3 * (corner >> axis & 1) + axis for axis in range(3)]] @ axes
+                mask[finite[[*places.argmin(axis=0), *places.argmax(axis=0)]]] = True
         return mask
 
     def _seen(self, item: object, part: Part) -> Bools:

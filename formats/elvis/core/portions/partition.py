@@ -7,8 +7,8 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import places_on_curve
-from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
+from elvis.core.shapes import Shape
 
 
 def along_curve(dataset: Dataset, count: int) -> list[Ints]:
@@ -22,9 +22,17 @@ def along_curve(dataset: Dataset, count: int) -> list[Ints]:
 
 
 def _middles(mesh: Mesh) -> tuple[Ints, Floats]:
-    """(n,) ids of all elements, and (n, 3) the means of their vertices."""
-    ids, middles = [np.empty(0, np.int64)], [np.empty((0, 3))]
-    for shape, entities in mesh.elements.items():
-        ids.append(entities.ids)
-        middles.append(mesh.vertices[local_vertices(mesh, shape)].mean(axis=1))
-    return np.concatenate(ids), np.concatenate(middles)
+    """(n,) ids of all elements, and (n, 3) places in their middles: means of what bounds them, and so on."""
+    bounding = mesh.vertices
+    for dimension in range(1, mesh.dimension + 1):
+        every = [mesh.of(shape) for shape in Shape.of_dimension(dimension)]
+        bounding = np.concatenate([_means(bounding, own.members) for own in every])
+    return np.concatenate([own.ids for own in every]), bounding
+
+
+def _means(places: Floats, members: Ints) -> Floats:
+    """(n, 3) means of the places (m, 3) of members (n, k)."""
+    found = np.zeros((len(members), 3))
+    for column in members.T:
+        found += places[column]
+    return np.asarray(found / members.shape[1])

@@ -6,7 +6,7 @@ united by numbers in the whole, so that order, and with it which element is firs
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,7 +86,8 @@ class Portion:
             faces=self.faces[curved_faces],
             blocks=blocks,
         )
-        return portion._with_excerpt(np.intersect1d(self.sides, portion._side_numbers()))
+        numbers = portion._side_numbers()
+        return portion._with_excerpt(numbers[np.isin(numbers, self.sides)])
 
     @property
     def bytes(self) -> int:
@@ -170,20 +171,29 @@ def _kept_rows(mesh: Mesh, ids: Ints) -> dict[_Kind, Ints]:
         kept[shape] = np.flatnonzero(np.isin(own.ids, ids))
     triangles = len(mesh.of(Shape.TRIANGLE))
     if mesh.dimension == 3:
-        faces = _used(mesh, kept, elements)
+        faces = _used(mesh, kept, elements, triangles + len(mesh.of(Shape.QUADRILATERAL)))
         kept[Shape.TRIANGLE] = faces[faces < triangles]
         kept[Shape.QUADRILATERAL] = faces[faces >= triangles] - triangles
     if mesh.dimension > 1:
-        kept[Shape.SEGMENT] = _used(mesh, kept, _FACES)
-    kept[None] = _used(mesh, kept, (Shape.SEGMENT,))
+        kept[Shape.SEGMENT] = _used(mesh, kept, _FACES, len(mesh.of(Shape.SEGMENT)))
+    kept[None] = _used(mesh, kept, (Shape.SEGMENT,), len(mesh.vertices))
     return {kind: own for kind, own in kept.items() if kind is None or kind in mesh.entities}
 
 
-def _used(mesh: Mesh, kept: Mapping[_Kind, Ints], shapes: Sequence[Shape] | Mapping[Shape, Entities]) -> Ints:
-    """(n,) what the kept entities of some shapes are made of, ascending."""
-    none = np.empty(0, np.int64)
-    members = [mesh.of(shape).members[kept.get(shape, none)].reshape(-1) for shape in shapes]
-    return np.unique(np.concatenate([none, *members]))
+def _used(mesh: Mesh, kept: Mapping[_Kind, Ints], shapes: Iterable[Shape], count: int) -> Ints:
+    """(n,) which of ``count`` entities the kept ones of some shapes are made of, ascending."""
+    is_used = np.zeros(count, bool)
+    for shape in shapes:
+        if len(mesh.of(shape)):
+            is_used[mesh.of(shape).members[kept[shape]]] = True
+    return np.flatnonzero(is_used)
+
+
+def _renumbered(members: Ints, numbers: Ints) -> Ints:
+    """(n, k) where members stand among ascending ``numbers``, of which each is one."""
+    place = np.zeros(int(numbers[-1]) + 1 if len(numbers) else 0, np.int64)
+    place[numbers] = np.arange(len(numbers))
+    return place[members]
 
 
 def _face_numbers(mesh: Mesh, kept: Mapping[_Kind, Ints]) -> Ints:
@@ -219,7 +229,7 @@ def _cut_mesh(mesh: Mesh, kept: Mapping[_Kind, Ints], edges: Ints, faces: Ints) 
             numbers = _face_numbers(mesh, kept)
         else:
             numbers = kept[Shape.SEGMENT if shape.dimension == 2 else None]
-        members = np.searchsorted(numbers, own.members[kept[shape]])
+        members = _renumbered(own.members[kept[shape]], numbers)
         entities[shape] = Entities(frozen_ints(own.ids[kept[shape]]), frozen_ints(members))
     segments = kept.get(Shape.SEGMENT, np.empty(0, np.int64))
     return replace(

@@ -22,6 +22,11 @@ _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 _FOUND, _END = 1, 2
+#: what is wrong with a rank that has another task
+_OTHER = (
+    "expected the data and the scene of part 1, found others: processes that mpiexec or srun starts together make one "
+    "picture, so start those with pictures of their own one by one, or with srun --mpi=none"
+)
 
 
 class Ranks(Protocol):
@@ -35,10 +40,11 @@ class Ranks(Protocol):
     def size(self) -> int:
         """How many there are."""
 
-    def gather(self, value: T) -> list[T]:
+    def gather(self, value: T, task: str) -> list[T]:
         """What all have found, in order, for rank 0; to be called once by each.  Elsewhere it is empty.
 
-        ElvisError that names the part and the reason where a rank has failed.
+        task  what they work at
+        ElvisError that names the part and the reason where a rank has failed, or works at something else.
         """
 
 
@@ -47,7 +53,7 @@ class Alone:
 
     rank, size = 0, 1
 
-    def gather(self, value: T) -> list[T]:
+    def gather(self, value: T, task: str) -> list[T]:
         """Its own."""
         return [value]
 
@@ -60,24 +66,25 @@ class MpiRanks:
         self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
         self._is_gathered = False
 
-    def gather(self, value: T) -> list[T]:
+    def gather(self, value: T, task: str) -> list[T]:
         """See Ranks."""
         self._is_gathered = True
         if self.rank:
-            self._send((value, None), 0, _FOUND)
+            self._send((value, task, None), 0, _FOUND)
             return []
-        every = [(value, None), *(self._receive(rank, _FOUND) for rank in range(1, self.size))]
-        failed = [(number, reason) for number, (_, reason) in enumerate(every) if reason]
+        every = [(value, task, None), *(self._receive(rank, _FOUND) for rank in range(1, self.size))]
+        reasons = [reason if reason or own == task else _OTHER for _, own, reason in every]
+        failed = [number for number, reason in enumerate(reasons) if reason]
         if failed:
             others = f" ({len(failed)} parts failed)" if len(failed) > 1 else ""
-            raise ElvisError(f"part {failed[0][0] + 1} of {self.size}: {failed[0][1]}{others}")
-        return [found for found, _ in every]
+            raise ElvisError(f"part {failed[0] + 1} of {self.size}: {reasons[failed[0]]}{others}")
+        return [found for found, _, _ in every]
 
     def fail(self, reason: str) -> None:
         """Let rank 0 know why this one has found nothing."""
         if not self._is_gathered:
             self._is_gathered = True
-            self._send((None, reason), 0, _FOUND)
+            self._send((None, None, reason), 0, _FOUND)
 
     def end(self, status: int) -> int:
         """How the run ended: told by rank 0, and waited for by all others."""
