@@ -48,6 +48,8 @@ SOURCES = {
     "escher.u.gf": "solvers/mfem/escher_p3.u.gf",
     "sphere.xml": "nektar/sphere_manifold/interpfield_fromsphere.xml",
     "sphere.fld": "nektar/sphere_manifold/interpfield_fromsphere.fld",
+    "step.xml": "nektar/bfs_tq7/bfs_tg.xml",
+    "step.fld": "nektar/bfs_tq7/bfs_tg.fld",
     "": ("solvers/nek5000/ethier[0.]*", "solvers/vtk/dolfinx_tet_o3_u*"),
 }
 

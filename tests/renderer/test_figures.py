@@ -10,9 +10,21 @@ import pytest
 from click import BadParameter
 from PIL import Image
 
+from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
-from elvis.core.testing import curved, grid, one_element
-from elvis.renderer import Camera, Contours, Faces, Isosurface, MeshLines, SceneError, Style, render
+from elvis.core.testing import approximated, curved, grid, mixed_plane, one_element
+from elvis.renderer import (
+    Camera,
+    Contours,
+    Faces,
+    Glyphs,
+    Isosurface,
+    MeshLines,
+    SceneError,
+    Streamlines,
+    Style,
+    render,
+)
 from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
@@ -326,6 +338,20 @@ def test_a_region_is_what_the_picture_shows(draw, plane):
     corner = ground(frame, [[-0.5, frame.view.height - 0.5], [frame.view.width - 0.5, -0.5]])
     assert np.allclose(corner[:, :2], [[0.2, 0.2], [0.6, 0.4]], atol=1e-3)
     assert frame.seen.all()
+
+
+def test_lines_and_glyphs_lie_in_a_region_and_2d_data_are_seen_from_above(draw):
+    bare = Dataset(mixed_plane(0))
+    dataset = Dataset(bare.mesh, tuple(approximated(bare, name, lambda p: 1 + 0 * p[:, 0], 2) for name in "uv"))
+    line, arrow = Streamlines(("point:0.3,0.1",), width=2.0), Glyphs(("point:0.6,0.6",), length=0.1)
+    shown = {"field": "u", "objects": (Faces(), line, arrow), "size": (60, 30)}
+    frame = draw(dataset, **shown, region=(0.2, 1.2, 0.1, 0.6))
+    corner = ground(frame, [[-0.5, 29.5], [59.5, -0.5]])
+    assert np.allclose(corner[:, :2], [[0.2, 0.1], [1.2, 0.6]], atol=1e-3)
+    assert frame.seen.all()
+    whole = draw(dataset, **shown)
+    right, up, forward = whole.view.camera.basis()
+    assert np.allclose([right, up, forward], [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
 
 
 def test_zoom_keeps_the_middle(draw, plane):

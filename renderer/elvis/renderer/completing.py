@@ -74,6 +74,7 @@ def arranged(scene: Scene, kind: Kind) -> Scene:
             )
         if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
             raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
-        objects = (CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects)
-        return replace(scene, objects=tuple(objects))
+        objects = [CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects]
+        camera = "top" if scene.camera == "fit" and len(scene.every_object) > 1 else scene.camera
+        return replace(scene, objects=tuple(objects), camera=camera)
     return scene if scene.every_object else replace(scene, objects=(Faces(),))

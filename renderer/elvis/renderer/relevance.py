@@ -44,6 +44,7 @@ from elvis.scene import (
     VolumeRendering,
     unit,
 )
+from elvis.scene.fitting import faced_plane
 from elvis.scene.quantities import quantities
 from elvis.scene.view import named_camera
 
@@ -123,7 +124,7 @@ class Relevance:
             mask[finite[[column.argmin(), column.argmax(), np.abs(column).argmax()]]] = True
         camera = self.scene.camera
         if isinstance(camera, str):
-            camera = named_camera(camera, self.scene.only_plane)
+            camera = named_camera(camera, faced_plane(self.scene))
         if self.scene.only_plane is None and isinstance(camera, Camera):
             # as pictures are fitted: of elements that reach as far any will do
             axes = np.array(camera.basis()[:2]).T

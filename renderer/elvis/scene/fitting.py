@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
-from elvis.scene import Camera, Plane, Scene
+from elvis.scene import Camera, CutSurface, Glyphs, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.view import MARGIN, fit_camera, named_camera
 
@@ -32,7 +32,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     """
     if not sum(map(len, boxes)):
         raise SceneError("there is no element to draw: none carries the field")
-    camera, plane = scene.camera, scene.only_plane
+    camera, plane = scene.camera, faced_plane(scene)
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
     if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
@@ -54,6 +54,16 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     shown = extent + (extent - extent.mean(axis=0)) * (1.0 / scene.zoom - 1.0)
     margin = 1.0 if scene.region else MARGIN
     return replace(scene, size=size, camera=fit_camera(camera, size, shown, box, margin))
+
+
+def faced_plane(scene: Scene) -> Plane | None:
+    """The plane that a fitted camera looks straight at: what is shown alone, or a region with lines and glyphs."""
+    if scene.region is None:
+        return scene.only_plane
+    solid = [item for item in scene.every_object if not isinstance(item, Streamlines | Glyphs)]
+    surfaces = [item.surface if isinstance(item, CutSurface) else None for item in solid]
+    first = surfaces[0] if surfaces else None
+    return first if isinstance(first, Plane) and all(own == first for own in surfaces) else None
 
 
 def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes], box: Floats) -> Floats:

@@ -142,16 +142,16 @@ class Scene(Model):
     camera: Annotated[
         Camera | str,
         Setting(
-            "A camera, or a named view that is fitted to what is seen: fit (straight at a single plane, else iso), "
-            "+x, -x, +y, -y, +z, -z (look along an axis), iso, top, bottom, front, back, left, right (look from there: "
-            "from above down z, from the front along y, from the left along x).",
+            "A camera, or a named view that is fitted to what is seen: fit (straight at 2D data or a plane alone, else "
+            "iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, top, bottom, front, back, left, right (look from "
+            "there: from above down z, from the front along y, from the left along x).",
             names=("fit", *NAMED_VIEWS),
             option="--camera",
             metavar="VIEW",
             parse="camera",
-            option_help="fit (straight at a single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, "
-            "top, bottom, front, back, left, right, or eye:at[:up[:degrees]]; orthographic and fitted to what is seen "
-            "unless degrees are given.",
+            option_help="fit (straight at 2D data or a plane alone, else iso), +x, -x, +y, -y, +z, -z (look along an "
+            "axis), iso, top, bottom, front, back, left, right, or eye:at[:up[:degrees]]; orthographic and fitted to "
+            "what is seen unless degrees are given.",
         ),
     ] = "fit"
     size: Annotated[
