@@ -1,8 +1,10 @@
 """Work that threads share."""
 
+import threading
+
 import pytest
 
-from elvis.core.threads import results
+from elvis.core.threads import results, started
 
 
 def test_results_come_in_the_order_of_the_jobs():
@@ -17,3 +19,12 @@ def test_the_first_failure_comes_out():
     with pytest.raises(IndexError):
         found.extend(results(jobs))
     assert found == [1]
+
+
+def test_what_is_started_is_at_work_meanwhile():
+    begun = threading.Event()
+    with started(lambda: begun.set() or 7) as result:
+        assert begun.wait(5)
+        assert result() == 7
+    with started(lambda: 1 / 0) as result, pytest.raises(ZeroDivisionError):
+        result()

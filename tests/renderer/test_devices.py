@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis.core.arrays import frozen_floats
 from elvis.renderer import DeviceError, adapters
 from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking, limited
 from elvis.renderer.commands.devices import devices
+from elvis.renderer.device import _as_writeable
 
 XE = Adapter("vulkan:0", "Intel(R) Iris(R) Xe Graphics", False)
 CARD = Adapter("vulkan:1", "a card", False)
@@ -168,3 +170,13 @@ def test_a_device_that_can_not_be_opened_is_passed_over():
     choice = first_fit("auto", [CARD, SOFT], open_)
     assert choice.adapter == SOFT
     assert choice.passed == ("a card is passed over: it can't be opened",)
+
+
+def test_frozen_arrays_go_to_the_device_without_a_copy():
+    frozen = frozen_floats(np.arange(3.0)).view(np.uint8)
+    own = _as_writeable(frozen)
+    assert own.flags.writeable
+    assert np.shares_memory(own, frozen)
+    assert not frozen.flags.writeable
+    fixed = np.frombuffer(b"abc", np.uint8)
+    assert (_as_writeable(fixed) == fixed).all()

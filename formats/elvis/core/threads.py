@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from contextvars import copy_context
 from typing import TypeVar
 
@@ -26,3 +27,10 @@ def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+
+
+@contextmanager
+def started(job: Callable[[], T]) -> Iterator[Callable[[], T]]:
+    """What waits for the result of a job, which is at work meanwhile; its exception comes out of there, too."""
+    with ThreadPoolExecutor(1, "elvis-work") as pool:
+        yield pool.submit(copy_context().run, job).result

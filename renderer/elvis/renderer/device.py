@@ -139,9 +139,7 @@ class Device:
         try:
             buffer = pool.take(itemsize, count)
             if data is not None:
-                # plain bytes that could be written to: slangpy takes no other arrays
-                raw = data.view(np.uint8)
-                buffer.memory.copy_from_numpy(raw if raw.flags.writeable else raw.copy())
+                buffer.memory.copy_from_numpy(_as_writeable(data.view(np.uint8)))
         except RuntimeError as error:
             size = count * itemsize / 2**20
             raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
@@ -251,6 +249,21 @@ class Device:
             if count <= kernel.capacity:
                 return self.read(lists[name], dtype, count) if count else np.empty(0, dtype)
             kernel.capacity = count + count // 4
+
+
+def _as_writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The bytes as an array that could be written to: slangpy, which reads them, takes no other.
+
+    A copy only where they lie in memory that can't be, such as that of ``bytes``.
+    """
+    if not raw.flags.writeable:
+        own = raw.view()
+        try:
+            own.flags.writeable = True
+        except ValueError:
+            return raw.copy()
+        return own
+    return raw
 
 
 class Kernel:

@@ -23,6 +23,7 @@ from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
+from elvis.core.threads import started
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
 from elvis.plugins.native.device_spaces import even_space, field_space
@@ -78,10 +79,11 @@ class Elements:
         shape, ids = self.geometry.shape, np.concatenate([p.element_ids for p in self.patches])
         lengths = self.series.lengths if self.series else ()
         key = "maps", self.geometry, lengths, ids.tobytes()
-        maps = self._keep(key, lambda: Maps.of(self.patches, self.geometry))
+        with started(lambda: self._keep(key, lambda: Maps.of(self.patches, self.geometry))) as found:
+            quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
+            maps = found()
         buffers: dict[str, NDArray[Any]] = {"control_points": maps.points, "control_indices": maps.indices}
         buffers |= self._buffers_of_waves()
-        quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
         own = quantities[self.expressions[0].text]
         buffers |= own.buffers
         buffers.setdefault("coefficients", np.zeros(1))
