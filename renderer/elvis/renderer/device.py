@@ -256,14 +256,12 @@ def _as_writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
     A copy only where they lie in memory that can't be, such as that of ``bytes``.
     """
-    if not raw.flags.writeable:
-        own = raw.view()
-        try:
-            own.flags.writeable = True
-        except ValueError:
-            return raw.copy()
-        return own
-    return raw
+    own = raw.view()
+    try:
+        own.flags.writeable = True
+    except ValueError:
+        return raw.copy()
+    return own
 
 
 class Kernel:
