@@ -205,6 +205,16 @@ def test_ranks_with_pictures_of_their_own_are_told(files):
 
 
 @needs_mpi
+def test_what_a_rank_starts_draws_its_own_picture(files):
+    render = [*ELVIS, "bent.xml", "bent.fld", "--faces", "all", "--size", "96x72", "-o", "own.png"]
+    starts = f"import subprocess, sys; sys.exit(subprocess.run({render!r}).returncode)"
+    nothing = [sys.executable, "-c", ""]
+    ranks = run(files, STARTER, "-n", "1", sys.executable, "-c", starts, ":", "-n", "1", *nothing)
+    assert (ranks.returncode, ranks.stderr) == (0, "")
+    assert (files / "own.png").exists()
+
+
+@needs_mpi
 def test_a_rank_that_fails_names_its_part_and_its_reason(files):
     good, bad = (("bent.xml", field, "-o", "none.png") for field in ("bent.fld", "damaged.fld"))
     ranks = run(files, STARTER, "-n", "1", *ELVIS, *good, ":", "-n", "1", *ELVIS, *bad)

@@ -115,9 +115,21 @@ class MpiRanks:
 
 
 def started_together(environment: Mapping[str, str] = os.environ) -> int:
-    """How many processes mpiexec or srun has started with this one; 1 without."""
+    """How many processes mpiexec or srun has started with this one; 1 without, and for what one of these starts."""
+    channel = environment.get("PMI_FD", "")
+    if channel.isdigit() and not _is_open(int(channel)):
+        return 1
     sizes = [environment[name] for name in _SIZES if environment.get(name, "").isdigit()]
     return int(sizes[0]) if sizes else 1
+
+
+def _is_open(number: int) -> bool:
+    """Whether a file is open under a number: the channel to MPICH's starter is not, in processes that a rank starts."""
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager
