@@ -5,6 +5,8 @@ import pytest
 
 from elvis.core.arrays import frozen_floats
 from elvis.core.cores import vortex_cores
+from elvis.core.cores.core_boxes import Boxes, at_nodes
+from elvis.core.cores.core_turning import turns_less
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import local_vertices
@@ -287,3 +289,22 @@ def test_values_that_are_no_numbers_are_undecided():
     broken = Field("u", (Block(block.expansion, block.element_ids, frozen_floats(coefficients)),))
     found = vortex_cores(Dataset(dataset.mesh, (broken, *dataset.fields[1:])))
     assert found.undecided == (int(block.element_ids[3]),)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_boxes_where_nothing_turns_are_told(degree):
+    """None in which a sample turns; and shear layers, whose entries are large beside their eigenvalues."""
+    rng = np.random.default_rng(degree)
+    nets = rng.normal(size=(60, 9, *(degree + 1,) * 3)) * rng.choice([0.02, 0.2, 1.0], 60)[:, None, None, None, None]
+    nets[:30] += np.diag([-1.0, 0.1, 1.2]).reshape(9, 1, 1, 1)
+    nets[:10, 1] += 30.0
+    nets[:10, [3, 6, 7]] *= 0.01
+    least = rng.choice([0.01, 0.5], 60)
+    uniform = np.ones((60, 3, 2, 2, 2))
+    boxes = Boxes.whole(np.arange(60), uniform, nets, least, False)
+    found = turns_less(boxes)
+    matrices = at_nodes(nets, 6).reshape(60, 9, -1).swapaxes(1, 2).reshape(60, -1, 3, 3)
+    turning = np.abs(np.linalg.eigvals(matrices).imag).max(axis=(1, 2))
+    assert (turning[found] < least[found]).all()
+    assert found[:10].sum() >= 3
+    assert not found.all()

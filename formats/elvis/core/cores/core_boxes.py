@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.polynomials.bernstein import line_tables
-from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, nets_through
+from elvis.core.polynomials.boxnets import nets_through
 from elvis.core.polynomials.net_zeros import divided
 from elvis.core.polynomials.quadrature import gauss
 
@@ -29,6 +32,8 @@ class Boxes:
     crossed   (k, 3, …)  velocity x acceleration or rotation
     turned    (k, 3, …)  gradient times velocity; nothing where that is not needed
     crossed_error, turned_error (k, 3)  rounding of both
+    square, cubic (k, 1, …)  y and r of the gradient, as in `core_turning`
+    scale     (k,)       the gradient's greatest norm in its element
     least     (k,)       turning that counts
     """
 
@@ -41,6 +46,9 @@ class Boxes:
     turned: Floats
     crossed_error: Floats
     turned_error: Floats
+    square: Floats
+    cubic: Floats
+    scale: Floats
     least: Floats
 
     def __len__(self) -> int:
@@ -50,42 +58,48 @@ class Boxes:
     def whole(rows: Ints, above: Floats, gradient: Floats, least: Floats, is_turned: bool) -> Boxes:
         """All of the cell of elements, from nets of velocity and gradient; crossed with acceleration or rotation."""
         above = _without_walls(above)
-        own, product = above.shape[2] - 1, above.shape[2] + gradient.shape[2] - 2
+        turned = np.empty((len(rows), 0, 1, 1, 1))
         if is_turned:
-            turned = through(_turned(at_nodes(gradient, product), at_nodes(above, product)), product)
-            total = own + product
-            crossed = through(_cross(at_nodes(above, total), at_nodes(_without_walls(turned), total)), total)
+            turned = combined(_turned, gradient, above)
+            crossed = combined(_cross, above, _without_walls(turned))
         else:
-            turned = np.empty((len(rows), 0, 1, 1, 1))
-            crossed = through(_cross(at_nodes(above, product), _rotation(at_nodes(gradient, product))), product)
+            crossed = combined(_cross, above, _rotation(gradient))
         errors = [_ROUNDING * np.abs(net).max(axis=(2, 3, 4), initial=0.0) for net in (crossed, turned)]
         low = np.zeros((len(rows), 3))
-        return Boxes(rows, low, low + 1, above, gradient, crossed, turned, errors[0], errors[1], least)
+        scale = np.linalg.norm(gradient, axis=1).max(axis=(1, 2, 3), initial=0.0)
+        known = errors[0], errors[1], *invariants(gradient), scale
+        return Boxes(rows, low, low + 1, above, gradient, crossed, turned, *known, least)
 
     def part(self, chosen: Ints | Bools) -> Boxes:
         """Some of them."""
         return Boxes(*(getattr(self, own.name)[chosen] for own in fields(self)))
 
-    def halved(self) -> Boxes:
-        """Both halves in every direction."""
-        low, high = all_half_boxes(self.low, self.high)
+    def halved(self, axis: int) -> Boxes:
+        """Both halves in one direction."""
+        middle = (self.low[:, axis] + self.high[:, axis]) / 2
+        upper, lower = self.low.copy(), self.high.copy()
+        upper[:, axis], lower[:, axis] = middle, middle
+        both = np.tile(np.arange(len(self)), 2)
         return Boxes(
-            np.tile(self.rows, 8),
-            low,
-            high,
-            _halved(self.above),
-            _halved(self.gradient),
-            _halved(self.crossed),
-            _halved(self.turned),
-            np.tile(self.crossed_error, (8, 1)),
-            np.tile(self.turned_error, (8, 1)),
-            np.tile(self.least, 8),
+            self.rows[both],
+            np.concatenate([self.low, upper]),
+            np.concatenate([lower, self.high]),
+            _halved(self.above, axis),
+            _halved(self.gradient, axis),
+            _halved(self.crossed, axis),
+            _halved(self.turned, axis),
+            self.crossed_error[both],
+            self.turned_error[both],
+            _halved(self.square, axis),
+            _halved(self.cubic, axis),
+            self.scale[both],
+            self.least[both],
         )
 
     def widened(self, axis: int) -> Boxes:
         """Three times as wide across an axis, which becomes the last one; ``low`` and ``high`` stay."""
         nets = [np.moveaxis(own, 2 + axis, 4) for own in (self.above, self.gradient, self.crossed, self.turned)]
-        above, gradient, crossed, turned = (_widened(_widened(own, 2), 3) for own in nets)
+        above, gradient, crossed, turned = map(_widened, nets)
         return replace(self, above=above, gradient=gradient, crossed=crossed, turned=turned)
 
     def rest_at_corners(self) -> Bools:
@@ -97,25 +111,41 @@ class Boxes:
     @property
     def at_once(self) -> int:
         """How many boxes like these are worked on at once."""
-        sizes = (self.above, self.gradient, self.crossed, self.turned)
+        sizes = (self.above, self.gradient, self.crossed, self.turned, self.square, self.cubic)
         return max(1, _AT_ONCE // sum(int(np.prod(own.shape[1:])) for own in sizes))
 
 
+@lru_cache(maxsize=64)
 def nodes_of(degree: int) -> Floats:
     """(degree + 1,) places in [0, 1] that polynomials are known by."""
-    return np.asarray((1 + gauss(degree + 1)[0]) / 2)
+    return frozen_floats((1 + gauss(degree + 1)[0]) / 2)
+
+
+@lru_cache(maxsize=256)
+def _evaluating(own: int, degree: int) -> Floats:
+    """(own + 1, degree + 1) matrix from the right that takes coefficients of a degree to values at nodes of another."""
+    return frozen_floats(line_tables(own, nodes_of(degree))[0].T)
+
+
+@lru_cache(maxsize=64)
+def _stretching(degree: int, end: float) -> Floats:
+    """(degree + 1, degree + 1) matrix from the right from coefficients on [0, 1] to those on [0, end]."""
+    rows = [
+        [comb(j, i) * end**i * (1 - end) ** (j - i) if i <= j else 0.0 for j in range(degree + 1)]
+        for i in range(degree + 1)
+    ]
+    return frozen_floats(rows)
 
 
 def lattice_of(degree: int) -> Floats:
-    """((degree + 1)^3, 3) the same in the unit cube, the last direction fastest."""
+    """((degree + 1)^3, 3) the nodes in the unit cube, the last direction fastest."""
     return np.stack(np.meshgrid(*[nodes_of(degree)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def at_nodes(nets: Floats, degree: int) -> Floats:
     """(k, c, D, D, D) values of nets (k, c, …) at the nodes of a degree."""
     for axis in (2, 3, 4):
-        table = line_tables(nets.shape[axis] - 1, nodes_of(degree))[0]
-        nets = np.moveaxis(np.moveaxis(nets, axis, -1) @ table.T, -1, axis)
+        nets = _along(nets, axis, _evaluating(nets.shape[axis] - 1, degree))
     return nets
 
 
@@ -123,6 +153,11 @@ def through(values: Floats, degree: int) -> Floats:
     """Nets (k, c, D, D, D) with values (k, c, …) at the nodes of a degree."""
     shape = (*values.shape[:2], *(degree + 1,) * 3)
     return nets_through(values.reshape(-1, (degree + 1) ** 3), nodes_of(degree), 3).reshape(shape)
+
+
+def _along(nets: Floats, axis: int, matrix: Floats) -> Floats:
+    """Nets times a matrix in one direction."""
+    return np.asarray(np.moveaxis(np.moveaxis(nets, axis, -1) @ matrix, -1, axis))
 
 
 def flat(nets: Floats) -> Floats:
@@ -147,19 +182,29 @@ def _without_walls(nets: Floats) -> Floats:
     return nets
 
 
-def _halved(nets: Floats) -> Floats:
-    if not nets.shape[1]:
-        return np.tile(nets, (8, 1, 1, 1, 1))
-    return all_halves(nets.reshape(-1, *nets.shape[2:])).reshape(-1, *nets.shape[1:])
+def _halved(nets: Floats, axis: int) -> Floats:
+    """Nets (2k, c, …) of lower halves, then of upper ones."""
+    degree = nets.shape[2 + axis] - 1
+    lower = _stretching(degree, 0.5)
+    return np.concatenate([_along(nets, 2 + axis, own) for own in (lower, lower[::-1, ::-1])])
 
 
-def _widened(nets: Floats, axis: int) -> Floats:
-    """Nets on [-1, 2] in one direction, of those on [0, 1]."""
-    degree = nets.shape[axis] - 1
-    nodes = nodes_of(degree)
-    inverse = np.linalg.inv(line_tables(degree, nodes)[0])
-    matrix = inverse @ line_tables(degree, 3 * nodes - 1)[0]
-    return np.asarray(np.moveaxis(np.moveaxis(nets, axis, -1) @ matrix.T, -1, axis))
+def _widened(nets: Floats) -> Floats:
+    """Nets on [-1, 2] in the first two directions, of those on [0, 1]: by way of [0, 2]."""
+    for axis in (2, 3):
+        degree = nets.shape[axis] - 1
+        matrix = _stretching(degree, 2.0) @ _stretching(degree, 1.5)[::-1, ::-1]
+        nets = _along(nets, axis, matrix)
+    return nets
+
+
+def combined(function: Callable[..., Floats], *nets: Floats) -> Floats:
+    """Nets of a function of values (k, c, …), linear in each, from nets of these: through its values at the nodes.
+
+    Its coefficients may be off, but not the polynomial that they stand for, more than by rounding of values.
+    """
+    degree = sum(own.shape[2] - 1 for own in nets)
+    return through(function(*(at_nodes(own, degree) for own in nets)), degree)
 
 
 def _turned(gradient: Floats, above: Floats) -> Floats:
@@ -177,3 +222,21 @@ def _rotation(gradient: Floats) -> Floats:
 def _cross(one: Floats, other: Floats) -> Floats:
     """Vector products of (k, 3, …)."""
     return np.cross(one, other, axis=1)
+
+
+def invariants(gradient: Floats) -> tuple[Floats, Floats]:
+    """Nets (k, 1, …) of tr A^2 / 2 and of det A, with A matrices (k, 9, …) less a third of their trace."""
+    rows = gradient.copy()
+    rows[:, ::4] -= gradient[:, ::4].sum(axis=1, keepdims=True) / 3
+    return combined(_half_square, rows, rows), combined(_determinant, *[rows] * 3)
+
+
+def _half_square(one: Floats, other: Floats) -> Floats:
+    """(k, 1, …) half the traces of products of matrices (k, 9, …)."""
+    return (one * other[:, [0, 3, 6, 1, 4, 7, 2, 5, 8]]).sum(axis=1, keepdims=True) / 2
+
+
+def _determinant(*rows: Floats) -> Floats:
+    """(k, 1, …) of matrices (k, 9, …), whose rows are of one each."""
+    first, second, third = (own[:, 3 * k : 3 * k + 3] for k, own in enumerate(rows))
+    return (first * _cross(second, third)).sum(axis=1, keepdims=True)

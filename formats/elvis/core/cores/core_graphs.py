@@ -13,21 +13,24 @@ they stay near it all over the box, a core is a graph over that coordinate.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.cores.core_boxes import Boxes, at_nodes, flat, through
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.cores.core_boxes import Boxes, combined, flat
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange, across, eigenbases, polished
 from elvis.core.cores.parallel import rotations
-from elvis.core.polynomials.net_zeros import derivatives, has_no_zero, inverses, slope_nets, values_of
+from elvis.core.polynomials.bernstein import line_tables
+from elvis.core.polynomials.net_zeros import has_no_zero, inverses, values_of
 
 #: how far combined derivatives may be from the unit matrix, and steps of the iteration, which converges by that
 _NEAR, _STEPS = 0.5, 34
 #: derivatives along the core in units of the wide box, so that no arc leaves the box by more than its width
 _SLOPE = 2 / 3
-#: the last step of an iteration that came to rest
-_REST = 1e-6
+#: the last step of an iteration that came to rest, and one that is short enough to end it
+_REST, _SHORT = 1e-6, 1e-13
+_CENTRE = np.array([0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class Graphs:
 
     def is_graph(self) -> Bools:
         """(k,) whether cores are graphs over the last coordinate, and as little inclined as is needed."""
-        slopes = [flat(slope_nets(self.nets, axis)) for axis in range(3)]
+        slopes = [flat(_slopes(self.nets, axis)) for axis in range(3)]
         off = np.zeros(self.nets.shape[:2])
         for axis in (0, 1):
             unit = np.eye(2)[axis][None, :, None]
@@ -88,6 +91,8 @@ class Graphs:
                 zero -= polished(gradient, start)[:, None] * values_of(boxes.above, places)
             step = np.einsum("nai,ni->na", self.combining, zero)
             places[:, :2] = (places[:, :2] - step).clip(0, 1)
+            if np.abs(step).max(initial=0.0) < _SHORT:
+                break
         return places, np.asarray(np.abs(step).max(axis=1, initial=0.0) < _REST)
 
 
@@ -120,15 +125,14 @@ def by_eigenvalue(boxes: Boxes, axis: int | None) -> Graphs:
     gradient = matrices.reshape(boxes.gradient.shape)
     first = gradient[:, :1]
     gradient = gradient - first * np.eye(3).reshape(1, 9, 1, 1, 1)
-    steps = [MatrixRange.of_nets(slope_nets(gradient, k)) for k in range(3)]
+    steps = [MatrixRange.of_nets(_slopes(gradient, k)) for k in range(3)]
     eigenvalue = Eigenvalue.of(MatrixRange.of_nets(gradient), steps)
 
-    degree = boxes.turned.shape[2] - 1
-    nets = boxes.turned - through(at_nodes(first, degree) * at_nodes(boxes.above, degree), degree)
+    nets = boxes.turned - combined(np.multiply, first, boxes.above)
     sizes = np.abs(boxes.above).max(axis=(2, 3, 4), initial=0.0)
     slopes = np.empty((len(boxes), 3, 3))
     for k in range(3):
-        steep = np.abs(slope_nets(boxes.above, k)).max(axis=(2, 3, 4), initial=0.0)
+        steep = np.abs(_slopes(boxes.above, k)).max(axis=(2, 3, 4), initial=0.0)
         slopes[:, :, k] = eigenvalue.error[:, None] * steep + eigenvalue.slope_error[:, k, None] * sizes
     errors = boxes.turned_error + eigenvalue.error[:, None] * sizes
     vectors = np.stack([inverse[:, 0], bases[:, :, 0]], axis=1)
@@ -146,7 +150,7 @@ def _combined(
 ) -> Graphs:
     """Two components (k, 2, 3) so combined that derivatives across an axis, by default the best, are a unit matrix."""
     count = len(nets)
-    slopes = np.einsum("nai,nik->nak", rows, derivatives(nets, np.full((count, 3), 0.5)))
+    slopes = np.einsum("nai,nik->nak", rows, _central_slopes(nets))
     tangent = np.abs(np.cross(slopes[:, 0], slopes[:, 1]))
     own = tangent.argmax(axis=1) if axis is None else np.full(count, axis)
     others = np.array([[1, 2], [0, 2], [0, 1]])[own]
@@ -160,11 +164,32 @@ def _combined(
         np.asarray(is_known),
         combining,
         own,
-        np.einsum("nai,ni...->na...", combining, nets),
+        (combining @ flat(nets)).reshape(count, 2, *nets.shape[2:]),
         np.einsum("nai,ni->na", np.abs(combining), errors),
         np.einsum("nai,nik->nak", np.abs(combining), off),
         np.empty((count, 0, 3)) if vectors is None else vectors,
     )
+
+
+def _slopes(nets: Floats, axis: int) -> Floats:
+    """Nets of derivatives of nets (k, c, …) in one direction, of the lower degree there."""
+    return np.asarray((nets.shape[2 + axis] - 1) * np.diff(nets, axis=2 + axis))
+
+
+def _central_slopes(nets: Floats) -> Floats:
+    """(k, c, 3) derivatives of nets (k, c, …) at the centres of their boxes."""
+    return np.asarray(flat(nets) @ _central_weights(nets.shape[2:]))
+
+
+@lru_cache(maxsize=64)
+def _central_weights(sizes: tuple[int, ...]) -> Floats:
+    """(n, 3) by which coefficients of nets of sizes add up to derivatives at the centre."""
+    values, slopes = zip(*(line_tables(size - 1, _CENTRE, 1)[:, 0] for size in sizes), strict=True)
+    columns = []
+    for axis in range(3):
+        first, second, third = (slopes[k] if k == axis else values[k] for k in range(3))
+        columns.append(np.einsum("i,j,k->ijk", first, second, third).reshape(-1))
+    return frozen_floats(np.stack(columns, axis=1))
 
 
 def _units(vectors: Floats) -> tuple[Floats, Bools]:

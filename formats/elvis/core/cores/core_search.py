@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.cores.core_boxes import Boxes, lattice_of, through
 from elvis.core.cores.core_graphs import Graphs, by_eigenvalue, by_rotation, by_velocity
-from elvis.core.cores.matrix_ranges import MatrixRange, turns_less
+from elvis.core.cores.core_turning import turns_less
 from elvis.core.cores.parallel import ParallelVectors
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.mapping.margins import facets, heights
@@ -68,7 +68,7 @@ class CoreSearch:
         self.walls[rows] = self._at_rest(rows)
         for cell in range(len(corners(self.patch.shape))):
             self._cell = cell
-            boxes = self._whole(rows)
+            boxes = _crossed(self._whole(rows))
             stack = [(0, part) for part in _parts(boxes)]
             while stack:
                 depth, boxes = stack.pop()
@@ -80,7 +80,7 @@ class CoreSearch:
                 if depth == _DEPTH:
                     self.undecided.update(left.rows.tolist())
                     continue
-                stack += [(depth + 1, part.halved()) for part in _parts(left)]
+                stack += [(depth + 1, _halved(part)) for part in _parts(left)]
 
     def points(self) -> tuple[Ints, Floats]:
         """Rows (n,) and reference coordinates (n, 3) of points of cores."""
@@ -156,8 +156,7 @@ class CoreSearch:
 
     def _left(self, boxes: Boxes) -> Boxes:
         """The boxes that must be halved, when points of cores in others are noted."""
-        boxes = boxes.part(~turns_less(MatrixRange.of_nets(boxes.gradient), boxes.least))
-        boxes = boxes.part(~has_no_zero(boxes.crossed, boxes.crossed_error))
+        boxes = boxes.part(~turns_less(boxes))
         ways = (by_rotation,) if self.parallel.criterion == "vorticity" else (by_velocity, by_eigenvalue)
         for way in ways:
             graphs = way(boxes, None)
@@ -207,6 +206,18 @@ def _parts(boxes: Boxes) -> list[Boxes]:
     """So many at once that their halves fit in memory."""
     count, step = len(boxes), boxes.at_once
     return [boxes.part(np.arange(first, min(first + step, count))) for first in range(0, count, step)]
+
+
+def _halved(boxes: Boxes) -> Boxes:
+    """The halves in every direction in which what is zero on cores may be zero."""
+    for axis in range(3):
+        boxes = _crossed(boxes.halved(axis))
+    return boxes
+
+
+def _crossed(boxes: Boxes) -> Boxes:
+    """Those in which what is zero on cores may be zero."""
+    return boxes.part(~has_no_zero(boxes.crossed, boxes.crossed_error))
 
 
 def _is_affine(patch: Patch) -> bool:

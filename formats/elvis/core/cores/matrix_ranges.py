@@ -38,11 +38,6 @@ class MatrixRange:
         """Less numbers (n,) times the unit matrix, that are known up to errors (n,)."""
         return MatrixRange(self.middle - numbers[:, None, None] * _EYE, self.radius + errors[:, None, None] * _EYE)
 
-    def without_trace(self) -> MatrixRange:
-        """Less a third of the trace times the unit matrix."""
-        trace, error = (np.einsum("nii->n", own) / 3 for own in (self.middle, self.radius))
-        return self.shifted(trace, error)
-
     def cofactors(self) -> MatrixRange:
         """Of the matrices' cofactors: signed minors."""
         a, r = self.middle, self.radius
@@ -66,22 +61,6 @@ class MatrixRange:
 def _product_radius(a: Floats, r: Floats, first: tuple[int, int], second: tuple[int, int]) -> Floats:
     (i, j), (k, m) = first, second
     return np.asarray(np.abs(a[:, i, j]) * r[:, k, m] + r[:, i, j] * (np.abs(a[:, k, m]) + r[:, k, m]))
-
-
-def turns_less(matrices: MatrixRange, least: Floats) -> Bools:
-    """(n,) whether complex eigenvalues of all matrices have imaginary parts below ``least`` (n,), or there are none.
-
-    With t^3 + a t + b the characteristic polynomial of A - tr A / 3, an imaginary part v has
-    b^2 = 4/27 (v^2 - a) (4 v^2 - a)^2, which grows with v; where b^2 is less all are below (as in `levels`).
-    """
-    plain = matrices.without_trace()
-    middle, radius = plain.sum_of_minors()
-    cofactors = plain.cofactors()
-    det = np.einsum("nj,nj->n", plain.middle[:, 0], cofactors.middle[:, 0])
-    error = np.einsum("nij,nij->n", np.abs(cofactors.middle) + cofactors.radius, plain.radius)
-    highest, b = middle + radius, np.abs(det) + error
-    first, second = least**2 - highest, 4 * least**2 - highest
-    return np.asarray((first > 0) & (second > 0) & (b**2 < 4 / 27 * first * second**2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,9 +24,10 @@ from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
 from elvis.core.streamlines.course import components_of, positive
 from elvis.core.streamlines.neighbours import Neighbours
+from elvis.core.terminal import Progress
 
 #: elements at once
-_CHUNK = 256
+_CHUNK = 64
 #: greatest distance of points where nothing is said, in parts of the size of the data
 SPACING = 0.005
 #: how lines end, and what it means; names of boundaries follow
@@ -142,6 +143,7 @@ def vortex_cores(
     least_length: float = 0.0,
     spacing: float | None = None,
     fields: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> VortexCores:
     """All lines inside 3D data along which the velocity is parallel to its acceleration or vorticity while it turns.
 
@@ -152,6 +154,7 @@ def vortex_cores(
     least_length  of lines in the world
     spacing       of points along a line at most; None: 1/200 of the size of the data
     fields        further quantities at the points
+    progress      is told how many elements have been searched, and how many there are
 
     Turning of less than 1e-4 of the greatest gradient in an element does not count.  ElvisError for data that aren't
     3D, or have Fourier directions, for components that are no quotients of polynomials, and for negative limits.
@@ -167,10 +170,15 @@ def vortex_cores(
     arcs: list[WorldArc] = []
     undecided: list[int] = []
     beside: list[int] = []
+    done, planned = 0, sum(len(patch) for patch in parallel.evaluator.patches)
     for number, patch in enumerate(parallel.evaluator.patches):
         search = CoreSearch(parallel, patch, least_swirl, only_q)
         for rows in chunks(len(patch), _CHUNK):
-            search.run(np.arange(len(patch))[rows])
+            own = np.arange(len(patch))[rows]
+            search.run(own)
+            done += len(own)
+            if progress is not None:
+                progress(done, planned)
         tracing = CoreTracing(search, apart)
         found = tracing.run(*search.points())
         arcs += [WorldArc.of(patch, number, arc) for arc in found]

@@ -75,7 +75,7 @@ def trace_cores(
     from elvis.core.arguments import texts_of
     from elvis.core.cores import vortex_cores
     from elvis.core.files.output import check_places
-    from elvis.core.terminal import print_json, print_table, stage
+    from elvis.core.terminal import print_json, print_table, progress
 
     if output is not None:
         check_suffix(output)
@@ -84,8 +84,10 @@ def trace_cores(
     if source.dataset is None:
         raise click.UsageError("--cores searches what is native, but a runtime plugin opens these data")
     asked = {name: value for name, value in limits.items() if value is not None}
-    with stage("searching vortex cores"):
-        found = vortex_cores(source.dataset, texts_of(velocity), spacing=spacing, fields=quantities, **asked)
+    with progress("searching vortex cores") as told:
+        found = vortex_cores(
+            source.dataset, texts_of(velocity), spacing=spacing, fields=quantities, progress=told, **asked
+        )
     _warn_of_undecided(found)
     if output is not None:
         write_lines(output, found, found.of_lines())
