@@ -89,23 +89,35 @@ class CoreTracing:
         return np.asarray(found)
 
     def corrected(self, rows: Ints, xi: Floats, normal: Floats, slopes: Floats | None = None) -> tuple[Floats, Bools]:
-        """(n, 3) points of cores in planes through points with unit normals, and whether the corrector came to rest."""
-        slopes = self.slopes(rows, xi) if slopes is None else slopes
+        """(n, 3) points of cores in planes through points with unit normals, and whether the corrector came to rest.
+
+        slopes  near the points; where the corrector does not come to rest with them it goes on with its own
+        """
+        if slopes is None:
+            slopes = self.slopes(rows, xi)
+        found, last = self._stepped(rows, xi, xi, normal, slopes)
+        left = np.flatnonzero(~(last < _SHORT))
+        if len(left):
+            again = self.slopes(rows[left], found[left])
+            found[left], last[left] = self._stepped(rows[left], found[left], xi[left], normal[left], again)
+        return found, np.asarray(last < 1e-9)
+
+    def _stepped(self, rows: Ints, start: Floats, xi: Floats, normal: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+        """Points (n, 3) that steps lead to with the same derivatives, and the lengths (n,) of the last ones."""
         size = np.abs(slopes).max(axis=(1, 2), initial=1e-300)[:, None, None]
         inverse = np.linalg.pinv(np.concatenate([slopes / size, normal[:, None, :]], axis=1), rcond=1e-9)
-        found, last = xi, np.full(len(xi), np.inf)
+        found, last = start.copy(), np.full(len(xi), np.inf)
         going = np.arange(len(xi))
         for _ in range(_STEPS):
             values = self._residuals(rows[going], found[going]) / size[going, :, 0]
             values = np.column_stack([values, np.einsum("ni,ni->n", normal[going], found[going] - xi[going])])
             step = np.einsum("nij,nj->ni", inverse[going], values)
-            found = found.copy()
             found[going] -= step.clip(-1, 1)
             last[going] = np.abs(step).max(axis=1, initial=0.0)
             going = going[~(last[going] < _SHORT)]
             if not len(going):
                 break
-        return found, np.asarray(last < 1e-9)
+        return found, last
 
     def _through(self, rows: Ints, xi: Floats) -> list[Arc]:
         """The cores through points, both ways from each."""
