@@ -334,3 +334,32 @@ def test_boxes_where_nothing_turns_are_told(degree):
     assert (turning[found] < least[found]).all()
     assert found[:10].sum() >= 3
     assert not found.all()
+
+
+def test_a_wall_without_slip_is_no_core():
+    """Where all velocity is zero it is parallel to everything: the axis ends above, where the flow turns too little."""
+
+    def above_a_wall(points):
+        return points[:, 2:] * vortex(1.0)(points)
+
+    dataset = data(grid(Shape.PRISM, 1), components(above_a_wall), 4)
+    found = vortex_cores(dataset, spacing=0.1, least_swirl=0.01)
+    assert found.counts() == {"faded": 1, "boundary": 1}
+    assert found.undecided == ()
+    assert from_axis(found.points).max() < 1e-8
+    assert found.points[:, 2].min() == pytest.approx(0.01, abs=1e-8)
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON])
+def test_noise_that_jumps_at_borders_leaves_the_axis_one_line(shape):
+    dataset = data(grid(shape, 2), components(vortex(1.0)), 3)
+    rng = np.random.default_rng(0)
+    noisy = []
+    for field in dataset.fields:
+        (block,) = field.blocks
+        coefficients = block.coefficients + 1e-3 * rng.normal(size=block.coefficients.shape)
+        noisy.append(Field(field.name, (Block(block.expansion, block.element_ids, frozen_floats(coefficients)),)))
+    found = vortex_cores(Dataset(dataset.mesh, tuple(noisy)), spacing=0.1, least_swirl=0.5)
+    assert found.undecided == ()
+    assert found.counts() == {"boundary": 2}
+    assert from_axis(found.points).max() < 0.02
