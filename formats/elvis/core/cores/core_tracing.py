@@ -23,8 +23,8 @@ from elvis.core.quantities.element_points import ElementPoints
 _DIFFERENCE, _STEPS, _SHORT = 1e-5, 8, 1e-12
 #: steps along the core in reference coordinates: the first, the greatest, the least
 _FIRST, _GREATEST, _LEAST = 0.05, 0.3, 1e-6
-#: change of direction in a step, at most
-_TURN = 0.15
+#: change of direction in a step, and of the corrector aside in parts of the step, at most
+_TURN, _ASIDE = 0.15, 0.2
 #: points of a core in an element at most, and how far apart two points of the core are that are one
 _MOST, SAME = 5000, 1e-7
 #: steps of the search for a line's end
@@ -188,7 +188,7 @@ class CoreTracing:
         slopes = self.slopes(rows, ahead)
         found, sound = self.corrected(rows, ahead, way, slopes)
         turned = self._tangents(slopes, way)
-        sound &= np.linalg.norm(found - ahead, axis=1) < 0.2 * step
+        sound &= np.linalg.norm(found - ahead, axis=1) < _ASIDE * step
         sound &= np.linalg.norm(turned - way, axis=1) < _TURN
         return found, turned, sound, slopes
 
@@ -256,8 +256,9 @@ class CoreTracing:
             normal = step[which] / np.linalg.norm(step[which], axis=1, keepdims=True).clip(1e-300)
             nearest = near[np.arange(len(here)), which]
 
-            # the arc's own point in the plane through the point, across the step
+            # the arc's own point in the plane through the point, across the step; far from the step is another core
             on_plane = nearest + np.einsum("ni,ni->n", xi[here] - nearest, normal)[:, None] * normal
             point, sound = self.corrected(np.full(len(here), arc.row), on_plane, normal)
-            found[here] = sound & (np.abs(point - xi[here]).max(axis=1) < SAME)
+            is_near = np.linalg.norm(point - on_plane, axis=1) < _ASIDE * np.linalg.norm(step[which], axis=1) + SAME
+            found[here] = sound & is_near & (np.abs(point - xi[here]).max(axis=1) < SAME)
         return found
