@@ -80,7 +80,7 @@ def line_studies(
     """Of every object of streamlines in elements; linear meshes take ``limit`` bytes at most."""
     found = []
     for number, shown in enumerate(scene.objects):
-        if isinstance(shown, Streamlines) and shown.wall is None:
+        if isinstance(shown, Streamlines) and shown.seeds and shown.wall is None:
             found.append(_study(dataset, f"objects[{number}]", course_of(shown), quantities, levels, limit))
     return found
 

@@ -1,4 +1,4 @@
-"""Streamlines of a scene in its data: followed once for all pictures of the same data, whichever device draws them."""
+"""Streamlines and cores of a scene in its data: found once for all pictures of it, whichever device draws them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from elvis.core.cores.core_curves import core_curves
+from elvis.core.cores.core_finding import CoreLimits
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, MakeTracer, components_of
@@ -21,6 +23,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.frusta import Frusta
 from elvis.scene.objects import Streamlines
 from elvis.scene.surfaces import Vector
+from elvis.scene.time_limit import check_time
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -29,8 +32,8 @@ V = TypeVar("V")
 RADIUS = 0.003
 #: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals beside a width in pixels; radius by length
 _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
-#: what lines are, and of particles since when, and how many releases of them
-_Key: TypeAlias = tuple[Course, float | None, int | None]
+#: what lines are: of streamlines and cores, of particles since when, and how many releases of them
+_Key: TypeAlias = tuple[Course, float | None, int | None, CoreLimits | None]
 #: courses in the same data whose lines are kept
 _MOST = 8
 _KNOWN: WeakKeyDictionary[FlowSource, dict[_Key, Curves]] = WeakKeyDictionary()
@@ -54,19 +57,26 @@ def course_of(item: Streamlines) -> Course:
     )
 
 
+def cores_of(item: Streamlines) -> CoreLimits | None:
+    """Which cores of vortices an object shows; None where it shows lines from seeds."""
+    if item.cores is None:
+        return None
+    return CoreLimits(item.cores, item.least_swirl, least_length=item.least_length)
+
+
 def curves_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Curves:
     """The lines of an object; SceneError for seeds and velocities that can't be, and where all seeds are outside.
 
     make  of what follows lines that aren't known yet
     """
-    key = (course_of(item), item.since, item.releases)
+    key = (course_of(item), item.since, item.releases, cores_of(item))
     known = _KNOWN.setdefault(data, {})
     if "-" in item.seeds:
         raise SceneError("seeds of streamlines: expected the name of a table, found -")
     if key not in known and len(known) >= _MOST:
         known.clear()
     found = _kept(known, key, lambda: _followed(data, *key, make))
-    if not found.lines:
+    if item.cores is None and not found.lines:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
 
@@ -81,8 +91,19 @@ def _kept(known: dict[K, V], key: K, make: Callable[[], V]) -> V:
     return known[key]
 
 
-def _followed(data: FlowSource, course: Course, since: float | None, releases: int | None, make: MakeTracer) -> Curves:
-    """Streamlines, or since a time paths or streaks of particles, as curves."""
+def _followed(
+    data: FlowSource,
+    course: Course,
+    since: float | None,
+    releases: int | None,
+    cores: CoreLimits | None,
+    make: MakeTracer,
+) -> Curves:
+    """Streamlines, or since a time paths or streaks of particles, or cores of vortices, as curves."""
+    if cores is not None:
+        if not isinstance(data, Dataset):
+            raise ElvisError("cores: expected native data, found what a runtime plugin opens")
+        return core_curves(data, course.velocity, cores, lambda *_: check_time())
     if since is None:
         return curves(data, course, make)
     if not isinstance(data, Dataset) or data.rates is None or data.time is None:

@@ -271,7 +271,7 @@ class Streamlines(Model, of="streamlines"):
             metavar="WHAT",
             repeatable=True,
         ),
-    ]
+    ] = ()
     velocity: Components = None
     direction: Annotated[
         Literal["forward", "backward", "both"],
@@ -347,11 +347,23 @@ class Streamlines(Model, of="streamlines"):
             ge=2,
         ),
     ] = None
+    cores: Annotated[
+        Literal["acceleration", "vorticity"] | None,
+        Setting(
+            "In place of lines from seeds: the cores of all vortices, where the velocity is parallel to this.",
+            names=("acceleration", "vorticity"),
+            metavar="acceleration|vorticity",
+        ),
+    ] = None
+    least_swirl: Annotated[float, Setting("Of cores: how fast the flow turns at least, in radians by time.", ge=0)] = (
+        0.0
+    )
+    least_length: Annotated[float, Setting("Of cores: how long they are at least.", ge=0)] = 0.0
     style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
         f"Streamlines from seeds: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
-        "radius=0.01 or direction=both.",
+        "radius=0.01 or direction=both; cores=acceleration in place of seeds: the cores of all vortices.",
         option="--streamlines",
         metavar="SEEDS[;KEY=VALUE]",
         parse="streamlines",
@@ -360,7 +372,7 @@ class Streamlines(Model, of="streamlines"):
 
     def check(self) -> None:
         """SceneError where nothing says where lines begin, for a direction that there is not, and for two sizes."""
-        check(len(self.seeds), "seeds of streamlines", "at least one", "none")
+        check(len(self.seeds) or self.cores, "seeds of streamlines", "at least one", "none")
         directions = ("forward", "backward", "both")
         check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
         sizes = [name for name in ("radius", "width", "ribbon") if getattr(self, name) is not None]
@@ -377,7 +389,31 @@ class Streamlines(Model, of="streamlines"):
             self.since is None or is_plain, "since", "no wall, ribbon, arrows, duration and direction with it", "some"
         )
         check(self.releases is None or self.since is not None, "releases", "since with it", "none")
+        self._check_cores()
         check(not self.style.on_surfaces, "style of streamlines", "no contours, no mesh lines and no lic", "some")
+
+    def _check_cores(self) -> None:
+        """SceneError where settings of lines from seeds are given of cores, or those of cores without."""
+        if self.cores is None:
+            alone = not self.least_swirl and not self.least_length
+            check(alone, "streamlines", "cores with least_swirl and least_length", "none")
+            return
+        default = Streamlines(("",))
+        followed = (
+            "direction",
+            "length",
+            "duration",
+            "speed",
+            "steps",
+            "tolerance",
+            "wall",
+            "ribbon",
+            "arrows",
+            "since",
+        )
+        given = [name for name in followed if getattr(self, name) != getattr(default, name)]
+        given += ["seeds"] if self.seeds else []
+        check(not given, "cores of streamlines", "no settings of lines from seeds", ", ".join(given))
 
 
 @dataclass(frozen=True, repr=False)

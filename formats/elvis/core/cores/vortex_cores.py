@@ -9,27 +9,18 @@ import numpy as np
 
 from elvis.core import describing
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.cores.core_joining import Course, WorldArc, distinct_arcs, joined
-from elvis.core.cores.core_search import CoreSearch
-from elvis.core.cores.core_tracing import CoreTracing
+from elvis.core.cores.core_finding import CoreArcs, CoreLimits, core_arcs
+from elvis.core.cores.core_joining import Course, WorldArc
 from elvis.core.cores.outer_sides import OuterSides
 from elvis.core.cores.parallel import ParallelVectors, rotations
-from elvis.core.critical_points import size
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
-from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
-from elvis.core.streamlines.course import components_of, positive
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.terminal import Progress
 
-#: elements at once
-_CHUNK = 64
-#: greatest distance of points where nothing is said, in parts of the size of the data
-SPACING = 0.005
 #: how lines end, and what it means; names of boundaries follow
 ENDS: Mapping[str, str] = {
     "closed": "come back to their beginning",
@@ -159,54 +150,21 @@ def vortex_cores(
     Turning of less than 1e-4 of the greatest gradient in an element does not count.  ElvisError for data that aren't
     3D, or have Fourier directions, for components that are no quotients of polynomials, and for negative limits.
     """
-    for name, limit in (("least swirl", least_swirl), ("least length", least_length)):
-        if not limit >= 0:
-            raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")
-    positive("spacing", spacing)
     names = Names.of(dataset)
     others = column_expressions(fields, names, _TAKEN)
-    parallel = ParallelVectors(dataset, components_of(velocity), criterion, others)
-    apart = SPACING * size(parallel.evaluator.patches) if spacing is None else float(spacing)
-    arcs: list[WorldArc] = []
-    undecided: list[int] = []
-    beside: list[int] = []
-    done, planned = 0, sum(len(patch) for patch in parallel.evaluator.patches)
-    for number, patch in enumerate(parallel.evaluator.patches):
-        search = CoreSearch(parallel, patch, least_swirl, only_q)
-        for rows in chunks(len(patch), _CHUNK):
-            own = np.arange(len(patch))[rows]
-            search.run(own)
-            done += len(own)
-            if progress is not None:
-                progress(done, planned)
-        tracing = CoreTracing(search, apart)
-        found = tracing.run(*search.points())
-        arcs += [WorldArc.of(patch, number, arc) for arc in found]
-        undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
-        beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
-    return _assembled(dataset, parallel, distinct_arcs(arcs), others, least_length, (undecided, beside))
+    limits = CoreLimits(criterion, least_swirl, only_q, least_length, spacing)
+    found = core_arcs(dataset, velocity, limits, others, progress)
+    return _assembled(dataset, found, others, least_length)
 
 
-def _assembled(
-    dataset: Dataset,
-    parallel: ParallelVectors,
-    arcs: Sequence[WorldArc],
-    others: Sequence[Expression],
-    least_length: float,
-    left: tuple[Sequence[int], Sequence[int]],
-) -> VortexCores:
+def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], least_length: float) -> VortexCores:
     """Lines of arcs, with what is known at their points."""
-    patches = parallel.evaluator.patches
-    neighbours = Neighbours.of(dataset, patches)
-    tables = []
-    for patch in patches:
-        rows = dataset.mesh.of(patch.shape).rows_of(patch.element_ids)
-        tables.append(local_vertices(dataset.mesh, patch.shape)[rows])
-    outer = OuterSides(patches, tables, neighbours)
-    vertices = [tables[own.patch][own.arc.row] for own in arcs]
+    arcs, parallel = found.arcs, found.parallel
+    neighbours = Neighbours.of(dataset, parallel.evaluator.patches)
+    outer = OuterSides(parallel.evaluator.patches, found.vertices, neighbours)
     words = (*ENDS, *neighbours.names)
     lines: list[_Line] = []
-    for course in joined(arcs, vertices):
+    for course in found.courses():
         line = _Line.of(course, arcs, parallel, others)
         if line.length[-1] >= least_length:
             lines.append(line.with_ends(course, arcs, outer, words))
@@ -225,8 +183,8 @@ def _assembled(
         np.concatenate([own.velocity for own in every]),
         np.concatenate([own.swirl for own in every]),
         {each.text: values[:, column] for column, each in enumerate(others)},
-        tuple(sorted(left[0])),
-        tuple(sorted(left[1])),
+        found.undecided,
+        found.beside,
     )
 
 

@@ -143,12 +143,14 @@ class Curves:
     lines   how many have any
     ends    how many lines end in each way, those that occur
     size    diagonal of the box of all elements
+    remarks sentences on what may be missing
     """
 
     pieces: Pieces
     lines: int
     ends: Mapping[str, int]
     size: float
+    remarks: tuple[str, ...] = ()
 
 
 def curves(data: FlowSource, course: Course, make: MakeTracer = Tracer) -> Curves:
@@ -214,32 +216,35 @@ def _curved(steps: Sequence[Piece], first: int, sign: int, velocity: Velocity, m
     found = []
     for number in np.unique(joined["patch"]):
         here = np.flatnonzero(joined["patch"] == number)
-        own = _Steps(joined["row"][here], first + joined["line"][here], nets[here], times[here])
-        found.append(_in_patch(velocity, int(number), own, most))
+        own = Steps(joined["row"][here], first + joined["line"][here], nets[here], times[here])
+        found.append(in_patch(velocity, int(number), own, most))
     return Pieces.joined(found)
 
 
 @dataclass(frozen=True, eq=False)
-class _Steps:
-    """Steps in elements of one patch: rows (k,), lines (k,), Bernstein coefficients (k, 8, s), times at ends (k, 2)."""
+class Steps:
+    """Steps in elements of one patch: rows (k,), lines (k,), Bernstein coefficients (k, 8, s), times at ends (k, 2).
+
+    Of s states the last one is the length of the line up to there.
+    """
 
     row: Ints
     line: Ints
     nets: Floats
     time: Floats
 
-    def halved(self, chosen: Ints) -> _Steps:
+    def halved(self, chosen: Ints) -> Steps:
         """The first halves of some of them, then the second ones."""
         nets, (start, end) = self.nets[chosen], self.time[chosen].T
         half = np.full(len(chosen), 0.5)
         middle = 0.5 * (start + end)
         times = np.concatenate([np.stack([start, middle], axis=1), np.stack([middle, end], axis=1)])
         both = np.concatenate([before(nets, half), beyond(nets, half)])
-        return _Steps(np.tile(self.row[chosen], 2), np.tile(self.line[chosen], 2), both, times)
+        return Steps(np.tile(self.row[chosen], 2), np.tile(self.line[chosen], 2), both, times)
 
 
-def _in_patch(velocity: Velocity, number: int, steps: _Steps, most: float) -> Pieces:
-    """Curves in elements of one patch."""
+def in_patch(velocity: Velocity, number: int, steps: Steps, most: float) -> Pieces:
+    """Steps in elements of one patch as curves that deviate by ``most`` at most."""
     patch = velocity.patches[number]
     found = []
     for halving in range(_HALVINGS + 1):

@@ -17,7 +17,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource
-from elvis.core.streamlines.line_pieces import Pieces
+from elvis.core.streamlines.line_pieces import Pieces, bernstein_of
 from elvis.core.streamlines.pathlines import path_steps
 from elvis.core.streamlines.tracer import Piece
 from elvis.core.streamlines.velocity import Velocity
@@ -90,6 +90,9 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
 
 def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_Step]]:
     """The diagonal of the box, and all steps of all lines."""
+    if shown.cores is not None:
+        found = curves_in(data, shown)
+        return found.size, _of_curves(found.pieces)
     if shown.since is None:
         flow = Flow.of(data, course_of(shown))
         pieces = ((flow.velocity, piece) for tracer in flow.tracers() for piece in tracer.run())
@@ -101,6 +104,14 @@ def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_St
     assert data.rates is not None
     assert data.time is not None
     return curves.size, _steps(path_steps(data, data.rates.intervals, course_of(shown), shown.since, data.time))
+
+
+def _of_curves(pieces: Pieces) -> Iterator[_Step]:
+    """Cores: what is followed is not integrated a second time."""
+    powers = np.vander(_POINTS, pieces.points.shape[1], increasing=True)
+    series = np.einsum("kq,qp,npd->nkd", _TO_SERIES, powers, pieces.points)
+    for own, net, element in zip(series, bernstein_of(pieces.reference), pieces.element, strict=True):
+        yield _Step(own, net, 1.0, int(element))
 
 
 def _rests(pieces: Pieces) -> Iterator[_Step]:

@@ -1,0 +1,101 @@
+"""All vortex cores of a dataset as arcs within its elements, and which of them are one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Ints
+from elvis.core.cores.core_joining import Course, WorldArc, distinct_arcs, joined
+from elvis.core.cores.core_search import CoreSearch
+from elvis.core.cores.core_tracing import CoreTracing
+from elvis.core.cores.parallel import ParallelVectors
+from elvis.core.critical_points import size
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.quantities.expression import Expression
+from elvis.core.streamlines.course import components_of, positive
+from elvis.core.terminal import Progress
+
+#: elements at once
+_CHUNK = 64
+#: greatest distance of points where nothing is said, in parts of the size of the data
+SPACING = 0.005
+
+
+@dataclass(frozen=True)
+class CoreLimits:
+    """Which cores count: settings of `vortex_cores`."""
+
+    criterion: str = "acceleration"
+    least_swirl: float = 0.0
+    only_q: bool = False
+    least_length: float = 0.0
+    spacing: float | None = None
+
+    def check(self) -> None:
+        """ElvisError for negative limits, and a spacing that is not positive."""
+        for name, limit in (("least swirl", self.least_swirl), ("least length", self.least_length)):
+            if not limit >= 0:
+                raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")
+        positive("spacing", self.spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class CoreArcs:
+    """Cores as arcs within elements.
+
+    parallel   the velocity and what it is parallel to
+    vertices   of the mesh, (n, k) for the elements of each of its patches
+    undecided  ids of elements in which it could not be decided whether there are more
+    beside     ids of elements where that is so only within 1/64 of a place at rest
+    """
+
+    parallel: ParallelVectors
+    arcs: Sequence[WorldArc]
+    vertices: Sequence[Ints]
+    undecided: tuple[int, ...]
+    beside: tuple[int, ...]
+
+    def courses(self) -> Iterator[Course]:
+        """The lines that they are parts of."""
+        return joined(self.arcs, [self.vertices[own.patch][own.arc.row] for own in self.arcs])
+
+
+def core_arcs(
+    dataset: Dataset,
+    velocity: Sequence[str] | str | None,
+    limits: CoreLimits,
+    others: Sequence[Expression] = (),
+    progress: Progress | None = None,
+) -> CoreArcs:
+    """All of them, each once; see `vortex_cores`, whose errors these are.  ``others`` are evaluated on them later."""
+    limits.check()
+    parallel = ParallelVectors(dataset, components_of(velocity), limits.criterion, others)
+    patches = parallel.evaluator.patches
+    apart = SPACING * size(patches) if limits.spacing is None else float(limits.spacing)
+    arcs: list[WorldArc] = []
+    undecided: list[int] = []
+    beside: list[int] = []
+    done, planned = 0, sum(map(len, patches))
+    for number, patch in enumerate(patches):
+        search = CoreSearch(parallel, patch, limits.least_swirl, limits.only_q)
+        for rows in chunks(len(patch), _CHUNK):
+            own = np.arange(len(patch))[rows]
+            search.run(own)
+            done += len(own)
+            if progress is not None:
+                progress(done, planned)
+        tracing = CoreTracing(search, apart)
+        found = tracing.run(*search.points())
+        arcs += [WorldArc.of(patch, number, arc) for arc in found]
+        undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
+        beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
+    tables = []
+    for patch in patches:
+        in_mesh = dataset.mesh.of(patch.shape).rows_of(patch.element_ids)
+        tables.append(local_vertices(dataset.mesh, patch.shape)[in_mesh])
+    return CoreArcs(parallel, distinct_arcs(arcs), tables, tuple(sorted(undecided)), tuple(sorted(beside)))

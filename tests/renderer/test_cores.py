@@ -1,0 +1,82 @@
+"""Vortex cores in pictures: tubes about them are where closed forms have them, on every device."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple
+from elvis.formats import write
+from elvis.plugins.command import elvis
+from elvis.renderer import Camera, Scene, Streamlines, Style, render
+from elvis.scene.errors import SceneError
+
+CENTRE = np.array([0.45, 0.52, 0.5])
+AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+RADIUS = 0.03
+
+
+def vortex(shape, bend):
+    """A rigid rotation with a speed along its axis, in bent elements."""
+    mesh = curved(grid(shape, 1), ripple(bend), 3)
+    bare = Dataset(mesh)
+
+    def component(axis):
+        return lambda p: (np.cross(AXIS, p - CENTRE) + AXIS)[:, axis]
+
+    return Dataset(mesh, tuple(approximated(bare, name, component(axis), 4) for axis, name in enumerate("uvw")))
+
+
+@pytest.mark.sampled(least=2)
+@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.mark.parametrize("device", ["auto", "reference"])
+def test_tubes_around_a_tilted_axis(shape, device):
+    lines = Streamlines(cores="acceleration", radius=RADIUS, style=Style(quantity="w"))
+    camera = Camera((3.0, -2.0, 1.2), (0.5, 0.5, 0.5), height=1.4)
+    frame = render(vortex(shape, 0.04), objects=[lines], camera=camera, size=(48, 48), device=device)
+    hits = frame.position[frame.status == 1]
+    offset = hits - CENTRE
+    height = offset @ AXIS
+    away = np.linalg.norm(offset - np.outer(height, AXIS), axis=1)
+    # those beside the ends are on the balls there
+    inner = np.abs(height) < 0.8 * np.abs(height).max()
+    assert inner.sum() > 40
+    assert away[inner] == pytest.approx(RADIUS, abs=1e-7)
+    assert away.max() <= RADIUS + 1e-7
+
+
+def test_what_is_none_is_said():
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    bare = Dataset(mesh)
+    still = Dataset(mesh, tuple(approximated(bare, name, lambda p: 1.0 + 0 * p[:, 0], 2) for name in "uvw"))
+    with pytest.raises(SceneError, match="vortex cores: none turns as fast and is as long as is asked for"):
+        render(still, objects=[Streamlines(cores="vorticity")], size=(16, 16))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"seeds": ("random:3",), "cores": "vorticity"}, "found seeds"),
+        ({"cores": "vorticity", "ribbon": 0.1, "wall": "all"}, "found wall, ribbon|ribbons"),
+        ({"seeds": ("random:3",), "least_swirl": 1.0}, "expected cores with least_swirl"),
+        ({}, "seeds of streamlines: expected at least one"),
+    ],
+)
+def test_settings_that_don_t_go_together(settings, words):
+    with pytest.raises(SceneError, match=words):
+        Scene("u", objects=(Streamlines(**settings),))
+
+
+def test_an_option(tmp_path):
+    def run(*words):
+        outcome = CliRunner().invoke(elvis, ["render", *map(str, words)], standalone_mode=False)
+        assert outcome.exception is None
+
+    write(vortex(Shape.HEXAHEDRON, 0.0), tmp_path / "a.xml", tmp_path / "a.fld")
+    text = "cores=acceleration;radius=0.05;least_length=0.2"
+    kept = ["--save-scene", tmp_path / "a.toml", "-o", tmp_path / "a.png"]
+    run(tmp_path / "a.xml", tmp_path / "a.fld", "--streamlines", text, "--size", "24x24", *kept)
+    assert 'cores = "acceleration"' in (tmp_path / "a.toml").read_text()
+    run(tmp_path / "a.toml", "-o", tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
