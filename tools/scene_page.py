@@ -9,8 +9,9 @@ from typing import Any, get_args
 
 from elvis.scene import scene_schema
 from elvis.scene.convolution import Lic
-from elvis.scene.objects import ColorBar, Contours, MeshLines, SceneObject, Style, Transfer
+from elvis.scene.objects import SceneObject, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
+from elvis.scene.style import ColorBar, Contours, MeshLines, Style
 from elvis.scene.surfaces import Surface
 from elvis.scene.whole import Camera, Clip, Light, Scene
 

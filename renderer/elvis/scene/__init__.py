@@ -11,19 +11,16 @@ if TYPE_CHECKING:
     from elvis.scene.errors import SceneError
     from elvis.scene.frame import Frame, Status
     from elvis.scene.objects import (
-        ColorBar,
-        Contours,
         CutSurface,
         Faces,
         Glyphs,
         Isosurface,
-        MeshLines,
         SceneObject,
         Streamlines,
-        Style,
         Transfer,
         VolumeRendering,
     )
+    from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
     from elvis.scene.validation import scene_schema
     from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Scene
@@ -69,19 +66,16 @@ __getattr__ = lazy_names(
         "elvis.scene.frame": ("Frame", "Status"),
         "elvis.scene.convolution": ("Lic",),
         "elvis.scene.objects": (
-            "ColorBar",
-            "Contours",
             "CutSurface",
             "Faces",
             "Glyphs",
             "Isosurface",
-            "MeshLines",
             "SceneObject",
             "Streamlines",
-            "Style",
             "Transfer",
             "VolumeRendering",
         ),
+        "elvis.scene.style": ("ColorBar", "Contours", "MeshLines", "Style"),
         "elvis.scene.surfaces": (
             "Cone",
             "Cylinder",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import Faces, Glyphs, Isosurface, MeshLines, SceneObject, Streamlines, VolumeRendering
+from elvis.scene.objects import Faces, Glyphs, Isosurface, SceneObject, Streamlines, VolumeRendering
+from elvis.scene.style import MeshLines
 from elvis.scene.whole import Scene
 
 #: what stands for the field: nothing is coloured by it

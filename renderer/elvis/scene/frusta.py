@@ -16,7 +16,8 @@ from elvis.core.streamlines.anchors import anchors
 from elvis.core.streamlines.flow_data import FlowSource
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Legend
-from elvis.scene.objects import Glyphs, Style
+from elvis.scene.objects import Glyphs
+from elvis.scene.style import Style
 from elvis.scene.view import View
 from elvis.scene.whole import Scene
 

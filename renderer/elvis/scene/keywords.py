@@ -39,8 +39,8 @@ from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import STYLES
 from elvis.scene.errors import KeywordError, SceneError
-from elvis.scene.objects import Style
 from elvis.scene.settings import Setting, settings
+from elvis.scene.style import Style
 from elvis.scene.tables import scene_of, table_of
 
 #: keys of a scene that say nothing of one picture in Python, and what to do instead

@@ -16,7 +16,7 @@ from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar,
 
 if TYPE_CHECKING:
     from elvis.scene.figure import Page
-    from elvis.scene.objects import ColorBar
+    from elvis.scene.style import ColorBar
 
 #: bands of a bar up to which all their ends are marked
 FEW_BANDS = 12
@@ -197,7 +197,7 @@ class Bar:
     """A colour bar beside a box (2, 2) of pixels, along the span (2, 2) of the pictures; both from a panel's corner."""
 
     def __init__(self, panel: Panel, legend: Legend, box: Floats, span: Floats) -> None:
-        from elvis.scene.objects import ColorBar
+        from elvis.scene.style import ColorBar
 
         assert legend.palette is not None
         self.panel, self.legend, self.palette, self.box, self.span = panel, legend, legend.palette, box, span

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import COLOR, POSITIVE, ColorBar, CutSurface, SceneObject, VolumeRendering, check_range
+from elvis.scene.objects import CutSurface, SceneObject, VolumeRendering
 from elvis.scene.settings import FilePath, Memory, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
+from elvis.scene.style import COLOR, POSITIVE, ColorBar, check_range
 from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
 
 if TYPE_CHECKING:

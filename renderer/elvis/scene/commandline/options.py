@@ -10,8 +10,9 @@ from typing import Any, get_args
 import click
 
 from elvis.scene.commandline.command import FIGURE, text_type
-from elvis.scene.objects import SceneObject, Streamlines, Style
+from elvis.scene.objects import SceneObject, Streamlines
 from elvis.scene.settings import Setting, choices, settings, text_of, types
+from elvis.scene.style import Style
 from elvis.scene.whole import Scene
 
 #: keys of a scene whose options stand before all others in the help

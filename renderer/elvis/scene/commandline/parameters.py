@@ -12,8 +12,8 @@ from PIL import ImageColor
 from elvis import scene
 from elvis.core.arguments import numbers, triples
 from elvis.core.hints import perhaps
-from elvis.scene.objects import check_range
 from elvis.scene.settings import check, choices, settings, types
+from elvis.scene.style import check_range
 
 SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 

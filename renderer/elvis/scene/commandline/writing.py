@@ -20,8 +20,9 @@ from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import OBJECTS, STYLES
 from elvis.scene.errors import SceneError
 from elvis.scene.files import toml_text
-from elvis.scene.objects import Style, VolumeRendering
+from elvis.scene.objects import VolumeRendering
 from elvis.scene.settings import Setting, default_of, given_values, settings
+from elvis.scene.style import Style
 from elvis.scene.tables import Table, table_of
 from elvis.scene.whole import Scene
 
