@@ -220,7 +220,7 @@ def check_random_fields(shape, cells, criterion, seed):
     rows = np.searchsorted(ids, found.element)
     move, g = truth.step(rows, found.points)
     size = np.linalg.norm(g, axis=(1, 2))
-    assert np.abs(move).max(initial=0.0) < 1e-9
+    assert np.abs(move).max(initial=0.0) < 1e-8
     swirl = np.abs(np.linalg.eigvals(g).imag).max(axis=1)
     assert swirl == pytest.approx(found.swirl, rel=1e-3, abs=1e-4 * size.max(initial=0.0))
     assert len(found.undecided) <= 0.1 * len(ids) + 1
@@ -233,6 +233,12 @@ def check_random_fields(shape, cells, criterion, seed):
 def test_none_is_missed_and_none_invented(shape, criterion, seed):
     """In 1,000 random quadratic velocities on tetrahedra, and some on hexahedra."""
     check_random_fields(shape, 1, criterion, seed)
+
+
+@pytest.mark.parametrize("seed", [14, 15])
+def test_a_core_that_turns_again_behind_a_gap_is_found(seed):
+    """In these fields a core fades and, in about the same direction, goes on in the same element."""
+    check_random_fields(Shape.TETRAHEDRON, 1, "vorticity", seed)
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PRISM])

@@ -19,7 +19,14 @@ def opened(scene):
     """A viewer whose messages to its page are kept."""
     own = view(read(*scene.data), scene)
     own.sent = []
-    own._widget.send = lambda content, buffers=None: own.sent.append((content, buffers))
+
+    def send(content, buffers=None):
+        """To a page that shows every picture at once, drafts, too."""
+        own.sent.append((content, buffers))
+        if content["type"] == "frame":
+            own._receive(None, {"type": "shown"}, None)
+
+    own._widget.send = send
     yield own
     own.close()
 
@@ -45,7 +52,6 @@ def final(viewer, after=-1):
     while time.monotonic() < end:
         for content, buffers in list(viewer.sent):
             if content["type"] == "frame" and content["final"] and content["revision"] > after:
-                viewer._receive(None, {"type": "shown"}, None)
                 return content, bytes(buffers[0])
         time.sleep(0.05)
     raise AssertionError("no picture came")

@@ -256,9 +256,12 @@ class CoreTracing:
             normal = step[which] / np.linalg.norm(step[which], axis=1, keepdims=True).clip(1e-300)
             nearest = near[np.arange(len(here)), which]
 
-            # the arc's own point in the plane through the point, across the step; far from the step is another core
-            on_plane = nearest + np.einsum("ni,ni->n", xi[here] - nearest, normal)[:, None] * normal
+            # the arc's own point in the plane through the point, across the step; far from the step is another core,
+            # and what lies beyond the arc's end is one that turns again where this one has faded
+            along = np.einsum("ni,ni->n", xi[here] - nearest, normal)
+            on_plane = nearest + along[:, None] * normal
             point, sound = self.corrected(np.full(len(here), arc.row), on_plane, normal)
-            is_near = np.linalg.norm(point - on_plane, axis=1) < _ASIDE * np.linalg.norm(step[which], axis=1) + SAME
+            aside = _ASIDE * np.linalg.norm(step[which], axis=1) + SAME
+            is_near = (np.linalg.norm(point - on_plane, axis=1) < aside) & (np.abs(along) < aside)
             found[here] = sound & is_near & (np.abs(point - xi[here]).max(axis=1) < SAME)
         return found
