@@ -7,6 +7,7 @@ polynomials, of which proofs are known.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -25,6 +26,8 @@ _INVERSES: Mapping[str, Callable[[float], float]] = {
     "atan": lambda v: math.tan(v) if abs(v) < math.pi / 2 else math.nan,
 }
 _MOST_POWER = 16
+#: factors of a product that are compared with those of another
+_MOST_FACTORS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,17 +174,61 @@ def fraction(root: Node) -> Fraction | None:
         one, two = parts[0], parts[-1]
         if one is None or two is None:
             return None
+        if node.op in ("+", "-") and one[1] is two[1]:
+            return _reduced(call(node.op, one[0], two[0]), one[1])
         if node.op in ("+", "-"):
-            if one[1] is two[1]:
-                return call(node.op, one[0], two[0]), one[1]
-            return call(node.op, call("*", one[0], two[1]), call("*", two[0], one[1])), call("*", one[1], two[1])
+            common = _common(one[1], two[1])
+            left, right = (_without(each[1], common) for each in (one, two))
+            above = call(node.op, call("*", one[0], right), call("*", two[0], left))
+            return _reduced(above, call("*", one[1], right))
         if node.op == "*":
-            return call("*", one[0], two[0]), call("*", one[1], two[1])
+            return _reduced(call("*", one[0], two[0]), call("*", one[1], two[1]))
         if node.op == "/":
-            return call("*", one[0], two[1]), call("*", one[1], two[0])
+            return _reduced(call("*", one[0], two[1]), call("*", one[1], two[0]))
         return _power(node, one)
 
     return fold(root, lambda leaf: (leaf, ONE), inner)
+
+
+def _reduced(above: Node, below: Node) -> Fraction:
+    """A fraction without the factors that both have: powers of a density, which each division brings, add degrees."""
+    common = _common(above, below)
+    return _without(above, common), _without(below, common)
+
+
+def _common(one: Node, two: Node) -> Counter[Node]:
+    """How often products have factors in common, numbers left aside; none where one has more than are looked at."""
+    if one is ONE or two is ONE:
+        return Counter()
+    both = _factors(one) & _factors(two)
+    return Counter({node: times for node, times in both.items() if node.op != "number"})
+
+
+def _factors(node: Node) -> Counter[Node]:
+    """How often each factor is in a product, as it is written; empty where they are too many."""
+    found: Counter[Node] = Counter()
+    waiting = [(node, 1)]
+    while waiting:
+        own, times = waiting.pop()
+        exponent = whole_exponent(own)
+        if own.op == "*":
+            waiting += [(operand, times) for operand in reversed(own.operands)]
+        elif exponent is not None and exponent > 0:
+            waiting.append((own.operands[0], times * exponent))
+        else:
+            found[own] += times
+        if len(found) + len(waiting) > _MOST_FACTORS:
+            return Counter()
+    return found
+
+
+def _without(node: Node, factors: Counter[Node]) -> Node:
+    """A product without some of its factors."""
+    if not factors:
+        return node
+    left = (_factors(node) - factors).items()
+    powers = [base if times == 1 else call("^", base, number(times)) for base, times in left]
+    return reduce(partial(call, "*"), powers, ONE)
 
 
 def _power(node: Node, base: Fraction) -> Fraction | None:
