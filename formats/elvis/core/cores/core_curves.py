@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import comb
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.cores.core_finding import CoreArcs, CoreLimits, core_arcs
 from elvis.core.cores.core_joining import Course
 from elvis.core.dataset import Dataset
+from elvis.core.polynomials.boxnets import power_net
 from elvis.core.streamlines.course import components_of, diagonal
 from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.flow_data import flow_data
@@ -18,13 +18,8 @@ from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, Steps,
 from elvis.core.streamlines.velocity import Velocity
 from elvis.core.terminal import Progress
 
-#: (8, 4) from Bernstein coefficients of cubics to those of degree 7
-_ELEVATED = np.array(
-    [
-        [comb(3, i) * comb(DEGREE - 3, j - i) / comb(DEGREE, j) if 0 <= j - i <= DEGREE - 3 else 0.0 for i in range(4)]
-        for j in range(DEGREE + 1)
-    ]
-)
+#: (4, 8) from Bernstein coefficients of cubics to those of degree 7, from the right
+_ELEVATED = np.array([power_net(power, 3, DEGREE) for power in range(4)])
 
 
 def core_curves(
@@ -37,7 +32,7 @@ def core_curves(
     found = core_arcs(dataset, velocity, limits, progress=progress)
     data = flow_data(dataset)
     own = data.velocity(data.components(components_of(velocity)))
-    courses = [course for course in found.courses() if length_of(course, found) >= limits.least_length]
+    courses = [course for course in found.courses() if _length(course, found) >= limits.least_length]
     elements = [_element_of(found, number) for number in range(len(found.arcs))]
     places = _places(own, np.array(elements, np.int64))
     pieces = Pieces.joined(
@@ -47,7 +42,7 @@ def core_curves(
     return Curves(pieces, len(courses), {}, diagonal(data.locator(own)), tuple(_remarks(found, len(courses))))
 
 
-def length_of(course: Course, found: CoreArcs) -> float:
+def _length(course: Course, found: CoreArcs) -> float:
     """Of a line, along its points."""
     parts = [found.arcs[number].points[:: _step(is_turned)] for number, is_turned in _ways(course)]
     if course.closed:
@@ -94,7 +89,7 @@ def _pieces_of(
         length = before + np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         before = float(length[-1])
         ends = np.stack([length[:-1], length[1:]], axis=1)
-        nets = np.concatenate([np.einsum("ji,nid->njd", _ELEVATED, cubics), _linear(ends)], axis=2)
+        nets = np.concatenate([np.einsum("ij,nid->njd", _ELEVATED, cubics), _linear(ends)], axis=2)
         patch, row = places[_element_of(found, number)]
         steps = Steps(np.full(len(nets), row), np.full(len(nets), line), nets, ends)
         yield in_patch(velocity, patch, steps, DEVIATION * own.size)

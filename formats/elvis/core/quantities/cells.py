@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from math import comb
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.distances import Surface, nearest
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
-from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets
+from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets, power_net
 from elvis.core.quantities import intervals as i
 from elvis.core.quantities.attributes import Attributes, is_constant, target_of
 from elvis.core.quantities.functions import function
@@ -227,11 +226,7 @@ def _elevate(net: Floats, like: Floats) -> Floats:
 @cache
 def _elevation(degree: int, target: int) -> Floats:
     """(degree + 1, target + 1) the functions of one degree as those of a higher one, from the right."""
-    rows = [
-        [comb(degree, k) * comb(target - degree, n - k) / comb(target, n) if n >= k else 0.0 for n in range(target + 1)]
-        for k in range(degree + 1)
-    ]
-    return frozen_floats(rows)
+    return frozen_floats([power_net(power, degree, target) for power in range(degree + 1)])
 
 
 def _times_share(net: Floats, direction: int) -> Floats:
