@@ -13,14 +13,17 @@ from elvis.renderer import (
     Isosurface,
     MeshLines,
     Plane,
+    Renderer,
     Scene,
     SceneError,
     Sphere,
     Style,
     Transfer,
     VolumeRendering,
+    device,
     pacing,
 )
+from elvis.renderer.adapters import Adapter
 from elvis.renderer.device import Kernel
 from elvis.renderer.pacing import Pace
 from elvis.renderer.passes.faces import faces
@@ -76,8 +79,7 @@ class Clock:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e-6, 1e-3, 3.0])
-@pytest.mark.parametrize("row", [3, 1000])
-def test_every_group_is_run_once(monkeypatch, seconds, row):
+def test_every_group_is_in_one_dispatch(monkeypatch, seconds):
     clock, pace = Clock(), Pace()
     monkeypatch.setattr(pacing, "perf_counter", clock)
     for count, work in (
@@ -89,9 +91,8 @@ def test_every_group_is_run_once(monkeypatch, seconds, row):
         (0, None),
     ):
         end = 0
-        for first, after in pace.batches(count, row, work):
+        for first, after in pace.batches(count, work):
             assert first == end < after <= count
-            assert after - first <= row or (after - first) % row == 0 or after == count
             end = after
             clock.now += seconds
         assert end == count
@@ -104,7 +105,7 @@ def test_dispatches_are_as_long_as_the_work_before_tells(monkeypatch):
     work = np.where(np.abs(np.arange(4000) - 2000) < 500, 100, 1)
     cost = 1e-4 * np.where(work > 1, 1000.0, 1.0)
     for _ in range(2):
-        for first, end in pace.batches(len(work), 32768, work):
+        for first, end in pace.batches(len(work), work):
             taken.append(cost[first:end].sum())
             clock.now += taken[-1]
     assert max(taken) < 21 * pacing.AIM
@@ -125,6 +126,20 @@ def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny
     assert len(dispatches[0]) - count < count / 2
     for channel in ("element", "status", "field", "depth", "color"):
         assert np.array_equal(getattr(many, channel), getattr(whole, channel), equal_nan=True), channel
+
+
+@pytest.mark.parametrize(("shares", "row"), [(1, 7), (3, 32768), (64, 5)])
+def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeypatch, shares, row):
+    """Grids of one row or several, also where the last column isn't full."""
+    monkeypatch.setattr(Adapter, "shares", shares)
+    monkeypatch.setattr(device, "GROUPS_IN_ROW", row)
+    with Renderer("vulkan") as drawing:
+        drawing.load(cube, "u")
+        for own in SCENES.values():
+            whole = draw(cube, camera=NEAR, size=(40, 30), **own)
+            shared = drawing.render(Scene("u", camera=NEAR, size=(40, 30), **own))
+            for channel in ("element", "status", "field", "depth", "color"):
+                assert np.array_equal(getattr(shared, channel), getattr(whole, channel), equal_nan=True), channel
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)

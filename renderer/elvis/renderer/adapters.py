@@ -68,6 +68,14 @@ class Adapter:
         """``vulkan``, ``cuda`` or ``cpu``."""
         return self.name.split(":")[0]
 
+    @property
+    def shares(self) -> int:
+        """Contiguous parts of a dispatch that are worked on side by side: llvmpipe has one for each processor.
+
+        Mesa, src/gallium/drivers/llvmpipe/lp_cs_tpool.c.  GPUs take one group after the other: 1.
+        """
+        return (os.cpu_count() or 1) if self.software and self.kind == "vulkan" else 1
+
 
 @dataclass(frozen=True)
 class Choice(Generic[Opened]):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.adapters import open_device, reach_of
+from elvis.renderer.adapters import Adapter, open_device, reach_of
 from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
@@ -34,7 +34,7 @@ TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "vol
 COMPACT = ("line_draw", "trace_follow")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
-#: groups of a row, as in dispatch.slang
+#: groups of a row: devices limit each direction of a grid
 GROUPS_IN_ROW = 32768
 #: degree of the polynomials that stand for what isn't one, over a sub-element
 STAND_IN = 4
@@ -44,8 +44,8 @@ ENCLOSED = 7
 FEW = 1 << 13
 #: entries that lists start with, before their length is known
 FIRST_CAPACITY = 1 << 16
-#: the number of a dispatch's first group, as in dispatch.slang
-OFFSET = "first_group"
+#: which groups a dispatch has, as in dispatch.slang
+EXTENT = "extent"
 #: the number of items of all dispatches together, for kernels that declare it: buffers may have room for more
 COUNT = "item_count"
 #: what kernels are given by name: buffers, and records (1,)
@@ -229,7 +229,7 @@ class Device:
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
-        return Kernel(self._device, program, self.watch, is_in_c=self.adapter.kind == "cpu")
+        return Kernel(self._device, program, self.watch, self.adapter)
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
@@ -272,7 +272,7 @@ class Kernel:
     capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
     """
 
-    def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch, is_in_c: bool) -> None:
+    def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch, adapter: Adapter) -> None:
         import slangpy
 
         self._device: slangpy.Device | None = device
@@ -285,14 +285,14 @@ class Kernel:
         fields = (layout.element_type_layout or layout).fields
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
-        self._is_in_c = is_in_c
+        self._is_in_c, self._shares = adapter.kind == "cpu", adapter.shares
         # the kind of what is given, by name
-        self._needed = {name: own.type.kind for name, own in self._globals.items() if name not in (OFFSET, COUNT)}
+        self._needed = {name: own.type.kind for name, own in self._globals.items() if name not in (EXTENT, COUNT)}
         # arguments stay from one dispatch to the next: what has changed is written
         self._arguments = device.create_root_shader_object(program)
         cursor = slangpy.ShaderCursor(self._arguments)
         self._places = {name: cursor[name] for name in self._globals}
-        self._written: dict[str, slangpy.Buffer | int] = {}
+        self._written: dict[str, slangpy.Buffer | int | tuple[int, ...]] = {}
 
     def release(self) -> None:
         """Give the program back, whoever still refers to the kernel."""
@@ -326,8 +326,8 @@ class Kernel:
         total = count if groups else -(-count // self._group)
         fresh, start = not self._pace.compiled, perf_counter()
         with WORKING:
-            for first, end in self._pace.batches(total, GROUPS_IN_ROW, work):
-                self._dispatch(first, end - first)
+            for first, end in self._pace.batches(total, work):
+                self._dispatch(first, end)
                 self._watch.after_dispatch()
         if fresh:
             self._watch.compiled(perf_counter() - start)
@@ -340,23 +340,23 @@ class Kernel:
             size = self._globals[name].size
             self._places[name].set_data(given.view(np.uint8)[:size])
 
-    def _write(self, name: str, argument: slangpy.Buffer | int) -> None:
+    def _write(self, name: str, argument: slangpy.Buffer | int | tuple[int, ...]) -> None:
         """Let a global have a value, unless it has it already."""
         if self._written.get(name) != argument:
             self._places[name].write(argument)
             self._written[name] = argument
 
-    def _dispatch(self, first: int, total: int) -> None:
-        """Run some groups from the first one on, in rows that devices allow."""
+    def _dispatch(self, first: int, end: int) -> None:
+        """Run a range of groups, in a grid with as many rows as there are shares, or as devices need."""
         import slangpy
 
         assert self._device is not None
-        self._write(OFFSET, first)
-        row = min(total, GROUPS_IN_ROW)
+        rows = max(min(self._shares, end - first), -(-(end - first) // GROUPS_IN_ROW))
+        self._write(EXTENT, (first, end, rows))
         encoder = self._device.create_command_encoder()
         commands = encoder.begin_compute_pass()
         commands.bind_pipeline(self._pipeline, self._arguments)
-        commands.dispatch_compute(slangpy.uint3(row, -(-total // row), 1))
+        commands.dispatch_compute(slangpy.uint3(-(-(end - first) // rows), rows, 1))
         commands.end()
         self._device.submit_command_buffer(encoder.finish())
 

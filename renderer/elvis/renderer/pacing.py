@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
 from elvis.scene.time_limit import check_time
 
 #: seconds that a dispatch is meant to take at most
@@ -30,13 +29,12 @@ class Pace:
         self._seconds: float | None = None  # of a unit of work
         self.compiled = False
 
-    def batches(self, count: int, row: int, work: NDArray[Any] | None = None) -> Iterator[tuple[int, int]]:
+    def batches(self, count: int, work: NDArray[Any] | None = None) -> Iterator[tuple[int, int]]:
         """Ranges (first, end) of ``count`` groups; the caller waits until one is done before it takes the next.
 
-        row   ranges longer than this many groups are multiples of it, but for the last one
         work  (count,) what each group has to do, in any unit; None where all have the same to do
         """
-        if count <= row and self._seconds is not None:
+        if self._seconds is not None:
             # little work is one dispatch, whatever its parts
             total = float(count) if work is None else float(work.sum() + count)
             if 0 < total <= AIM / self._seconds:
@@ -48,7 +46,7 @@ class Pace:
         first, done, most = 0, 0.0, np.inf
         while first < count:
             units = min(most, FIRST if self._seconds is None else AIM / self._seconds)
-            end = _end(ends, first, done + units, row)
+            end = max(first + 1, int(np.searchsorted(ends, done + units, side="right")))
             start = perf_counter()
             yield first, end
             units = float(ends[end - 1]) - done
@@ -60,14 +58,6 @@ class Pace:
         if self.compiled:
             self._seconds = max(seconds, 1e-12)
         self.compiled = True
-
-
-def _end(ends: Floats, first: int, limit: float, row: int) -> int:
-    """The group after the last one, of those from ``first`` on, whose work ends (n,) before the limit; one at least."""
-    end = max(first + 1, int(np.searchsorted(ends, limit, side="right")))
-    if end < len(ends) and end - first > row:
-        end -= (end - first) % row
-    return end
 
 
 class Watch:

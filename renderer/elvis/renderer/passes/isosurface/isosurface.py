@@ -207,9 +207,10 @@ class IsosurfaceDrawer:
             "sifted_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
         self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
+        sifted = int(self.device.read(lists["sifted_count"], np.uint32)[0])
         if is_enclosed:
-            self.find_points(level, lists["sifted"], lists["sifted_count"], most)
-        split(most, lists)
+            self.find_points(level, lists["sifted"], lists["sifted_count"], sifted)
+        split(sifted, lists)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
