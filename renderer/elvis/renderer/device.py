@@ -20,7 +20,7 @@ from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.layouts import dtype_of
 from elvis.renderer.memory import CLOSED, Buffer, Pool
-from elvis.renderer.pacing import Pace, Watch
+from elvis.renderer.pacing import Pace, Watch, rows_of
 
 if TYPE_CHECKING:
     import slangpy
@@ -327,7 +327,7 @@ class Kernel:
         fresh, start = not self._pace.compiled, perf_counter()
         with WORKING:
             for first, end in self._pace.batches(total, work):
-                self._dispatch(first, end)
+                self._dispatch(first, end, 1 if work is None else rows_of(work[first:end], self._shares))
                 self._watch.after_dispatch()
         if fresh:
             self._watch.compiled(perf_counter() - start)
@@ -346,12 +346,12 @@ class Kernel:
             self._places[name].write(argument)
             self._written[name] = argument
 
-    def _dispatch(self, first: int, end: int) -> None:
-        """Run a range of groups, in a grid with as many rows as there are shares, or as devices need."""
+    def _dispatch(self, first: int, end: int, rows: int = 1) -> None:
+        """Run a range of groups, in a grid of so many rows, or as many as devices need."""
         import slangpy
 
         assert self._device is not None
-        rows = max(min(self._shares, end - first), -(-(end - first) // GROUPS_IN_ROW))
+        rows = max(rows, -(-(end - first) // GROUPS_IN_ROW))
         self._write(EXTENT, (first, end, rows))
         encoder = self._device.create_command_encoder()
         commands = encoder.begin_compute_pass()

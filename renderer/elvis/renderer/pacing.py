@@ -17,6 +17,8 @@ AIM = 0.05
 FIRST = 256.0
 #: how much more work than its predecessor a dispatch does at most
 GROWTH = 8.0
+#: times the mean above which a processor's share of a dispatch is too much
+UNEVEN = 1.1
 
 
 class Pace:
@@ -58,6 +60,18 @@ class Pace:
         if self.compiled:
             self._seconds = max(seconds, 1e-12)
         self.compiled = True
+
+
+def rows_of(work: NDArray[Any], shares: int) -> int:
+    """Rows of a grid with neighbours in columns, so that contiguous shares of it are about as much work (n,).
+
+    One where they are so anyway: what neighbours read and write is near one another.
+    """
+    if len(work) <= shares:
+        return len(work)
+    ends = np.cumsum(work + 1.0)
+    amounts = np.diff(ends[np.arange(1, shares + 1) * len(work) // shares - 1], prepend=0.0)
+    return shares if amounts.max() > UNEVEN * amounts.mean() else 1
 
 
 class Watch:
