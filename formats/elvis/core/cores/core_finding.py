@@ -17,13 +17,11 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.quantities.expression import Expression
-from elvis.core.streamlines.course import components_of, positive
+from elvis.core.streamlines.course import SPACING, components_of, positive
 from elvis.core.terminal import Progress
 
 #: elements at once
 _CHUNK = 64
-#: greatest distance of points where nothing is said, in parts of the size of the data
-SPACING = 0.005
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from elvis.core.streamlines.velocity import Velocity
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
-#: where nothing is said, in parts of the box's diagonal: error of a step, length of lines
-TOLERANCE, LENGTH = 1e-12, 10.0
+#: where nothing is said, in parts of the diagonal: error of a step, length of lines, greatest distance of points
+TOLERANCE, LENGTH, SPACING = 1e-12, 10.0, 0.005
 #: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
 REST = 1e-10
 

@@ -14,15 +14,13 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
-from elvis.core.streamlines.course import Course, Flow, MakeTracer, components_of, positive
+from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Piece, Tracer, points_within
 from elvis.core.streamlines.velocity import Velocity
 
-#: greatest distance of points along a line where nothing is said, in parts of the box's diagonal
-SPACING = 0.005
 #: what is known at every point
 _AT_POINTS = ("time", "length", "element", "velocity")
 #: names of columns and arrays, which no quantity may have
