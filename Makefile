@@ -35,7 +35,7 @@ lint: $(READY)
 	@$(RUN) -m ruff check
 	@$(RUN) -m ruff format --check
 	@$(RUN) tools/sizes.py
-	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then $(RUN) -m mypy $(AREAS); \
+	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then $(RUN) -m mypy --num-workers auto $(AREAS); \
 	else echo "types are not checked: the NumPy of Python 3.10 is annotated too coarsely"; fi
 
 pages: $(READY)
