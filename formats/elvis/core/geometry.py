@@ -31,6 +31,8 @@ _CHUNK = 1 << 13
 
 #: meshes that many datasets have, such as the steps of a series, and what follows from them alone, as asked for
 _SHARED: WeakKeyDictionary[Mesh, dict[Hashable, Any]] = WeakKeyDictionary()
+#: vertices of solid elements in local order, which take longest to find
+_VERTICES: WeakKeyDictionary[Mesh, dict[Shape, Ints]] = WeakKeyDictionary()
 #: how much is kept for a mesh: what was used last
 _MOST_KEPT = 32
 
@@ -81,6 +83,13 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
     naming the element, for a mesh that breaks the rules of the format.
     """
     return kept(dataset, "geometry", lambda: _whole(parts(dataset)))
+
+
+def mapping(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
+    """As `geometry`, of straight elements what has their coefficients when they are asked for, where none are kept."""
+    if dataset.mesh in _SHARED:
+        return geometry(dataset)
+    return tuple(part if isinstance(part, GeometryBlock) else part.at_hand() for part in parts(dataset))
 
 
 def _whole(found: Iterable[GeometryBlock | Assembly]) -> tuple[GeometryBlock, ...]:
@@ -178,6 +187,10 @@ class Assembly:
             coefficients[part] = assemble(self.skeleton, self.expansion, rows[part], self.vertices[rows[part]])
         return coefficients
 
+    def at_hand(self) -> GeometryBlock | Assembly:
+        """As it is where elements are soon put together, being straight; else all of it."""
+        return self if self._is_straight else self.block()
+
     def block(self) -> GeometryBlock:
         """All of it."""
         coefficients = frozen_floats(self.take(np.arange(len(self))))
@@ -211,7 +224,12 @@ def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assemb
 def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:
     if shape.dimension == 1:
         return skeleton.mesh.of(shape).members
-    return skeleton.faces[shape] if shape.dimension == 2 else solid_vertices(skeleton.mesh, shape, skeleton.faces)
+    if shape.dimension == 2:
+        return skeleton.faces[shape]
+    known = _VERTICES.setdefault(skeleton.mesh, {})
+    if shape not in known:
+        known[shape] = frozen_ints(solid_vertices(skeleton.mesh, shape, skeleton.faces))
+    return known[shape]
 
 
 def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:

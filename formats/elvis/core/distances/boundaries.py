@@ -40,17 +40,19 @@ class Faces:
 
 def boundaries(mesh: Mesh) -> dict[str, Ints]:
     """Composites of the elements' sides by name and by id: rows of faces of volumes, or of edges of plane elements."""
-    if mesh.dimension < 2:
-        return {}
-    tags, shapes = (
-        (("E", "S"), (Shape.SEGMENT,)) if mesh.dimension == 2 else (("F", "T", "Q"), tuple(_KINDS.values())[1:])
-    )
+    shapes = (Shape.SEGMENT,) if mesh.dimension < 3 else tuple(_KINDS.values())[1:]
     every = np.concatenate([mesh.of(shape).ids for shape in shapes])
+    return {name: np.flatnonzero(np.isin(every, ids)) for name, ids in sides_by_name(mesh).items()}
+
+
+def sides_by_name(mesh: Mesh) -> dict[str, Ints]:
+    """The same with the ids of faces or edges."""
+    tags = {2: ("E", "S"), 3: ("F", "T", "Q")}.get(mesh.dimension, ())
     found: dict[str, Ints] = {}
     for name, parts in mesh.named_parts().items():
         ids = [own for tag, own in parts if tag in tags]
         if ids:
-            found[name] = np.flatnonzero(np.isin(every, np.concatenate(ids)))
+            found[name] = np.concatenate(ids)
     return found
 
 

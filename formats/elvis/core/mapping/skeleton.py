@@ -7,6 +7,7 @@ first, so that each is one stretch of memory for many faces.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -38,11 +39,15 @@ class Skeleton:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.vertices = _within(mesh, mesh.vertices)
-        shapes = _FACES if mesh.dimension > 1 else ()
-        self.faces: Mapping[Shape, Ints] = {shape: polygon_vertices(mesh, shape) for shape in shapes}
         self.curved = len(mesh.edge_curves) + len(mesh.face_curves) > 0
         self._read_edges()
         self._read_faces()
+
+    @cached_property
+    def faces(self) -> Mapping[Shape, Ints]:
+        """See the class."""
+        shapes = _FACES if self.mesh.dimension > 1 else ()
+        return {shape: polygon_vertices(self.mesh, shape) for shape in shapes}
 
     def _read_edges(self) -> None:
         """Modes (k, curves + 1, 3) of the edge curves; a last row of zeros serves straight edges."""

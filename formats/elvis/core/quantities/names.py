@@ -9,11 +9,10 @@ from dataclasses import field as field_of
 from functools import cached_property
 
 from elvis.core.dataset import Dataset, Rates, is_rate
-from elvis.core.distances.boundaries import ALL, boundaries
+from elvis.core.distances.boundaries import ALL, sides_by_name
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
-from elvis.core.geometry import kept
 from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
@@ -59,7 +58,7 @@ class Names:
         waves = [b.expansion.homogeneous for one in dataset.fields for b in one.blocks if b.expansion.homogeneous]
         dimension = dataset.mesh.space + (len(waves[0].lengths) if waves else 0)
         mesh = dataset.mesh
-        named = kept(dataset, "boundaries", lambda: tuple(boundaries(mesh)))
+        named = tuple(sides_by_name(mesh))
         sides = (ALL, *named) if mesh.dimension > 1 else ()
         fields = tuple(one.name for one in dataset.solution)
         others = {name: Names.of(other) for name, other in dataset.others.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.geometry import Assembly, GeometryBlock, mapping
 from elvis.core.mapping.orientation import face_shape, first_face_row
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -33,9 +33,11 @@ def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = N
     if mesh.dimension < 2:
         raise ElvisError("expected 2D or 3D data, found DIM=1: lines have no faces")
     found: list[FaceBlock] = []
-    for block in geometry(dataset):
+    for block in mapping(dataset):
         for part, own in enumerate(ids):
-            rows, numbers = np.intersect1d(block.element_ids, own, return_indices=True)[1:]
+            rows = numbers = np.arange(len(own))
+            if not np.array_equal(block.element_ids, own):
+                rows, numbers = np.intersect1d(block.element_ids, own, return_indices=True)[1:]
             if len(rows):
                 found += _blocks(mesh, part, block, rows, numbers, length)
     is_extruded = length is not None
@@ -71,7 +73,7 @@ def faces_by_shape(shape: Shape) -> Iterator[tuple[Shape, list[int]]]:
 
 
 def _blocks(
-    mesh: Mesh, part: int, block: GeometryBlock, rows: Ints, numbers: Ints, length: float | None
+    mesh: Mesh, part: int, block: GeometryBlock | Assembly, rows: Ints, numbers: Ints, length: float | None
 ) -> Iterator[FaceBlock]:
     """The faces of the elements ``rows`` of a block, which are ``numbers`` in their part: by shape of face."""
     shape = block.expansion.shape
@@ -131,13 +133,13 @@ def _plane_numbers(mesh: Mesh, shape: Shape, rows: Ints) -> Ints:
     return np.asarray(rows[:, None] + first_face_row(mesh, shape))
 
 
-def _images(block: GeometryBlock, length: float | None) -> Images:
+def _images(block: GeometryBlock | Assembly, length: float | None) -> Images:
     """The maps of a block's elements; in quasi-3D data the third coordinate goes from 0 to the length."""
 
     def positions(rows: Ints, points: Floats) -> Floats:
         in_plane = points[:, : block.expansion.shape.dimension]
         basis = values(block.expansion, in_plane)
-        found = row_products(block.coefficients[rows], basis.T).swapaxes(1, 2)
+        found = row_products(block.take(rows), basis.T).swapaxes(1, 2)
         if length is not None:
             found[..., 2] = length * (1 + points[:, 2]) / 2
         return found
