@@ -191,6 +191,13 @@ def test_what_is_no_surface_is_refused(over, sentence):
     assert sentence in str(error.value)
 
 
+@pytest.mark.parametrize("value", [-5.0, 5.0])
+def test_a_value_that_a_field_has_nowhere_has_no_area(value):
+    dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
+    dataset = replace(dataset, fields=(approximated(dataset, "u", lambda p: p[:, 0], 2),))
+    assert integrate(dataset, "area", f"u={value}")[0].value == 0.0
+
+
 def test_a_surface_that_meets_nothing_has_no_area():
     found = integrate(Dataset(grid(Shape.TETRAHEDRON, 1)), ["area", "x"], "plane:0,0,3:0,0,1")
     assert [row.value for row in found] == [0, 0]

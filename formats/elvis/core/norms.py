@@ -15,6 +15,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.cubature import Cubature, field_cubature, rule_cubature
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count
+from elvis.core.portions.ranks import ALONE, Ranks, Turns
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
@@ -42,8 +43,10 @@ class Norm:
     maximum: float
 
 
-def norms(dataset: Dataset) -> dict[str, Norm]:
+def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
     """Norms over the domain: of the coordinates first, then of the fields, in the order of the file.
+
+    ranks  share the work, to the same bits; all but the first have nothing in the end
 
     Fields are integrated by the rule of their own orders, coordinates by that of the first field, or for a mesh alone
     by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous directions add
@@ -54,31 +57,42 @@ def norms(dataset: Dataset) -> dict[str, Norm]:
     names, axes = [one.name for one in dataset.solution or dataset.fields], _axes(dataset)
     space = dataset.mesh.space
     fields = {name: _Sum() for name in names}
-    coordinates = [_Sum() for _ in axes]
+    coordinates, turns = [_Sum() for _ in axes], Turns(ranks)
     for patch in patches(dataset, names):
         for expansion in dict.fromkeys(own for own in patch.fields if own is not None):
-            _add_fields(list(fields.values()), patch, expansion)
+            _add_fields(list(fields.values()), patch, expansion, turns)
         for rule, members in _coordinate_rules(dataset, patch):
-            _add_coordinates(coordinates, space, patch, rule, members)
-    sums = dict(zip(axes, coordinates, strict=True)) | fields
+            _add_coordinates(coordinates, space, patch, rule, members, turns)
+    sums = _gathered(dict(zip(axes, coordinates, strict=True)) | fields, dataset, ranks)
     empty = [name for name, total in sums.items() if not total.count]
     if empty:
         raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
     return {name: total.norm() for name, total in sums.items() if name not in dataset.map_names}
 
 
-def quantity_norm(dataset: Dataset, expression: Expression) -> Norm:
-    """Norms of an expression over the elements that have all of its fields; NaN where it has no value somewhere.
+def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: Ranks = ALONE) -> dict[str, Norm]:
+    """Norms of expressions over the elements that have all of their fields; NaN where one has no value somewhere.
 
     The rule is that of the field with most modes in it, of the map where it has no field.
-    ElvisError where no element of the domain has it.
+    ranks  as in `norms`
+    ElvisError where no element of the domain has one.
     """
-    total = _Sum()
-    for values, measure in integration_points(dataset, expression):
-        total.add(values, measure)
-    if not total.count:
-        raise ElvisError(f"expected elements of the domain under {expression.text}, found none")
-    return total.norm()
+    sums = {each.text: _Sum() for each in expressions}
+    for each in expressions:
+        for number, values, measure in _quadrature(dataset, each, np.inf, Turns(ranks)):
+            sums[each.text].add(number, values, measure)
+    sums = _gathered(sums, dataset, ranks)
+    empty = [name for name, total in sums.items() if not total.count]
+    if empty:
+        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
+    return {name: total.norm() for name, total in sums.items()}
+
+
+def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks) -> dict[str, _Sum]:
+    """What all ranks know of functions by name; nothing elsewhere than at the first one."""
+    elements = sum(map(len, dataset.mesh.elements.values()))
+    every = ranks.gather(sums, f"norms of {', '.join(sums)} on {elements} elements")
+    return {name: _Sum.of([own[name] for own in every]) for name in sums} if every else {}
 
 
 def integration_points(
@@ -88,6 +102,13 @@ def integration_points(
 
     most  where there are more points than this, only each n-th element of every patch is taken
     """
+    return ((values, measure) for _, values, measure in _quadrature(dataset, expression, most, Turns(ALONE)))
+
+
+def _quadrature(
+    dataset: Dataset, expression: Expression, most: float, turns: Turns
+) -> Iterator[tuple[int, Floats, Floats]]:
+    """The same with numbers of the batches, those that a rank takes in turn."""
     evaluator = Evaluator(dataset, [expression])
     rules = []
     for patch in evaluator.patches:
@@ -99,33 +120,44 @@ def integration_points(
     for patch, rule in rules:
         points = rule.points()
         members = np.arange(0, len(patch), every)
-        for batch in _batches(len(members), len(points)):
+        for number, batch in turns.of(_batches(len(members), len(points))):
             rows = members[batch]
             places = np.tile(points, (len(rows), 1))
             values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
             measure = _map_points(patch, rule, patch.geometry_coefficients[rows])[1]
-            yield values.reshape(len(rows), len(points)), measure
+            yield number, values.reshape(len(rows), len(points)), measure
 
 
 @dataclass
 class _Sum:
-    """What is known of a function after some elements."""
+    """What is known of a function after some elements.
+
+    squares  number of a batch -> the integral of the square over it
+    """
 
     count: int = 0
-    square: float = 0.0
+    squares: dict[int, float] = field(default_factory=dict)
     least: float = field(default=np.inf)
     greatest: float = field(default=-np.inf)
 
-    def add(self, values: Floats, measure: Floats) -> None:
-        """Take in values at points and the measure that each stands for, of one shape."""
+    @staticmethod
+    def of(some: Sequence[_Sum]) -> _Sum:
+        """What several know of different batches together."""
+        squares = {number: square for own in some for number, square in own.squares.items()}
+        ends = min(own.least for own in some), max(own.greatest for own in some)
+        return _Sum(sum(own.count for own in some), squares, *ends)
+
+    def add(self, number: int, values: Floats, measure: Floats) -> None:
+        """Take in a batch: values at points and the measure that each stands for, of one shape."""
         self.count += values.size
-        self.square += float(np.vdot(values * values, measure))
+        self.squares[number] = float(np.vdot(values * values, measure))
         self.least = min(self.least, float(values.min()))
         self.greatest = max(self.greatest, float(values.max()))
 
     def norm(self) -> Norm:
-        """The norms of what was taken in."""
-        return Norm(float(np.sqrt(self.square)), max(abs(self.least), abs(self.greatest)), self.greatest)
+        """The norms of what was taken in; squares are added in the order of their batches, whoever has found them."""
+        square = sum(self.squares[number] for number in sorted(self.squares))
+        return Norm(float(np.sqrt(square)), max(abs(self.least), abs(self.greatest)), self.greatest)
 
 
 def _planes(dataset: Dataset) -> Homogeneous | None:
@@ -209,27 +241,27 @@ def _plane_points(basis: Basis, count: int) -> Floats:
     return -1 + 2 * np.arange(planes) / planes
 
 
-def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion) -> None:
+def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion, turns: Turns) -> None:
     """Take in the fields that have this expansion, on all elements of a patch."""
     rule = _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
     points = rule.points()
-    for batch in _batches(len(patch), len(points)):
+    for number, batch in turns.of(_batches(len(patch), len(points))):
         measure = _map_points(patch, rule, patch.geometry_coefficients[batch])[1]
         for total, own, coefficients in zip(sums, patch.fields, patch.coefficients, strict=True):
             if own == expansion and coefficients is not None:
-                total.add(evaluate(expansion, coefficients[batch], points), measure)
+                total.add(number, evaluate(expansion, coefficients[batch], points), measure)
 
 
-def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule, members: Bools) -> None:
+def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule, members: Bools, turns: Turns) -> None:
     """Take in the coordinates, ``space`` of them and the homogeneous ones, on the elements ``members`` (n,)."""
     coefficients, planes = patch.geometry_coefficients[members], rule.zeta
-    for batch in _batches(len(coefficients), len(rule.points())):
+    for number, batch in turns.of(_batches(len(coefficients), len(rule.points()))):
         places, measure = _map_points(patch, rule, coefficients[batch])
         for axis, total in enumerate(sums[:space]):
-            total.add(np.tile(places[:, axis], (1, len(planes))), measure)
+            total.add(number, np.tile(places[:, axis], (1, len(planes))), measure)
         for axis, total in enumerate(sums[space:]):
             along = rule.length(axis) * (1 + planes[:, axis]) / 2
-            total.add(np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
+            total.add(number, np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
 
 
 def _map_points(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:

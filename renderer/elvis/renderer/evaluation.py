@@ -22,6 +22,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.portions.ranks import ALONE, Ranks, is_idle
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.streamlines import Streamlines, trace
@@ -86,8 +87,10 @@ class Evaluation:
         places = dict(zip("xyz", points[row].T, strict=True))
         return {"point": row, **places, "element": element, "status": status, **values}
 
-    def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
-        """Norms of coordinates and fields, or of quantities: by rules that are refined until they agree."""
+    def norms(self, texts: Sequence[str] | None, ranks: Ranks = ALONE) -> dict[str, Norm]:
+        """Norms of coordinates and fields, or of quantities, by one rank, by rules refined until they agree."""
+        if is_idle(ranks):
+            return {}
         expressions = self.expressions(texts)
         with self._load(expressions) as (volume, device):
             axes = AXES[: volume.dimension] if texts is None else ()
@@ -101,8 +104,11 @@ class Evaluation:
         coefficients: str | None = None,
         clip: str | None = None,
         progress: Progress | None = None,
+        ranks: Ranks = ALONE,
     ) -> Integrals:
         """Integrals over the domain, outer faces and boundaries, by rules that are refined until they agree."""
+        if is_idle(ranks):
+            return Integrals(())
         if coefficients is not None or clip is not None:
             option, name = "--clip" if coefficients is None else "--coefficients", self.opened.name
             raise ElvisError(f"{option}: expected elements of a known map, found what the plugin {name} opens")

@@ -16,7 +16,8 @@ from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.integrals.refinement import Summation, Sums
-from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap
+from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap, shared
+from elvis.core.portions.ranks import ALONE, Ranks
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
@@ -112,6 +113,7 @@ def integrate(
     coefficients: str | None = None,
     clip: str | None = None,
     progress: Progress | None = None,
+    ranks: Ranks = ALONE,
 ) -> Integrals:
     """Integrals of quantities over the domain, regions and boundaries of a dataset.
 
@@ -126,6 +128,8 @@ def integrate(
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
            outside
     progress  is told how many points have been taken, and how many are planned
+    ranks  share the elements, so that sums differ by rounding, and errors asked for are those of each share; all ranks
+           but the first have no rows in the end
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
@@ -145,7 +149,8 @@ def integrate(
     places = Places(dataset, evaluator.patches, levels, curves)
     summation = Summation(dataset, evaluator, [each.expression for each in wanted], error, progress=progress)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
-    rows = list(_sums(targets, wanted, summation))
+    task = repr(([each.text for each in wanted], names, error, clip))
+    rows = list(_sums(targets, wanted, summation, ranks, task))
     found = [each for name, sums in rows for each in _rows(name, wanted, sums)]
     return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error)])
 
@@ -156,19 +161,23 @@ def _span(dataset: Dataset) -> list[Expression]:
     return [Expression.of(dataset, one.name) for one in found][:1]
 
 
-def _sums(targets: Targets, wanted: Sequence[Integrand], summation: Summation) -> Iterator[tuple[str, Sums]]:
-    """Name and integrals of each row."""
+def _sums(
+    targets: Targets, wanted: Sequence[Integrand], summation: Summation, ranks: Ranks, task: str
+) -> Iterator[tuple[str, Sums]]:
+    """Name and integrals of each row; none but at the first rank."""
     every = [*targets.rows, *([targets.total] if targets.total else [])]
     for integrand in wanted:
         for target in every:
             integrand.check(target.name, target.pieces)
-    found = [(target.name, summation.over(target.pieces)) for target in targets.rows]
-    yield from found
-    if targets.total is not None:
-        parts = [sums for _, sums in found]
-        shared = overlap(targets.rows, targets.total)
-        total = summation.over(targets.total.pieces) if shared else sum(parts, Sums.none(len(wanted)))
-        yield targets.total.name, total
+    is_own = targets.total is not None and overlap(targets.rows, targets.total)
+    taken = every if is_own else targets.rows
+    own = [summation.over(shared(target.pieces, ranks)) for target in taken]
+    parts = ranks.gather(own, task)
+    if parts:
+        sums = [sum(some, Sums.none(len(wanted))) for some in zip(*parts, strict=True)]
+        if targets.total is not None and not is_own:
+            sums.append(sum(sums, Sums.none(len(wanted))))
+        yield from zip((target.name for target in every), sums, strict=True)
 
 
 def _rows(name: str, wanted: Sequence[Integrand], sums: Sums) -> Iterator[Integral]:

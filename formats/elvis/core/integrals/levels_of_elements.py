@@ -109,8 +109,10 @@ class Level:
 
     def _doubt(self, evaluator: Evaluator, patch: Patch, rows: Ints, lattice: Floats) -> _Doubt:
         """How well values on borders of elements (m,) are known, from points (q, d) inside them."""
-        places = Lattice(patch, rows, lattice)
         jump = np.full(len(rows), _ROUNDING)
+        if not len(rows):
+            return _Doubt(jump, jump)
+        places = Lattice(patch, rows, lattice)
         for name in self.expression.fields:
             ids = patch.element_ids[rows]
             found = evaluator.attributes.constant(f"jump({name})", patch.shape, ids)

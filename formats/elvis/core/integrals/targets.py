@@ -19,6 +19,7 @@ from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
 from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
+from elvis.core.portions.ranks import Ranks
 
 #: what stands for all elements, before the name of a region, and before the id of an element whose faces are meant
 DOMAIN, REGION, ELEMENT = "domain", "region:", "element:"
@@ -204,3 +205,18 @@ def _united(pieces: Sequence[Piece]) -> Iterator[Piece]:
 def overlap(rows: Sequence[Target], total: Target) -> bool:
     """Whether rows share pieces, so that they don't add up to the total."""
     return sum(len(piece) for row in rows for piece in row.pieces) != sum(len(piece) for piece in total.pieces)
+
+
+def shared(pieces: Sequence[Part], ranks: Ranks) -> list[Part]:
+    """What one of several ranks takes of pieces: every so many elements, and as the first one the curves."""
+    if ranks.size == 1:
+        return list(pieces)
+    found: list[Part] = []
+    for piece in pieces:
+        if isinstance(piece, CurvePiece):
+            found += [] if ranks.rank else [piece]
+            continue
+        rows = np.arange(ranks.rank, len(piece), ranks.size)
+        own = piece.part(rows) if isinstance(piece, Piece) else replace(piece, piece=piece.piece.part(rows))
+        found += [own] if len(own) else []
+    return found

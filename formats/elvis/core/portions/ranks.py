@@ -1,4 +1,4 @@
-"""The processes that work at one picture together: alone, or the ranks of a run under mpiexec.
+"""The processes that work at one picture, or one table, together: alone, or the ranks of a run under mpiexec.
 
 Three operations are enough: who am I, what have all found (`gather`), how did it end (`share`).  Waiting takes no
 processor time, which those that are not done yet may need.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from time import sleep
 from typing import Any, Protocol, TypeVar
@@ -24,8 +24,8 @@ _PAUSE = 0.002
 _FOUND, _END = 1, 2
 #: what is wrong with a rank that has another task
 _OTHER = (
-    "expected the data and the scene of part 1, found others: processes that mpiexec or srun starts together make one "
-    "picture, so start those with pictures of their own one by one, or with srun --mpi=none"
+    "expected the data and the task of part 1, found others: what mpiexec or srun starts together works at one "
+    "picture or table, so start processes with their own one by one, or with srun --mpi=none"
 )
 
 
@@ -56,6 +56,23 @@ class Alone:
     def gather(self, value: T, task: str) -> list[T]:
         """Its own."""
         return [value]
+
+
+ALONE = Alone()
+
+
+class Turns:
+    """Pieces of work that ranks take in turn, by their numbers in the order in which one process would do them."""
+
+    def __init__(self, ranks: Ranks) -> None:
+        self._ranks, self._count = ranks, 0
+
+    def of(self, pieces: Iterable[T]) -> Iterator[tuple[int, T]]:
+        """Those of this rank among the next pieces, with their numbers."""
+        for piece in pieces:
+            number, self._count = self._count, self._count + 1
+            if number % self._ranks.size == self._ranks.rank:
+                yield number, piece
 
 
 class MpiRanks:
@@ -132,6 +149,13 @@ def _is_open(number: int) -> bool:
     return True
 
 
+def is_idle(ranks: Ranks) -> bool:
+    """Whether a rank has nothing to do, as the first one does all: the others then find nothing."""
+    if ranks.rank:
+        ranks.gather(None, "")
+    return ranks.rank > 0
+
+
 @contextmanager
 def ranks_of_run(describe: Callable[[Exception], str]) -> Iterator[Ranks]:
     """The ranks that this process is one of; they end together, with one status.
@@ -144,7 +168,7 @@ def ranks_of_run(describe: Callable[[Exception], str]) -> Iterator[Ranks]:
     if started_together() < 2:
         yield Alone()
         return
-    mpi = require_module("mpi4py.MPI", "one picture by several processes", "mpi")
+    mpi = require_module("mpi4py.MPI", "one picture or table by several processes", "mpi")
     ranks = MpiRanks(mpi.COMM_WORLD)
     if ranks.rank:
         _be_silent()

@@ -104,11 +104,8 @@ def integrate(
     average(EXPR), and the vectors force, pressure_force, viscous_force and moment, of all of which 2D data have those
     of a unit span.
     """
-    from dataclasses import asdict
-
-    from elvis.core.files.columns import write_columns
-    from elvis.core.integrals.integration import HEADERS
-    from elvis.core.terminal import print_json, print_table, warn
+    from elvis.core.portions.ranks import ALONE, is_idle, ranks_of_run
+    from elvis.plugins.running import sentence_of
 
     if not quantities and coefficients is None:
         raise click.UsageError(
@@ -118,19 +115,35 @@ def integrate(
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
-    _check_outputs(output, plot, data.inputs(), overwrite)
-    if bins is not None:
-        _check_histogram(quantities, over, coefficients, clip, times)
-        _histogram(data, quantities, bins, plot, as_json, output)
-        return
+    with ranks_of_run(sentence_of) as ranks:
+        _check_outputs(output, plot, data.inputs(), overwrite)
+        if (bins is not None or times is not None) and is_idle(ranks):
+            return
+        if bins is not None:
+            _check_histogram(quantities, over, coefficients, clip, times)
+            _histogram(data, quantities, bins, plot, as_json, output)
+            return
+        shared = ranks if times is None else ALONE
 
-    def integrals(source: Source, progress: Progress | None = None) -> Integrals:
-        return source.integrate(quantities, over, error, coefficients, clip, progress)
+        def integrals(source: Source, progress: Progress | None = None) -> Integrals:
+            return source.integrate(quantities, over, error, coefficients, clip, progress, shared)
 
-    # surfaces, clips and coefficients may be made of other fields
-    is_all = clip is None and coefficients is None and not any("=" in each for each in over)
-    wanted = quantities if is_all else ()
-    found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
+        # surfaces, clips and coefficients may be made of other fields
+        is_all = clip is None and coefficients is None and not any("=" in each for each in over)
+        wanted = quantities if is_all else ()
+        found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
+        if not ranks.rank:
+            _show(found, plot, output, as_json)
+
+
+def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
+    """Write, draw or print integrals, with a word on those that aren't what was asked for."""
+    from dataclasses import asdict
+
+    from elvis.core.files.columns import write_columns
+    from elvis.core.integrals.integration import HEADERS
+    from elvis.core.terminal import print_json, print_table, warn
+
     for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
         warn(remark)
     if plot is not None:

@@ -34,12 +34,22 @@ def norms(data: Data, quantities: tuple[str, ...], as_json: bool) -> None:
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
-    from elvis.core.terminal import print_json, print_table, stage
+    from elvis.core.portions.ranks import ranks_of_run
+    from elvis.core.terminal import stage
+    from elvis.plugins.running import sentence_of
 
-    source = data.source()
-    with stage("integrating"):
-        found = source.norms(quantities or None)
-    _tell_measure(quantities, found)
+    with ranks_of_run(sentence_of) as ranks:
+        source = data.source()
+        with stage("integrating"):
+            found = source.norms(quantities or None, ranks)
+        if found:
+            _tell_measure(quantities, found)
+            _print(found, as_json)
+
+
+def _print(found: Mapping[str, Norm], as_json: bool) -> None:
+    from elvis.core.terminal import print_json, print_table
+
     if as_json:
         print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})
         return

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
+    from elvis.core.portions.ranks import Ranks
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
 
@@ -154,27 +155,42 @@ def probe(
     or the components of a vector. With --times the first column is the time, and all points follow for each; with
     --along it is the length of the curve up to the point; --plot draws them.
     """
+    from elvis.core.portions.ranks import ALONE, is_idle, ranks_of_run
+    from elvis.plugins.running import sentence_of
+
+    is_grid = grid is not None or box is not None
+    with ranks_of_run(sentence_of) as ranks:
+        _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
+        if plot is not None and ((times is None) == (along is None) or every):
+            raise click.UsageError(
+                "expected --plot with --times or --along, and without --all", click.get_current_context()
+            )
+        if (is_grid or times is not None or points == "-") and is_idle(ranks):
+            return
+        if is_grid:
+            others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
+            asked = Asked(texts_of(fields, quantities), clip=clip)
+            _write_grid(data, asked, grid, box, output, alone=not others and not every)
+            return
+        asked = Asked(texts_of(fields, quantities), every, clip, ranks if points != "-" else ALONE)
+        if along is not None:
+            if any(way is not None for way in (points, single or None, line, plane, times)):
+                raise click.UsageError("expected --along without other points and --times", click.get_current_context())
+            places, columns = _along(data.source(asked.quantities), along, counts, asked)
+        else:
+            places = _places(points, single, line, plane, counts)
+            columns = (
+                _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
+            )
+        if not ranks.rank:
+            _show(columns, places, plot, output)
+
+
+def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | None) -> None:
+    """Write, draw or print what was found at places (n, 3)."""
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import visible
 
-    _check_outputs(output, plot, (grid or box) is not None, data.inputs(points), overwrite)
-    if plot is not None and ((times is None) == (along is None) or every):
-        raise click.UsageError(
-            "expected --plot with --times or --along, and without --all", click.get_current_context()
-        )
-    if grid is not None or box is not None:
-        others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
-        asked = Asked(texts_of(fields, quantities), clip=clip)
-        _write_grid(data, asked, grid, box, output, alone=not others and not every)
-        return
-    asked = Asked(texts_of(fields, quantities), every, clip)
-    if along is not None:
-        if any(way is not None for way in (points, single or None, line, plane, times)):
-            raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-        places, columns = _along(data.source(asked.quantities), along, counts, asked)
-    else:
-        places = _places(points, single, line, plane, counts)
-        columns = _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
     if plot is not None:
         _plot(plot, columns, places)
     if output is not None:
@@ -192,11 +208,13 @@ class Asked:
     texts  quantities; None for all fields
     every  whether every element that holds a point has a row
     clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
+    ranks  that share the points; None is one process
     """
 
     texts: list[str] | None
     every: bool = False
     clip: str | None = None
+    ranks: Ranks | None = None
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -307,12 +325,21 @@ def _places(
 
 
 def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
-    """The table: what was asked, what was found, and one column a quantity."""
+    """The table: what was asked, what was found, and one column a quantity; without rows but at the first rank."""
+    import numpy as np
+
+    from elvis.core.portions.ranks import ALONE
     from elvis.core.terminal import stage
 
-    wanted = _check(source.expressions(asked.texts))
+    wanted, ranks = _check(source.expressions(asked.texts)), asked.ranks or ALONE
+    first, end = (number * len(places) // ranks.size for number in (ranks.rank, ranks.rank + 1))
     with stage(f"probing {len(places)} points"):
-        found = asked.of(source, places, wanted)
+        own = dict(asked.of(source, places[first:end], wanted))
+    own["point"] = own["point"] + first
+    every = ranks.gather(own, f"{[each.text for each in wanted]} at {len(places)} points")
+    if not every:
+        return {name: column[:0] for name, column in own.items()}
+    found = {name: np.concatenate([part[name] for part in every]) for name in own}
     for each in wanted:
         _tell_beyond(each, found)
     return found

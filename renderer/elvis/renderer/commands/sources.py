@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
+    from elvis.core.portions.ranks import Ranks
     from elvis.core.quantities import Expression, Names
     from elvis.core.streamlines import Streamlines
     from elvis.core.terminal import Progress
@@ -209,13 +210,13 @@ class NativeSource:
 
         return Sampler(self.dataset, wanted).sample(points, all=every).columns()
 
-    def norms(self, texts: Sequence[str] | None) -> dict[str, Norm]:
+    def norms(self, texts: Sequence[str] | None, ranks: Ranks) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities."""
-        from elvis.core.norms import norms, quantity_norm
+        from elvis.core.norms import norms, quantity_norms
 
         if texts is None:
-            return dict(norms(self.dataset))
-        return {each.text: quantity_norm(self.dataset, each) for each in self.expressions(texts)}
+            return dict(norms(self.dataset, ranks))
+        return quantity_norms(self.dataset, self.expressions(texts), ranks)
 
     def integrate(
         self,
@@ -225,11 +226,13 @@ class NativeSource:
         coefficients: str | None = None,
         clip: str | None = None,
         progress: Progress | None = None,
+        ranks: Ranks | None = None,
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import integrate
+        from elvis.core.portions.ranks import ALONE
 
-        return integrate(self.dataset, texts, over, error, coefficients, clip, progress)
+        return integrate(self.dataset, texts, over, error, coefficients, clip, progress, ranks or ALONE)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""

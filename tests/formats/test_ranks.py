@@ -1,0 +1,133 @@
+"""Work that ranks share comes to what one process finds: norms and points to the bit, integrals to their errors."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from elvis.core.integrals import integrate
+from elvis.core.norms import norms, quantity_norms
+from elvis.core.portions.ranks import Turns
+from elvis.core.quantities import Expression
+from elvis.core.testing import approximated, curved, mixed_volume, ripple
+from elvis.formats import Dataset, write
+
+TARGETS = (
+    "domain",
+    "all",
+    "plane:0.1,0.2,0.3:1,0.3,0.2",
+    "sphere:0.5,0.5,0.5:0.3",
+    "u=0.2",
+    "line:0.1,0.1,0.1:0.8,0.7,0.9",
+)
+ELVIS = (sys.executable, "-c", "from elvis.plugins.command import main; main()")
+STARTER = Path(sys.executable).with_name("mpiexec")
+
+
+class Played:
+    """Ranks of one process that come one after the other, the first one last."""
+
+    def __init__(self, size):
+        self.size, self.rank, self._found = size, size, []
+
+    def __iter__(self):
+        while self.rank:
+            self.rank -= 1
+            yield self
+
+    def gather(self, value, task):
+        self._found.insert(0, (value, task))
+        assert len({own for _, own in self._found}) == 1
+        return [] if self.rank else [found for found, _ in self._found]
+
+
+def shared(size, work):
+    """What the first rank makes of work that all take part in."""
+    *others, first = [work(ranks) for ranks in Played(size)]
+    assert not any(map(len, others))
+    return first
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """All shapes, bent, with a field."""
+    mesh = curved(mixed_volume(), ripple(0.05), 3)
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0] - p[:, 1] * p[:, 2] ** 2, 4),))
+
+
+@pytest.mark.parametrize("count", [0, 1, 7])
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_every_piece_has_one_turn(count, size):
+    pieces = "abcdefg"[:count]
+    taken = [list(Turns(ranks).of(pieces)) for ranks in Played(size)]
+    assert sorted(pair for own in taken for pair in own) == list(enumerate(pieces))
+    assert max(map(len, taken)) - min(map(len, taken)) <= 1
+
+
+@pytest.mark.parametrize("size", [2, 3, 8])
+def test_norms_are_the_same_to_the_bit(bent, size, monkeypatch):
+    monkeypatch.setattr("elvis.core.norms._BATCH", 12 * 200)
+    assert shared(size, lambda ranks: norms(bent, ranks)) == norms(bent)
+    wanted = [Expression.of(bent, text) for text in ("u", "d(u,x)/(2+u)")]
+    assert shared(size, lambda ranks: quantity_norms(bent, wanted, ranks)) == quantity_norms(bent, wanted)
+
+
+def test_integrals_differ_by_their_errors(bent):
+    fields = ("u", "sin(3*u)", "average(u*u)")
+    alone = integrate(bent, fields, TARGETS, 1e-8)
+    found = shared(3, lambda ranks: integrate(bent, fields, TARGETS, 1e-8, ranks=ranks))
+    for one, other in zip(alone, found, strict=True):
+        assert (one.over, one.integrand, one.exact) == (other.over, other.integrand, other.exact)
+        assert abs(one.value - other.value) <= one.error + other.error + 1e-14 * abs(one.value)
+        assert other.measure == pytest.approx(one.measure, rel=1e-12 if one.exact else 1e-7)
+
+
+def test_what_is_clipped_is_shared(bent):
+    clip = "sphere:0.5,0.5,0.5:0.3"
+    alone = integrate(bent, "u", error=1e-5, clip=clip)
+    found = shared(2, lambda ranks: integrate(bent, "u", error=1e-5, clip=clip, ranks=ranks))
+    assert abs(alone.value - found.value) <= alone[0].error + found[0].error
+
+
+@pytest.fixture(scope="module")
+def files(bent, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ranks")
+    write(bent, folder / "bent.xml", folder / "bent.fld")
+    (folder / "damaged.fld").write_text("no field")
+    return folder
+
+
+def run(folder, *arguments):
+    return subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+
+
+needs_mpi = pytest.mark.skipif(not STARTER.exists(), reason="there is no mpiexec beside Python")
+
+
+@needs_mpi
+@pytest.mark.parametrize(
+    "words",
+    [("norms", "--json"), ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"), ("integrate", "--field", "1")],
+    ids=lambda words: words[0],
+)
+def test_a_table_is_printed_once_and_is_that_of_one_process(files, words):
+    command = (*ELVIS, words[0], "bent.xml", "bent.fld", *words[1:])
+    alone, ranks = run(files, *command), run(files, STARTER, "-n", "2", *command)
+    assert (ranks.returncode, ranks.stderr) == (0, alone.stderr)
+    if words[0] == "integrate":
+        assert float(ranks.stdout.split()[-3]) == pytest.approx(float(alone.stdout.split()[-3]), rel=1e-14)
+    else:
+        assert ranks.stdout == alone.stdout
+
+
+@needs_mpi
+def test_a_rank_that_fails_names_its_part_and_nothing_is_written(files):
+    good, bad = (
+        ("integrate", "bent.xml", name, "--field", "u", "-o", "none.csv") for name in ("bent.fld", "damaged.fld")
+    )
+    ranks = run(files, STARTER, "-n", "1", *ELVIS, *good, ":", "-n", "1", *ELVIS, *bad)
+    assert ranks.returncode == 1
+    (sentence,) = ranks.stderr.splitlines()
+    assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld: expected")
+    assert not (files / "none.csv").exists()
