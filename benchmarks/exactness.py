@@ -43,9 +43,10 @@ def parsed():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pixels", type=float, default=1e7, help="pixels in all, spread over the families (1e7)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after this many minutes")
-    parser.add_argument("--limit", type=float, default=600.0, help="seconds after which a picture is given up (600)")
+    parser.add_argument("--limit", type=float, default=600.0, help="processor seconds for a picture (600)")
     parser.add_argument("--seed", type=int, default=1, help="of the sequences of cases (1)")
     parser.add_argument("--case", type=int, help="the case of this number alone")
+    parser.add_argument("--first", type=int, default=0, help="the number of the first case, to go on with a sequence (0)")
     parser.add_argument("--only", action="append", choices=list(FAMILIES), metavar="FAMILY", help=", ".join(FAMILIES))
     parser.add_argument("--device", default="auto", help="as of elvis render; reference has smaller pictures")
     parser.add_argument("--verbose", action="store_true", help="a line for each case")
@@ -56,7 +57,7 @@ def run(gallery, options, counts):
     """Cases of all families in turns, the number of the turn being that of the case."""
     start, parts = perf_counter(), {name: FAMILIES[name][2] for name in counts}
     shares = {name: options.pixels * part / sum(parts.values()) for name, part in parts.items()}
-    number = 0 if options.case is None else options.case
+    number = options.first if options.case is None else options.case
     while any(count.pixels < shares[name] for name, count in counts.items()):
         for name, count in counts.items():
             if count.pixels < shares[name] and perf_counter() - start < 60 * options.minutes:

@@ -1,7 +1,6 @@
 """Drawing cases on a device, and validating them."""
 
-from dataclasses import replace
-from time import perf_counter
+from time import perf_counter, process_time
 from zlib import crc32
 
 import numpy as np
@@ -16,6 +15,7 @@ from elvis.renderer import Renderer, Scene, SceneError
 from elvis.renderer.completing import completed
 from elvis.scene.frame import Drawing, Frame, Status
 from elvis.scene.quantities import quantities
+from elvis.scene.time_limit import ObsoleteError, stopped_when
 from elvis.scene.view import View
 
 
@@ -32,7 +32,7 @@ class GivenUpError(ElvisError):
 class Gallery:
     """A device kept open for many pictures; ``reference`` is NumPy.
 
-    limit  seconds after which a picture is given up; None waits for ever
+    limit  processor seconds after which a picture is given up, so that a busy machine changes nothing; None waits for ever
     """
 
     def __init__(self, device="auto", limit=None):
@@ -48,8 +48,14 @@ class Gallery:
 
         GivenUpError where it takes too long.
         """
-        start = perf_counter()
-        scene = replace(scene, timeout=self.limit)
+        until = float("inf") if self.limit is None else process_time() + self.limit
+        try:
+            with stopped_when(lambda: process_time() > until):
+                return self._frame(data, scene)
+        except ObsoleteError as error:
+            raise GivenUpError(f"not done after {self.limit:g} processor seconds") from error
+
+    def _frame(self, data, scene):
         try:
             if isinstance(data, Dataset):
                 scene = completed(data, scene)
@@ -61,8 +67,6 @@ class Gallery:
                 self.renderer.show(volume_of(data, quantities(scene)))
             return self.renderer.render(scene)
         except SceneError as error:
-            if self.limit is not None and perf_counter() - start > self.limit:
-                raise GivenUpError(str(error)) from error
             return _nothing(scene, str(error))
 
     def count(self, case):
