@@ -6,7 +6,8 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
-from elvis.core.quantities.levels import same_level
+from elvis.core.quantities.levels import fraction, same_level
+from elvis.core.quantities.tree import ONE
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of
@@ -96,6 +97,7 @@ PRODUCTS = {
     "max(x, y*y)": 0.6,
     "1 - min(x, x*y)/2": 0.7,
     "middle_eigenvalue(x, y, 1, 0.3, x*y, 0.2)": 0.6,
+    "middle_eigenvalue(x/y, y, 1/(x*x), 0.3/(x*y), x*y, 0.2)": 0.6,
     "2*imaginary_root(x - 0.4, y - 0.5)": 1.1,
     "imaginary_root(x - 0.4, 0.01*y)": 0.4,
 }
@@ -128,6 +130,18 @@ def test_zeros_of_products_count_where_nothing_says_that_they_are_spurious(text)
     assert np.array_equal(passes[~unclear], (passed & counts)[~unclear])
     assert (passes & counts).sum() > 40 > (passes & unclear).sum()
     assert "max" not in text or (passed & ~counts).any()
+
+
+@pytest.mark.parametrize("text", [text for text in PRODUCTS if "middle" in text])
+def test_second_eigenvalues_have_their_sign_without_quotients(text):
+    """Factors that entries are multiplied by are positive here, so that LAPACK's eigenvalues keep their signs."""
+    level = same_level(Expression.parse(text, Names(("u",))).root, PRODUCTS[text])
+    points = np.random.default_rng(2).uniform(0.05, 1.5, (2000, 2))
+    xx, yy, zz, xy, xz, yz = (evaluated(entry, points) for entry in level.matrix)
+    matrices = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), -1, 0)
+    own = evaluated(Expression.parse(text, Names(("u",))).root, points) - PRODUCTS[text]
+    assert np.array_equal(np.linalg.eigvalsh(matrices)[:, 1] > 0, own > 0)
+    assert all(fraction(entry)[1] is ONE for entry in level.matrix)
 
 
 def evaluated(root, points):

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
+from operator import or_
 
 from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, fold, negative, number, whole_exponent
 
@@ -37,7 +38,7 @@ class Level:
     spurious  positive where only the first has its value, negative where both have, but for single points and curves;
               None where there are no such places
     matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values;
-              its determinant is where the first has; empty where there is none without poles
+              its determinant is where the first has; empty where its entries are no polynomials, or too long ones
     """
 
     root: Node
@@ -95,10 +96,17 @@ def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
 
 
 def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
-    """A symmetric matrix less a value times the identity; empty where it has poles."""
+    """A symmetric matrix less a value times the identity, times what makes all entries polynomials; empty where nothing does.
+
+    Whatever sign that factor has, the second of three eigenvalues stays the second, and is 0 where it was.
+    """
     fractions = [fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
-    found = [above for above, below in filter(None, fractions) if below is ONE]
-    return tuple(found) if len(found) == len(entries) else ()
+    found = [each for each in fractions if each is not None]
+    factors = [_factors(below) for _, below in found]
+    if len(found) < len(entries) or not all(factors):
+        return ()
+    common = reduce(or_, factors)
+    return tuple(call("*", above, _product(common - own)) for (above, _), own in zip(found, factors, strict=True))
 
 
 def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node, value: float) -> tuple[Node, Node]:
@@ -226,8 +234,11 @@ def _without(node: Node, factors: Counter[Node]) -> Node:
     """A product without some of its factors."""
     if not factors:
         return node
-    left = (_factors(node) - factors).items()
-    powers = [base if times == 1 else call("^", base, number(times)) for base, times in left]
+    return _product(_factors(node) - factors)
+
+
+def _product(factors: Counter[Node]) -> Node:
+    powers = [base if times == 1 else call("^", base, number(times)) for base, times in factors.items()]
     return reduce(partial(call, "*"), powers, ONE)
 
 
