@@ -46,7 +46,9 @@ def parsed():
     parser.add_argument("--limit", type=float, default=600.0, help="processor seconds for a picture (600)")
     parser.add_argument("--seed", type=int, default=1, help="of the sequences of cases (1)")
     parser.add_argument("--case", type=int, help="the case of this number alone")
-    parser.add_argument("--first", type=int, default=0, help="the number of the first case, to go on with a sequence (0)")
+    parser.add_argument(
+        "--first", type=int, default=0, help="the number of the first case, to go on with a sequence (0)"
+    )
     parser.add_argument("--only", action="append", choices=list(FAMILIES), metavar="FAMILY", help=", ".join(FAMILIES))
     parser.add_argument("--device", default="auto", help="as of elvis render; reference has smaller pictures")
     parser.add_argument("--verbose", action="store_true", help="a line for each case")

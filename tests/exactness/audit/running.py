@@ -32,7 +32,7 @@ class GivenUpError(ElvisError):
 class Gallery:
     """A device kept open for many pictures; ``reference`` is NumPy.
 
-    limit  processor seconds after which a picture is given up, so that a busy machine changes nothing; None waits for ever
+    limit  processor seconds after which a picture is given up: a busy machine changes nothing; None waits for ever
     """
 
     def __init__(self, device="auto", limit=None):
