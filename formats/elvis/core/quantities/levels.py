@@ -96,7 +96,7 @@ def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
 
 
 def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
-    """A symmetric matrix less a value times the identity, times what makes all entries polynomials; empty where nothing does.
+    """A symmetric matrix less a value times the identity, times what makes polynomials of it; empty where nothing does.
 
     Whatever sign that factor has, the second of three eigenvalues stays the second, and is 0 where it was.
     """
