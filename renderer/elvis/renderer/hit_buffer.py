@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from elvis.renderer.memory import Buffer
     from elvis.renderer.passes.faces.faces import SquarePatches
 
-#: the arrays as a device holds them: kind of number, how many of a pixel, and what stands where nothing is hit
+#: the arrays as a device holds them: kind of number, how many of a pixel (the first of all pixels, then the second),
+#: and what stands where nothing is hit
 CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
     "owner": (np.uint32, 1, NOBODY),
     "side": (np.uint32, 1, NOBODY),
@@ -114,7 +115,7 @@ class HitBuffer:
         values = device.read(self.held[name], dtype)
         if name == "status":
             return values.astype(np.uint8)
-        values = values.reshape(-1, size) if size > 1 else values
+        values = values.reshape(size, -1).T if size > 1 else values
         if name not in ("owner", "side", "doubt"):
             values[self.owner == NOBODY] = nothing
         return values
@@ -154,7 +155,7 @@ class HitBuffer:
     def on(self, device: Device, name: str) -> Buffer:
         """One of the arrays on a device, which it is brought to once."""
         if name not in self.held:
-            self.held = {**self.held, name: device.buffer(getattr(self, name))}
+            self.held = {**self.held, name: device.buffer(getattr(self, name).T)}
         return self.held[name]
 
     def bindings(self, device: Device, *names: str) -> dict[str, Buffer]:
@@ -188,7 +189,8 @@ def new_arrays(device: Device, count: int, names: Sequence[str], clear: Sequence
     return held
 
 
-def arrays_to_write(device: Device, held: Mapping[str, Buffer]) -> dict[str, Buffer]:
-    """All arrays under the names that hits.slang declares; what a pass does not write has no room."""
+def arrays_to_write(device: Device, held: Mapping[str, Buffer], count: int) -> dict[str, Any]:
+    """All that hits.slang declares, of n pixels, under the names there; what a pass does not write has no room."""
     nothing = device.empty(np.float64, 1)
-    return {hit_name(name): held.get(name, nothing) for name in CHANNELS}
+    arrays = {hit_name(name): held.get(name, nothing) for name in CHANNELS}
+    return {**arrays, "hit_pixels": np.array([count], np.uint32)}

@@ -56,7 +56,7 @@ def hits_in_tiles(
     after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
     held = new_arrays(device, view.count, _HELD)
     record = device.buffer(record_of(kernel, "view", view, **facts))
-    output = {**arrays_to_write(device, held), "after": device.buffer(after), "view": record}
+    output = {**arrays_to_write(device, held, view.count), "after": device.buffer(after), "view": record}
     kernel(len(work), {**buffers, **output}, groups=True, work=work)
     hits = HitBuffer.on_device(device, held, field=np.empty(0))
     return hits.showing(values_at_hits(loaded, hits, quantity))

@@ -16,7 +16,7 @@ from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import FaceBlock, Faces
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Kernel
+from elvis.renderer.device import Given, Kernel
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.memory import Buffer
@@ -60,7 +60,7 @@ class _PartTiles:
     buffers: dict[str, Buffer]
     counts: Ints
 
-    def run(self, output: dict[str, Buffer]) -> None:
+    def run(self, output: Given) -> None:
         """Run the kernel, a group for each tile."""
         self.kernel(len(self.counts), {**self.buffers, **output}, groups=True, work=self.counts)
 
@@ -119,7 +119,7 @@ class FaceDrawer:
         for part in self._tiles("face_draw", view, select, quantity, beyond is not None):
             if not arrays:
                 arrays = new_arrays(device, view.count, _HELD)
-                image = {**arrays_to_write(device, arrays), "after": device.buffer(after)}
+                image = {**arrays_to_write(device, arrays, view.count), "after": device.buffer(after)}
             part.run(image)
         hits = HitBuffer.on_device(device, arrays) if arrays else HitBuffer.empty(view.count)
         hits.near_squares = partial(self.near_squares, view, tuple(select)) if beyond is None else None

@@ -96,7 +96,7 @@ class IsosurfaceDrawer:
         self.counts = {"flat": 0, "undefined": 0, "sub_elements": 0}
         stands_in, unproved = False, np.zeros(view.count, bool)
         held = new_arrays(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))
-        image = arrays_to_write(self.device, held)
+        image = arrays_to_write(self.device, held, view.count)
         before = self.device.buffer(np.zeros(view.count) if beyond is None else beyond)
         for number in range(len(self.loaded.parts)):
             own, level = self.loaded.leveled(number, quantity, value)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Device, Kernel
+from elvis.renderer.device import Device, Given, Kernel
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import Gaps, beside, unknown
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
@@ -62,7 +62,7 @@ class Cutter:
         with self.clock.stage("clear"):
             names = ("owner", "field", "reference") if references else ("owner", "field")
             held = new_arrays(self.device, count, names, clear=("owner",))
-            image = arrays_to_write(self.device, held)
+            image = arrays_to_write(self.device, held, count)
         every, sections, candidates = [], [], []
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
@@ -102,9 +102,7 @@ class Cutter:
         known = {"owner": pixels.owner, "status": pixels.status, "flat": normal, "sections": sections}
         return HitBuffer.on_device(self.device, held, made, offset=float(normal @ view.plane.point), **known)
 
-    def _draw_part(
-        self, number: int, view: PlaneView, sections: NDArray[Any], image: dict[str, Buffer]
-    ) -> NDArray[Any]:
+    def _draw_part(self, number: int, view: PlaneView, sections: NDArray[Any], image: Given) -> NDArray[Any]:
         """All stages for one part; returns the deferred candidates, searched again, with indices in the volume."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
 
@@ -160,7 +158,7 @@ class Cutter:
         record["slack"] = 1e-12 * (self.extent + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
-    def _commit(self, committed: list[NDArray[Any]], image: dict[str, Buffer]) -> None:
+    def _commit(self, committed: list[NDArray[Any]], image: Given) -> None:
         """Let an image hold what the candidates for its pixels say."""
         if not sum(map(len, committed)):
             return
