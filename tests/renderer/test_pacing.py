@@ -25,7 +25,7 @@ from elvis.renderer import (
 )
 from elvis.renderer.adapters import Adapter
 from elvis.renderer.device import Kernel
-from elvis.renderer.pacing import Pace, rows_of
+from elvis.renderer.pacing import Pace, rows_of, turn_of
 from elvis.renderer.passes.faces import faces
 from elvis.scene import time_limit
 
@@ -131,14 +131,15 @@ def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny
 @pytest.mark.parametrize("shares", [2, 7])
 @pytest.mark.parametrize("count", [1, 5, 400, 1001])
 def test_shares_are_about_as_much_work(shares, count):
-    """What rises goes to columns of neighbours, what is even stays as it is; here a share is at most a row longer."""
+    """Rows take turns at what rises, what is even stays as it is; here a share is a column and two turns longer at most."""
     for work in (np.arange(count) ** 2, np.full(count, 3)):
         rows = rows_of(work, shares)
-        columns = -(-count // rows)
-        grid = np.zeros(rows * columns)
-        grid[np.arange(count) % rows * columns + np.arange(count) // rows] = work
-        amounts = [share.sum() for share in np.array_split(grid, shares)]
-        assert max(amounts) <= 1.1 * work.sum() / shares + 2 * work.max()
+        turn = turn_of(count, rows)
+        columns = turn * -(-count // (rows * turn))
+        grid, number = np.zeros((rows, columns)), np.arange(count)
+        grid[number // turn % rows, number // (turn * rows) * turn + number % turn] = work
+        amounts = [share.sum() for share in np.array_split(grid.reshape(-1), shares)]
+        assert max(amounts) <= 1.1 * work.sum() / shares + 2 * turn * work.max()
     assert rows_of(np.full(100 * count, 3), shares) == 1
 
 
@@ -147,6 +148,7 @@ def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeyp
     """Grids of one row or several, also where the last column isn't full."""
     monkeypatch.setattr(Adapter, "shares", shares)
     monkeypatch.setattr(pacing, "UNEVEN", 0.0)
+    monkeypatch.setattr(pacing, "TURNS", 1)
     monkeypatch.setattr(device, "GROUPS_IN_ROW", row)
     with Renderer("vulkan") as drawing:
         drawing.load(cube, "u")

@@ -20,7 +20,7 @@ from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.layouts import dtype_of
 from elvis.renderer.memory import CLOSED, Buffer, Pool
-from elvis.renderer.pacing import Pace, Watch, rows_of
+from elvis.renderer.pacing import Pace, Watch, rows_of, turn_of
 
 if TYPE_CHECKING:
     import slangpy
@@ -352,11 +352,13 @@ class Kernel:
 
         assert self._device is not None
         rows = max(rows, -(-(end - first) // GROUPS_IN_ROW))
-        self._write(EXTENT, (first, end, rows))
+        turn = turn_of(end - first, rows)
+        columns = turn * -(-(end - first) // (rows * turn))
+        self._write(EXTENT, (first, end, rows, turn))
         encoder = self._device.create_command_encoder()
         commands = encoder.begin_compute_pass()
         commands.bind_pipeline(self._pipeline, self._arguments)
-        commands.dispatch_compute(slangpy.uint3(-(-(end - first) // rows), rows, 1))
+        commands.dispatch_compute(slangpy.uint3(columns, rows, 1))
         commands.end()
         self._device.submit_command_buffer(encoder.finish())
 

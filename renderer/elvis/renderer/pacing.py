@@ -19,6 +19,8 @@ FIRST = 256.0
 GROWTH = 8.0
 #: times the mean above which a processor's share of a dispatch is too much
 UNEVEN = 1.1
+#: neighbouring groups that stay together at most, and how often each row has its turn at least
+NEIGHBOURS, TURNS = 32, 16
 
 
 class Pace:
@@ -63,15 +65,21 @@ class Pace:
 
 
 def rows_of(work: NDArray[Any], shares: int) -> int:
-    """Rows of a grid with neighbours in columns, so that contiguous shares of it are about as much work (n,).
-
-    One where they are so anyway: what neighbours read and write is near one another.
-    """
+    """Rows of a grid that take turns, so that contiguous shares are as much work (n,); one where they are so anyway."""
     if len(work) <= shares:
         return len(work)
     ends = np.cumsum(work + 1.0)
     amounts = np.diff(ends[np.arange(1, shares + 1) * len(work) // shares - 1], prepend=0.0)
     return shares if amounts.max() > UNEVEN * amounts.mean() else 1
+
+
+def turn_of(count: int, rows: int) -> int:
+    """Neighbouring groups, a power of two, that each of some rows takes at a time.
+
+    What these write is in the same lines of a cache, for which processors would wait for one another.
+    """
+    most = count // (rows * TURNS)
+    return min(NEIGHBOURS, 1 << max(most, 1).bit_length() - 1)
 
 
 class Watch:

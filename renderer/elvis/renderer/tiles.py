@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Floats
+
 #: as in pixels.slang
 TILE = 8
 
@@ -80,17 +82,26 @@ def tiles_by_section(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[An
 
 
 def bin_sections(
-    least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any], size: tuple[int, int] | None = None
+    least: NDArray[Any],
+    most: NDArray[Any],
+    dtype: np.dtype[Any],
+    size: tuple[int, int] | None = None,
+    beside: Floats | None = None,
 ) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """Tile records of a picture, row by row, and (m,) the sections that are seen in one tile after another.
 
     least, most  (n, 4)  bounds of x, y, x + y and x - y of the sections' pixels, inclusive
     dtype        of Tile records, as a kernel lays them out
     size         width and height of a picture all of whose tiles are wanted; None for those that see a section
+    beside       (k, 3, n)  a, b and c of lines a x + b y = c, beyond which a section has no pixels, where there are any
     """
     aligned = least.copy()
     aligned[:, :2] = least[:, :2] // TILE * TILE
     pairs = tiles_of(aligned, most)
+    for a, b, c in beside if beside is not None else ():
+        # the least of a x + b y in a tile
+        most_left = c + (TILE - 1) * (np.maximum(-a, 0.0) + np.maximum(-b, 0.0))
+        pairs = pairs[~(a[pairs.section] * pairs.x + b[pairs.section] * pairs.y > most_left[pairs.section])]
 
     # sections by tile, in their own order within each
     columns = _tiles_along(size[0] if size else int(pairs.x.max(initial=0)) + 1)

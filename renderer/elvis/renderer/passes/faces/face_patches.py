@@ -28,6 +28,8 @@ _LEVELS = 96
 _THIN_BESIDE = 0.25
 #: columns of pixels up to which thin patches are looked at closely
 _COLUMNS = 8
+#: pixels beside a patch in which it is looked for nonetheless, beyond those that rounding moves it by
+_BESIDE = 0.01
 #: patches worked on at once
 _CHUNK = 1 << 14
 
@@ -39,6 +41,7 @@ class FacePatches:
     face    (n,)       number of the face
     place   (n, 3, 2)  origin and axes of the patch in face coordinates
     bounds  (2, n, 4)  least and greatest x, y, x + y and x - y of the pixels (x, y) that it may cover
+    beside  (k, 3, n)  a, b and c of lines a x + b y = c along its k sides, beyond which no such pixel lies
     near    (n,)       no point of it has a smaller depth
     noise   (n,)       what rounding leaves undecided, in coordinates of the patch
     """
@@ -46,13 +49,14 @@ class FacePatches:
     face: Ints
     place: Floats
     bounds: Ints
+    beside: Floats
     near: Floats
     noise: Floats
 
     def some(self, chosen: Ints) -> FacePatches:
         """Some of the patches."""
-        bounds = self.bounds[:, chosen]
-        return FacePatches(self.face[chosen], self.place[chosen], bounds, self.near[chosen], self.noise[chosen])
+        bounds, beside = self.bounds[:, chosen], self.beside[..., chosen]
+        return FacePatches(self.face[chosen], self.place[chosen], bounds, beside, self.near[chosen], self.noise[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +82,7 @@ def face_patches(space: FaceSpace, nets: Floats, view: View, reach: float = 0.0)
     found = _Batch.concatenate(space, _batches(space, nets, view, rounding, reach))
     patches = found.some(np.flatnonzero(~found.line))
     lines = found.some(np.flatnonzero(found.line))
-    return _surfaces(patches, rounding), _edges(lines, view, rounding)
+    return _surfaces(space, patches, view, rounding, reach), _edges(lines, view, rounding)
 
 
 def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
@@ -97,12 +101,28 @@ def _batches(space: FaceSpace, nets: Floats, view: View, rounding: float, reach:
             check_time()
 
 
-def _surfaces(batch: _Batch, rounding: float) -> FacePatches:
+def _surfaces(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach: float) -> FacePatches:
     """Patches that are seen as surfaces."""
     place = np.moveaxis(batch.place, -1, 0)
     bounds = batch.pixels.transpose(0, 2, 1)
     near = batch.depth.min(axis=0)
-    return FacePatches(batch.face, place, bounds, near, rounding * batch.spread)
+    slack = _slack(batch.screen[2], rounding, view) + reach + _BESIDE
+    return FacePatches(batch.face, place, bounds, _beside(space, batch, slack), near, rounding * batch.spread)
+
+
+def _beside(space: FaceSpace, batch: _Batch, slack: Floats) -> Floats:
+    """(k, 3, n) lines as in FacePatches: those between the corners, moved outwards until no control point lies beyond.
+
+    slack  (n,) pixels within which these are known
+    """
+    x, y = batch.screen[:2] / batch.screen[2]
+    last, row = space.count - 1, space.degree
+    corners = [0, row, last] if len(space.halves) == 3 else [0, row, last, last - row]
+    across, down = x[np.roll(corners, -1)] - x[corners], y[np.roll(corners, -1)] - y[corners]
+    turned = across[0] * down[1] < down[0] * across[1]
+    a, b = np.where(turned, -down, down), np.where(turned, across, -across)
+    most = (a[:, None] * x + b[:, None] * y).max(axis=1)
+    return np.stack([a, b, most + slack * (np.abs(a) + np.abs(b))], axis=1)
 
 
 def _edges(batch: _Batch, view: View, rounding: float) -> Edges:

@@ -85,12 +85,16 @@ class FacesInView:
 
     choice  how they were chosen
     view    the view that ``in_view`` belongs to; None while it belongs to another choice
+    tiled   patches, tiles and what these list, by part, whether the tiles are all of the picture, and layout of patches
     """
 
     choice: tuple[str, ...] | Bools = ()
     chosen: list[_ChosenFaces] = field(default_factory=list)
     view: View | None = None
     in_view: list[tuple[FacePatches, Edges]] = field(default_factory=list)
+    tiled: dict[tuple[int, bool, np.dtype[Any]], tuple[NDArray[Any], NDArray[Any], NDArray[np.uint32]]] = field(
+        default_factory=dict
+    )
 
 
 class FaceDrawer:
@@ -226,11 +230,7 @@ class FaceDrawer:
             if number not in parts_seen:
                 continue
             kernel = device.kernel(stage, part, quantity)
-            patches = self._part_patches(view, select, number, kernel.dtype("patches"))
-            patches = patches[np.argsort(patches["near"], kind="stable")]
-
-            size = (view.width, view.height) if is_first else None
-            tiles, listed = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"), size)
+            patches, tiles, listed = self._tiled(view, select, number, kernel, is_first)
             if rows is not None:
                 tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
 
@@ -241,6 +241,32 @@ class FaceDrawer:
             counts = (tiles["end"] - tiles["first"]).astype(np.int64)
             yield _PartTiles(number, kernel, {**self.loaded.bindings(number, quantity), **buffers}, counts)
             is_first = False
+
+    def _tiled(
+        self, view: View, select: Sequence[str] | Bools, number: int, kernel: Kernel, is_first: bool
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.uint32]]:
+        """Records of patches of a part, near ones first; of tiles; which patches each tile lists. Kept for the view."""
+        key = number, is_first, kernel.dtype("patches")
+        if key not in self._last.tiled:
+            patches = self._part_patches(view, select, number, kernel.dtype("patches"))
+            order = np.argsort(patches["near"], kind="stable")
+            patches, size = patches[order], (view.width, view.height) if is_first else None
+            beside = self._part_lines(number)[..., order]
+            tiles, listed = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"), size, beside)
+            self._last.tiled[key] = patches, tiles, listed
+        return self._last.tiled[key]
+
+    def _part_lines(self, number: int) -> Floats:
+        """(4, 3, n) what FacePatches knows of lines beside the patches of a part; the first ones again of triangles."""
+        blocks = zip(self.faces.blocks, self._last.in_view, strict=True)
+        return np.concatenate(
+            [
+                patches.beside[np.arange(4) % len(patches.beside)]
+                for block, (patches, _) in blocks
+                if block.part == number
+            ],
+            axis=2,
+        )
 
     def _patches(self, view: View, select: Sequence[str] | Bools) -> list[tuple[FacePatches, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
@@ -262,6 +288,7 @@ class FaceDrawer:
                 in_view.append((own.sides.both(patches), edges))
             last.view = view
             last.in_view = in_view
+            last.tiled = {}
         return last.in_view
 
     def _chosen_rows(self, choice: tuple[str, ...] | Bools) -> list[Ints]:

@@ -61,6 +61,7 @@ class Sides:
             face=np.append(self.alone[patches.face], self.other[pair]),
             place=np.concatenate([patches.place, place]),
             bounds=np.concatenate([patches.bounds, patches.bounds[:, again]], axis=1),
+            beside=np.concatenate([patches.beside, patches.beside[..., again]], axis=2),
             near=np.append(patches.near, patches.near[again]),
             noise=np.append(patches.noise, patches.noise[again]),
         )
