@@ -131,7 +131,7 @@ def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny
 @pytest.mark.parametrize("shares", [2, 7])
 @pytest.mark.parametrize("count", [1, 5, 400, 1001])
 def test_shares_are_about_as_much_work(shares, count):
-    """Rows take turns at what rises, what is even stays as it is; here a share is a column and two turns longer at most."""
+    """Rows take turns at what rises, what is even stays; here a share is a column and two turns longer at most."""
     for work in (np.arange(count) ** 2, np.full(count, 3)):
         rows = rows_of(work, shares)
         turn = turn_of(count, rows)
