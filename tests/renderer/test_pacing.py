@@ -20,12 +20,11 @@ from elvis.renderer import (
     Style,
     Transfer,
     VolumeRendering,
-    device,
     pacing,
 )
 from elvis.renderer.adapters import Adapter
 from elvis.renderer.device import Kernel
-from elvis.renderer.pacing import Pace, rows_of, turn_of
+from elvis.renderer.pacing import Pace, grid_of, rows_of
 from elvis.renderer.passes.faces import faces
 from elvis.scene import time_limit
 
@@ -133,9 +132,7 @@ def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny
 def test_shares_are_about_as_much_work(shares, count):
     """Rows take turns at what rises, what is even stays; here a share is a column and two turns longer at most."""
     for work in (np.arange(count) ** 2, np.full(count, 3)):
-        rows = rows_of(work, shares)
-        turn = turn_of(count, rows)
-        columns = turn * -(-count // (rows * turn))
+        columns, rows, turn = grid_of(count, rows_of(work, shares))
         grid, number = np.zeros((rows, columns)), np.arange(count)
         grid[number // turn % rows, number // (turn * rows) * turn + number % turn] = work
         amounts = [share.sum() for share in np.array_split(grid.reshape(-1), shares)]
@@ -149,7 +146,7 @@ def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeyp
     monkeypatch.setattr(Adapter, "shares", shares)
     monkeypatch.setattr(pacing, "UNEVEN", 0.0)
     monkeypatch.setattr(pacing, "TURNS", 1)
-    monkeypatch.setattr(device, "GROUPS_IN_ROW", row)
+    monkeypatch.setattr(pacing, "GROUPS_IN_ROW", row)
     with Renderer("vulkan") as drawing:
         drawing.load(cube, "u")
         for own in SCENES.values():

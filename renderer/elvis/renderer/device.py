@@ -20,7 +20,7 @@ from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.layouts import dtype_of
 from elvis.renderer.memory import CLOSED, Buffer, Pool
-from elvis.renderer.pacing import Pace, Watch, rows_of, turn_of
+from elvis.renderer.pacing import Pace, Watch, grid_of, rows_of
 
 if TYPE_CHECKING:
     import slangpy
@@ -34,8 +34,6 @@ TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "vol
 COMPACT = ("line_draw", "trace_follow")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
-#: groups of a row: devices limit each direction of a grid
-GROUPS_IN_ROW = 32768
 #: degree of the polynomials that stand for what isn't one, over a sub-element
 STAND_IN = 4
 #: the same where it is known how far from them it may be
@@ -347,13 +345,11 @@ class Kernel:
             self._written[name] = argument
 
     def _dispatch(self, first: int, end: int, rows: int = 1) -> None:
-        """Run a range of groups, in a grid of so many rows, or as many as devices need."""
+        """Run a range of groups, in a grid of so many rows at least."""
         import slangpy
 
         assert self._device is not None
-        rows = max(rows, -(-(end - first) // GROUPS_IN_ROW))
-        turn = turn_of(end - first, rows)
-        columns = turn * -(-(end - first) // (rows * turn))
+        columns, rows, turn = grid_of(end - first, rows)
         self._write(EXTENT, (first, end, rows, turn))
         encoder = self._device.create_command_encoder()
         commands = encoder.begin_compute_pass()

@@ -19,6 +19,8 @@ FIRST = 256.0
 GROWTH = 8.0
 #: times the mean above which a processor's share of a dispatch is too much
 UNEVEN = 1.1
+#: groups of a row: devices limit each direction of a grid
+GROUPS_IN_ROW = 32768
 #: neighbouring groups that stay together at most, and how often each row has its turn at least
 NEIGHBOURS, TURNS = 32, 16
 
@@ -73,13 +75,14 @@ def rows_of(work: NDArray[Any], shares: int) -> int:
     return shares if amounts.max() > UNEVEN * amounts.mean() else 1
 
 
-def turn_of(count: int, rows: int) -> int:
-    """Neighbouring groups, a power of two, that each of some rows takes at a time.
+def grid_of(count: int, rows: int) -> tuple[int, int, int]:
+    """Columns and rows of a grid of groups, so many rows or as many as devices need, and what a row takes at a time.
 
-    What these write is in the same lines of a cache, for which processors would wait for one another.
+    That is a power of two of neighbours, which write to the same lines of a cache: processors would wait there.
     """
-    most = count // (rows * TURNS)
-    return min(NEIGHBOURS, 1 << max(most, 1).bit_length() - 1)
+    rows = max(rows, -(-count // GROUPS_IN_ROW))
+    turn = min(NEIGHBOURS, 1 << max(count // (rows * TURNS), 1).bit_length() - 1)
+    return turn * -(-count // (rows * turn)), rows, turn
 
 
 class Watch:
