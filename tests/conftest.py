@@ -68,11 +68,6 @@ LONG = (Path(__file__).parent / "long.txt").read_text(encoding="utf-8").split()
 SEED = os.environ.get("SAMPLE_SEED", "1")
 
 
-def pytest_xdist_auto_num_workers(config):
-    """One more than there are processors: some tests wait for the processes and pages that they start."""
-    return (os.cpu_count() or 1) + 1
-
-
 def pytest_configure(config):
     config.addinivalue_line("markers", "long: in a module of many seconds, which `make check` leaves out")
     config.addinivalue_line(

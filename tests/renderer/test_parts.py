@@ -200,7 +200,7 @@ def test_ranks_with_pictures_of_their_own_are_told(files):
     one, other = (("bent.xml", "bent.fld", "--faces", "all", "-o", name) for name in ("none1.png", "none2.png"))
     ranks = run(files, STARTER, "-n", "1", *ELVIS, *one, ":", "-n", "1", *ELVIS, *other)
     assert ranks.returncode == 1
-    assert ranks.stderr.startswith("elvis: error: part 2 of 2: expected the data and the scene of part 1, found others")
+    assert ranks.stderr.startswith("elvis: error: part 2 of 2: expected the data and the task of part 1, found others")
     assert not [path for path in files.iterdir() if "none" in path.name]
 
 
