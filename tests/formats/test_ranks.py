@@ -8,7 +8,7 @@ import pytest
 
 from elvis.core.integrals import integrate
 from elvis.core.norms import norms, quantity_norms
-from elvis.core.portions.ranks import Turns
+from elvis.core.portions.ranks import Turns, started_together
 from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
 from elvis.formats import Dataset, write
@@ -54,6 +54,21 @@ def bent():
     """All shapes, bent, with a field."""
     mesh = curved(mixed_volume(), ripple(0.05), 3)
     return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0] - p[:, 1] * p[:, 2] ** 2, 4),))
+
+
+@pytest.mark.parametrize(
+    ("environment", "count"),
+    [
+        ({}, 1),
+        ({"PMI_SIZE": "3"}, 3),
+        ({"PMI_SIZE": "3", "PMI_FD": "9999"}, 1),
+        ({"OMPI_COMM_WORLD_SIZE": "4"}, 4),
+        ({"SLURM_STEP_NUM_TASKS": "5", "PMIX_RANK": "0"}, 5),
+        ({"SLURM_STEP_NUM_TASKS": "5"}, 1),
+    ],
+)
+def test_processes_that_know_of_each_other_are_counted(environment, count):
+    assert started_together(environment) == count
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])

@@ -17,8 +17,9 @@ from elvis.core.errors import ElvisError
 from elvis.core.needing import require_module
 
 T = TypeVar("T")
-#: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM with PMIx
-_SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
+#: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM; what stands
+#: beside it where the processes know of each other, as SLURM counts others, too
+_SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "PMIX_RANK"}
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 _FOUND, _END = 1, 2
@@ -136,7 +137,8 @@ def started_together(environment: Mapping[str, str] = os.environ) -> int:
     channel = environment.get("PMI_FD", "")
     if channel.isdigit() and not _is_open(int(channel)):
         return 1
-    sizes = [environment[name] for name in _SIZES if environment.get(name, "").isdigit()]
+    known = (name for name, beside in _SIZES.items() if not beside or beside in environment)
+    sizes = [environment[name] for name in known if environment.get(name, "").isdigit()]
     return int(sizes[0]) if sizes else 1
 
 
