@@ -16,7 +16,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import FormatError
-from elvis.core.mapping.orientation import chunks, solid_vertices
+from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.mapping.skeleton import Skeleton
 from elvis.core.mapping.solids import solid_modes, solid_orders
 from elvis.core.mesh import Mesh
@@ -31,8 +31,6 @@ _CHUNK = 1 << 13
 
 #: meshes that many datasets have, such as the steps of a series, and what follows from them alone, as asked for
 _SHARED: WeakKeyDictionary[Mesh, dict[Hashable, Any]] = WeakKeyDictionary()
-#: vertices of solid elements in local order, which take longest to find
-_VERTICES: WeakKeyDictionary[Mesh, dict[Shape, Ints]] = WeakKeyDictionary()
 #: how much is kept for a mesh: what was used last
 _MOST_KEPT = 32
 
@@ -222,14 +220,10 @@ def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assemb
 
 
 def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:
-    if shape.dimension == 1:
-        return skeleton.mesh.of(shape).members
+    """`local_vertices`, from the skeleton's faces."""
     if shape.dimension == 2:
         return skeleton.faces[shape]
-    known = _VERTICES.setdefault(skeleton.mesh, {})
-    if shape not in known:
-        known[shape] = frozen_ints(solid_vertices(skeleton.mesh, shape, skeleton.faces))
-    return known[shape]
+    return local_vertices(skeleton.mesh, shape, lambda: skeleton.faces)
 
 
 def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:

@@ -5,13 +5,14 @@ Format notes 1.4 and 2.3.  Files tie elements to faces and faces to edges; local
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, sorted_columns
+from elvis.core.arrays import Bools, Floats, Ints, frozen_ints, sorted_columns
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
@@ -20,6 +21,9 @@ from elvis.core.shapes import Shape
 CHUNK = 1 << 16
 #: and where several arrays of them should stay in a processor's cache
 _FEW = 1 << 14
+
+#: `local_vertices` of the volume elements of meshes, which take longest to find: once each
+_OF_SOLIDS: WeakKeyDictionary[Mesh, dict[Shape, Ints]] = WeakKeyDictionary()
 
 #: corners of a face's own frame, in the order of its vertices
 _CORNERS = Shape.QUADRILATERAL.vertices.astype(np.int64)
@@ -40,9 +44,10 @@ def even_chunks(count: int, least: int) -> Iterator[slice]:
     return (slice(*pair) for pair in pairwise(ends))
 
 
-def local_vertices(mesh: Mesh, shape: Shape) -> Ints:
+def local_vertices(mesh: Mesh, shape: Shape, faces: Callable[[], Mapping[Shape, Ints]] | None = None) -> Ints:
     """(n, n_vertices) vertex rows of all entities of a shape, in the local order of `Shape`.
 
+    faces  gives `polygon_vertices` of the triangles and of the quadrilaterals, where these are at hand
     FormatError, naming the entity, where edges don't close to a polygon or faces not to the shape, and where a
     triangle's collapsed vertex isn't where its volume element has it.
     """
@@ -50,7 +55,11 @@ def local_vertices(mesh: Mesh, shape: Shape) -> Ints:
         return mesh.of(shape).members
     if shape.dimension == 2:
         return polygon_vertices(mesh, shape)
-    return solid_vertices(mesh, shape, {s: polygon_vertices(mesh, s) for s in Shape.of_dimension(2)})
+    known = _OF_SOLIDS.setdefault(mesh, {})
+    if shape not in known:
+        polygons = faces() if faces else {s: polygon_vertices(mesh, s) for s in Shape.of_dimension(2)}
+        known[shape] = frozen_ints(_solid_vertices(mesh, shape, polygons))
+    return known[shape]
 
 
 def face_shape(local: tuple[int, ...]) -> Shape:
@@ -122,11 +131,8 @@ def _free_ends(mesh: Mesh, shape: Shape, part: slice) -> Ints:
     return vertices
 
 
-def solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> Ints:
-    """(n, n_vertices) vertex rows of all volume elements of a shape: `local_vertices`.
-
-    polygons  `polygon_vertices` of the triangles and of the quadrilaterals
-    """
+def _solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> Ints:
+    """(n, n_vertices) vertex rows of all volume elements of a shape: `local_vertices`."""
     result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.int64)
     for part in chunks(len(result), _FEW):
         faces = _solid_faces(mesh, shape, part, polygons)
