@@ -150,7 +150,7 @@ def test_values_at_nodes_are_those_of_the_quantity(renderer, shape):
     level = Level(View.through(CAMERA, (8, 8)), 0, None, 1.0, drawer.loaded.bindings(0, None))
     portion, elements = next(drawer.portions(level))
     elements["centre"], elements["half"] = rng.uniform(-0.8, -0.5, (len(elements), 3)), 0.1
-    drawer.find_points(portion, device.buffer(elements), device.buffer(np.array([len(elements)], np.uint32)), 8)
+    drawer.find_points(portion, device.buffer(elements), len(elements))
     points = device.read(portion.buffers["grid"], np.float64).reshape(-1, 8**3, 4)[: len(elements)]
     for element, own in zip(elements["element"], points, strict=True):
         alone = sample(dataset, ["q_criterion"], own[:, :3], all=True)

@@ -68,10 +68,9 @@ class Pace:
 
 def rows_of(work: NDArray[Any], shares: int) -> int:
     """Rows of a grid that take turns, so that contiguous shares are as much work (n,); one where they are so anyway."""
-    if len(work) <= shares:
-        return len(work)
-    ends = np.cumsum(work + 1.0)
-    amounts = np.diff(ends[np.arange(1, shares + 1) * len(work) // shares - 1], prepend=0.0)
+    if shares == 1 or len(work) <= shares:
+        return min(len(work), shares)
+    amounts = np.add.reduceat(work + 1.0, np.arange(shares) * len(work) // shares)
     return shares if amounts.max() > UNEVEN * amounts.mean() else 1
 
 

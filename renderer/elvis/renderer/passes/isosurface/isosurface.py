@@ -209,7 +209,7 @@ class IsosurfaceDrawer:
         self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
         sifted = int(self.device.read(lists["sifted_count"], np.uint32)[0])
         if is_enclosed:
-            self.find_points(level, lists["sifted"], lists["sifted_count"], sifted)
+            self.find_points(level, lists["sifted"], sifted)
         split(sifted, lists)
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
@@ -279,17 +279,16 @@ class IsosurfaceDrawer:
         """Sub-elements whose points and series the device has room for."""
         return _OF_POINTS // (4 * self._nodes_of_line(level) ** 3)
 
-    def find_points(self, level: Level, sub_elements: Buffer, count: Buffer, most: int, offset: int = 0) -> None:
-        """Map and quantity at the nodes of sub-elements: of ``count``, which are ``most`` at most, from one on."""
+    def find_points(self, level: Level, sub_elements: Buffer, count: int, offset: int = 0) -> None:
+        """Map and quantity at the nodes of ``count`` sub-elements, from one on."""
         kernel = self._kernel("iso_points", level.number, level.quantity)
         lists = {
             **self._constants(level.number, level.quantity),
             **level.buffers,
             "level_view": self._level_view(kernel, level, offset=offset),
             "sub_elements": sub_elements,
-            "grid_count": count,
         }
-        kernel(most, lists, groups=True)
+        kernel(count, lists, groups=True)
 
     def _chunks(self, level: Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
         """Sub-elements that are drawn together: as many as the device has room for the series of."""
@@ -351,7 +350,7 @@ class IsosurfaceDrawer:
         most = self._points_at_once(level)
         for first in range(0, len(sub_elements), most):
             count = min(most, len(sub_elements) - first)
-            self.find_points(level, on_device, self.device.buffer(np.array([count], np.uint32)), count, first)
+            self.find_points(level, on_device, count, first)
             kernel(count, {**lists, "level_view": self._level_view(kernel, level, count=count, offset=first)})
         return fits
 
