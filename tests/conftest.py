@@ -141,6 +141,37 @@ def nektar():
     return DATA
 
 
+class Started:
+    """Runs of the command line in processes of their own, in a folder."""
+
+    elvis = (sys.executable, "-c", "from elvis.plugins.command import main; main()")
+    _mpiexec = Path(sys.executable).with_name("mpiexec")
+
+    def alone(self, folder, *words):
+        """One process."""
+        return self._run(folder, *self.elvis, *words)
+
+    def ranks(self, folder, *parts):
+        """So many processes together for each part, a number and words."""
+        return self.processes(folder, *((count, *self.elvis, *words) for count, *words in parts))
+
+    def processes(self, folder, *parts):
+        """The same of any commands."""
+        if not self._mpiexec.exists():
+            pytest.skip("there is no mpiexec beside Python")
+        several = [word for count, *words in parts for word in (":", "-n", str(count), *words)]
+        return self._run(folder, self._mpiexec, *several[1:])
+
+    def _run(self, folder, *command):
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="session")
+def started():
+    """Commands in processes of their own, alone or under mpiexec."""
+    return Started()
+
+
 @pytest.fixture(scope="session")
 def devices():
     """``devices(name)`` in place of ``Device(name)``: each is opened once and stays open, so that slang, which no cache

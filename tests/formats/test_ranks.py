@@ -1,15 +1,13 @@
 """Work that ranks share comes to what one process finds: norms and points to the bit, integrals to their errors."""
 
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from elvis.core.integrals import integrate
 from elvis.core.norms import norms, quantity_norms
-from elvis.core.portions.ranks import Turns, started_together
 from elvis.core.quantities import Expression
+from elvis.core.ranks import Turns, started_together
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
 from elvis.formats import Dataset, write
 
@@ -21,8 +19,6 @@ TARGETS = (
     "u=0.2",
     "line:0.1,0.1,0.1:0.8,0.7,0.9",
 )
-ELVIS = (sys.executable, "-c", "from elvis.plugins.command import main; main()")
-STARTER = Path(sys.executable).with_name("mpiexec")
 
 
 class Played:
@@ -109,26 +105,22 @@ def test_what_is_clipped_is_shared(bent):
 def files(bent, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ranks")
     write(bent, folder / "bent.xml", folder / "bent.fld")
-    (folder / "damaged.fld").write_text("no field")
     return folder
 
 
-def run(folder, *arguments):
-    return subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
-
-
-needs_mpi = pytest.mark.skipif(not STARTER.exists(), reason="there is no mpiexec beside Python")
-
-
-@needs_mpi
 @pytest.mark.parametrize(
     "words",
-    [("norms", "--json"), ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"), ("integrate", "--field", "1")],
+    [
+        ("norms", "--json"),
+        ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"),
+        ("integrate", "--field", "1"),
+        ("info",),
+    ],
     ids=lambda words: words[0],
 )
-def test_a_table_is_printed_once_and_is_that_of_one_process(files, words):
-    command = (*ELVIS, words[0], "bent.xml", "bent.fld", *words[1:])
-    alone, ranks = run(files, *command), run(files, STARTER, "-n", "2", *command)
+def test_a_table_is_printed_once_and_is_that_of_one_process(files, started, words):
+    command = (words[0], "bent.xml", "bent.fld", *words[1:])
+    alone, ranks = started.alone(files, *command), started.ranks(files, (2, *command))
     assert (ranks.returncode, ranks.stderr) == (0, alone.stderr)
     if words[0] == "integrate":
         assert float(ranks.stdout.split()[-3]) == pytest.approx(float(alone.stdout.split()[-3]), rel=1e-14)
@@ -136,13 +128,30 @@ def test_a_table_is_printed_once_and_is_that_of_one_process(files, words):
         assert ranks.stdout == alone.stdout
 
 
-@needs_mpi
-def test_a_rank_that_fails_names_its_part_and_nothing_is_written(files):
-    good, bad = (
-        ("integrate", "bent.xml", name, "--field", "u", "-o", "none.csv") for name in ("bent.fld", "damaged.fld")
-    )
-    ranks = run(files, STARTER, "-n", "1", *ELVIS, *good, ":", "-n", "1", *ELVIS, *bad)
-    assert ranks.returncode == 1
+@pytest.mark.parametrize(
+    ("words", "status"), [("integrate bent.xml", 2), ("convert --wrong", 2), ("info none.xml", 1)], ids=str
+)
+def test_what_is_wrong_is_told_once(files, started, words, status):
+    ranks = started.ranks(files, (3, *words.split()))
+    assert (ranks.returncode, ranks.stdout) == (status, "")
     (sentence,) = ranks.stderr.splitlines()
-    assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld: expected")
-    assert not (files / "none.csv").exists()
+    assert sentence.startswith("elvis: error: ")
+
+
+def test_ranks_with_commands_of_their_own_are_told(files, started):
+    one, other = (("convert", "bent.xml", "bent.fld", "-o", name) for name in ("none1.xml", "none2.xml"))
+    ranks = started.ranks(files, (1, *one), (1, *other))
+    assert ranks.returncode == 1
+    assert ranks.stderr.startswith("elvis: error: part 2 of 2: expected the data and the task of part 1, found others")
+    assert not [path for path in files.iterdir() if "none" in path.name]
+
+
+def test_what_a_rank_starts_is_none(started, tmp_path):
+    """Though it takes over the channel to the starter, which MPICH closes, Open MPI keeps open."""
+    count = "from elvis.core.ranks import started_together; print(started_together())"
+    start = (
+        "import os, subprocess, sys; from elvis.core.ranks import ranks_of_run; channel = int(os.environ['PMI_FD']);"
+        f"ranks_of_run(); subprocess.run([sys.executable, '-c', {count!r}], pass_fds=[channel], check=True)"
+    )
+    ranks = started.processes(tmp_path, (2, sys.executable, "-c", start))
+    assert (ranks.returncode, ranks.stdout, ranks.stderr) == (0, "1\n1\n", "")

@@ -1,9 +1,7 @@
 """Pictures of data in parts are those of the whole, to the byte, however the data are cut."""
 
-import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -176,48 +174,36 @@ def files(bent, tmp_path_factory):
     return folder
 
 
-ELVIS = (sys.executable, "-c", "from elvis.plugins.command import main; main()", "render")
-STARTER = Path(sys.executable).with_name("mpiexec")
-needs_mpi = pytest.mark.skipif(not STARTER.exists(), reason="there is no mpiexec beside Python")
-
-
-def run(folder, *arguments):
-    return subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
-
-
-@needs_mpi
-def test_ranks_write_what_one_process_writes(files):
-    arguments = ("bent.xml", "bent.fld", "--faces", "all", "--camera", "iso", "--size", "96x72")
-    alone = run(files, *ELVIS, *arguments, "-o", "1.png", "-o", "1.npz")
-    ranks = run(files, STARTER, "-n", "3", *ELVIS, *arguments, "-o", "3.png", "-o", "3.npz")
+def test_ranks_write_what_one_process_writes(files, started):
+    arguments = ("render", "bent.xml", "bent.fld", "--faces", "all", "--camera", "iso", "--size", "96x72")
+    alone = started.alone(files, *arguments, "-o", "1.png", "-o", "1.npz")
+    ranks = started.ranks(files, (3, *arguments, "-o", "3.png", "-o", "3.npz"))
     assert (alone.returncode, ranks.returncode, ranks.stderr) == (0, 0, alone.stderr)
     for suffix in ("png", "npz"):
         assert (files / f"3.{suffix}").read_bytes() == (files / f"1.{suffix}").read_bytes()
 
 
-@needs_mpi
-def test_ranks_with_pictures_of_their_own_are_told(files):
-    one, other = (("bent.xml", "bent.fld", "--faces", "all", "-o", name) for name in ("none1.png", "none2.png"))
-    ranks = run(files, STARTER, "-n", "1", *ELVIS, *one, ":", "-n", "1", *ELVIS, *other)
+def test_ranks_with_pictures_of_their_own_are_told(files, started):
+    one, other = (
+        ["render", "bent.xml", "bent.fld", "--faces", "all", "-o", name] for name in ("none1.png", "none2.png")
+    )
+    ranks = started.ranks(files, (1, *one), (1, *other))
     assert ranks.returncode == 1
     assert ranks.stderr.startswith("elvis: error: part 2 of 2: expected the data and the task of part 1, found others")
     assert not [path for path in files.iterdir() if "none" in path.name]
 
 
-@needs_mpi
-def test_what_a_rank_starts_draws_its_own_picture(files):
-    render = [*ELVIS, "bent.xml", "bent.fld", "--faces", "all", "--size", "96x72", "-o", "own.png"]
+def test_what_a_rank_starts_draws_its_own_picture(files, started):
+    render = [*started.elvis, "render", "bent.xml", "bent.fld", "--faces", "all", "--size", "96x72", "-o", "own.png"]
     starts = f"import subprocess, sys; sys.exit(subprocess.run({render!r}).returncode)"
-    nothing = [sys.executable, "-c", ""]
-    ranks = run(files, STARTER, "-n", "1", sys.executable, "-c", starts, ":", "-n", "1", *nothing)
+    ranks = started.processes(files, (1, sys.executable, "-c", starts), (1, sys.executable, "-c", ""))
     assert (ranks.returncode, ranks.stderr) == (0, "")
     assert (files / "own.png").exists()
 
 
-@needs_mpi
-def test_a_rank_that_fails_names_its_part_and_its_reason(files):
-    good, bad = (("bent.xml", field, "-o", "none.png") for field in ("bent.fld", "damaged.fld"))
-    ranks = run(files, STARTER, "-n", "1", *ELVIS, *good, ":", "-n", "1", *ELVIS, *bad)
+def test_a_rank_that_fails_names_its_part_and_its_reason(files, started):
+    good, bad = (("render", "bent.xml", field, "-o", "none.png") for field in ("bent.fld", "damaged.fld"))
+    ranks = started.ranks(files, (1, *good), (1, *bad))
     assert ranks.returncode == 1
     (sentence,) = ranks.stderr.splitlines()
     assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld: expected")

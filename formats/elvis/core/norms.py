@@ -15,9 +15,9 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.cubature import Cubature, field_cubature, rule_cubature
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count
-from elvis.core.portions.ranks import ALONE, Ranks, Turns
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.ranks import ALONE, Ranks, Turns
 from elvis.core.shapes import Shape
 
 AXES = ("x", "y", "z")
@@ -63,11 +63,8 @@ def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
             _add_fields(list(fields.values()), patch, expansion, turns)
         for rule, members in _coordinate_rules(dataset, patch):
             _add_coordinates(coordinates, space, patch, rule, members, turns)
-    sums = _gathered(dict(zip(axes, coordinates, strict=True)) | fields, dataset, ranks)
-    empty = [name for name, total in sums.items() if not total.count]
-    if empty:
-        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
-    return {name: total.norm() for name, total in sums.items() if name not in dataset.map_names}
+    found = _gathered(dict(zip(axes, coordinates, strict=True)) | fields, dataset, ranks)
+    return {name: norm for name, norm in found.items() if name not in dataset.map_names}
 
 
 def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: Ranks = ALONE) -> dict[str, Norm]:
@@ -81,18 +78,18 @@ def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: R
     for each in expressions:
         for number, values, measure in _quadrature(dataset, each, np.inf, Turns(ranks)):
             sums[each.text].add(number, values, measure)
-    sums = _gathered(sums, dataset, ranks)
-    empty = [name for name, total in sums.items() if not total.count]
-    if empty:
-        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
-    return {name: total.norm() for name, total in sums.items()}
+    return _gathered(sums, dataset, ranks)
 
 
-def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks) -> dict[str, _Sum]:
-    """What all ranks know of functions by name; nothing elsewhere than at the first one."""
+def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks) -> dict[str, Norm]:
+    """The norms of functions by name, of what all ranks know; nothing elsewhere than at the first one."""
     elements = sum(map(len, dataset.mesh.elements.values()))
     every = ranks.gather(sums, f"norms of {', '.join(sums)} on {elements} elements")
-    return {name: _Sum.of([own[name] for own in every]) for name in sums} if every else {}
+    whole = {name: _Sum.of([own[name] for own in every]) for name in sums} if every else {}
+    empty = [name for name, total in whole.items() if not total.count]
+    if empty:
+        raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
+    return {name: total.norm() for name, total in whole.items()}
 
 
 def integration_points(

@@ -9,12 +9,15 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from typing import Any
 
 import click
 
 from elvis.core.errors import ElvisError, fault_sentence
+from elvis.core.ranks import ALONE, Alone, MpiRanks, is_idle, ranks_of_run
 from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.registry import Plugin, PluginError, plugins
@@ -22,9 +25,14 @@ from elvis.plugins.registry import Plugin, PluginError, plugins
 
 @dataclass
 class Settings:
-    """What holds for the whole run; ``debug`` shows the traceback of a failure."""
+    """What holds for the whole run.
+
+    debug  whether the traceback of a failure is shown
+    ranks  the processes that run the same command
+    """
 
     debug: bool
+    ranks: Alone | MpiRanks = ALONE
 
 
 def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
@@ -33,29 +41,40 @@ def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     with warnings.catch_warnings():
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
-        return _status(arguments, settings, interrupts)
+        try:
+            status, sentence = _outcome(arguments, settings, interrupts)
+        except BaseException:
+            settings.ranks.abort(1)
+            raise
+    if sentence:
+        # with nothing in it that a terminal would act on
+        print("elvis: error:", one_line(sentence), file=sys.stderr)
+    if status == INTERRUPTED:
+        settings.ranks.abort(status)
+    return settings.ranks.end(status, sentence)
 
 
-def _status(arguments: Sequence[str] | None, settings: Settings, interrupts: Interrupts) -> int:
-    """Run the command to its end and return the exit status; failures print one line."""
+def _outcome(arguments: Sequence[str] | None, settings: Settings, interrupts: Interrupts) -> tuple[int, str]:
+    """Run the command to its end: the exit status, and for a failure one sentence."""
     try:
+        settings.ranks = ranks_of_run()
         status = elvis.main(arguments, prog_name="elvis", standalone_mode=False, obj=settings)
         sys.stdout.flush()
     except BrokenPipeError:
         _forget_broken_stdout()
-        return 1
+        return 1, ""
     except (KeyboardInterrupt, click.Abort):
-        return _say("interrupted", INTERRUPTED)
+        return INTERRUPTED, "interrupted"
     except click.ClickException as error:
-        return _say(_usage_sentence(error), error.exit_code)
+        return error.exit_code, _usage_sentence(error)
     except Exception as error:
         if settings.debug:
             sys.excepthook(type(error), error, error.__traceback__)
         is_broken = _forget_broken_stdout()
         if interrupts.asked:
-            return _say("interrupted", INTERRUPTED)  # which a library has made something else of
-        return _say(f"standard output: {sentence_of(error)}" if is_broken else sentence_of(error), 1)
-    return status if isinstance(status, int) else 0
+            return INTERRUPTED, "interrupted"  # which a library has made something else of
+        return 1, f"standard output: {sentence_of(error)}" if is_broken else sentence_of(error)
+    return status if isinstance(status, int) else 0, ""
 
 
 def sentence_of(error: Exception) -> str:
@@ -78,12 +97,6 @@ def _usage_sentence(error: click.ClickException) -> str:
     return f"{message} (see {context.command_path} --help)" if context else message
 
 
-def _say(sentence: str, status: int) -> int:
-    """Print one line on standard error, with nothing in it that a terminal would act on, and pass the status on."""
-    print("elvis: error:", one_line(sentence), file=sys.stderr)
-    return status
-
-
 def _forget_broken_stdout() -> bool:
     """Point standard output at nothing where it can't be written, lest the flush at exit say so; whether so."""
     try:
@@ -92,6 +105,22 @@ def _forget_broken_stdout() -> bool:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
     return False
+
+
+def shared(command: Callable[..., None]) -> Callable[..., None]:
+    """A command that ranks share, which it gets as ``ranks``; without this the first rank does all."""
+
+    @wraps(command)
+    def with_ranks(*arguments: Any, **options: Any) -> None:
+        settings = click.get_current_context().find_object(Settings)
+        command(*arguments, ranks=settings.ranks if settings else ALONE, **options)
+
+    vars(with_ranks)[_SHARED] = True
+    return with_ranks
+
+
+#: attribute of what is shared
+_SHARED = "is_shared"
 
 
 def _debug_option() -> click.Option:
@@ -193,6 +222,12 @@ def elvis(context: click.Context) -> None:
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
+        return
+    command = elvis.get_command(context, context.invoked_subcommand)
+    is_shared = command is not None and hasattr(command.callback, _SHARED)
+    settings = context.find_object(Settings)
+    if settings is not None and not is_shared and is_idle(settings.ranks):
+        context.exit()
 
 
 elvis.params.append(_debug_option())

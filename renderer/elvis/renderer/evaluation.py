@@ -22,9 +22,9 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.portions.ranks import ALONE, Ranks, is_idle
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
+from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.core.streamlines import Streamlines, trace
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume

@@ -16,7 +16,7 @@ from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset
 from elvis.core.portions.partition import along_curve
 from elvis.core.portions.portion import Portion, unite
-from elvis.core.portions.ranks import Ranks
+from elvis.core.ranks import Ranks
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance

@@ -17,10 +17,10 @@ from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.integrals.refinement import Summation, Sums
 from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap, shared
-from elvis.core.portions.ranks import ALONE, Ranks
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress
 
 #: error that is asked for where nothing else is, in parts of the integral of the absolute value

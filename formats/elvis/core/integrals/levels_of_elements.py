@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.level_boxes import LevelBoxes, joined
@@ -65,6 +65,10 @@ class LevelPiece:
     def dimension(self) -> int:
         """That of the elements, of surfaces one less."""
         return self.piece.dimension - (not self.is_filled)
+
+    def part(self, chosen: Ints | Bools) -> LevelPiece:
+        """Some of the elements."""
+        return replace(self, piece=self.piece.part(chosen))
 
 
 @dataclass(frozen=True, eq=False)

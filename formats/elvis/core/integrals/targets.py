@@ -19,7 +19,7 @@ from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
 from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
-from elvis.core.portions.ranks import Ranks
+from elvis.core.ranks import Ranks
 
 #: what stands for all elements, before the name of a region, and before the id of an element whose faces are meant
 DOMAIN, REGION, ELEMENT = "domain", "region:", "element:"
@@ -216,7 +216,6 @@ def shared(pieces: Sequence[Part], ranks: Ranks) -> list[Part]:
         if isinstance(piece, CurvePiece):
             found += [] if ranks.rank else [piece]
             continue
-        rows = np.arange(ranks.rank, len(piece), ranks.size)
-        own = piece.part(rows) if isinstance(piece, Piece) else replace(piece, piece=piece.piece.part(rows))
+        own = piece.part(np.arange(ranks.rank, len(piece), ranks.size))
         found += [own] if len(own) else []
     return found

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
+from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
@@ -81,8 +83,10 @@ Examples:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .parquet.")
 @overwrite_option
 @data_options
+@shared
 def integrate(
     data: Data,
+    ranks: Ranks,
     quantities: tuple[str, ...],
     over: tuple[str, ...],
     error: float,
@@ -104,9 +108,6 @@ def integrate(
     average(EXPR), and the vectors force, pressure_force, viscous_force and moment, of all of which 2D data have those
     of a unit span.
     """
-    from elvis.core.portions.ranks import ALONE, is_idle, ranks_of_run
-    from elvis.plugins.running import sentence_of
-
     if not quantities and coefficients is None:
         raise click.UsageError(
             "expected --field, what is to be integrated, or --coefficients", click.get_current_context()
@@ -115,25 +116,25 @@ def integrate(
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
-    with ranks_of_run(sentence_of) as ranks:
-        _check_outputs(output, plot, data.inputs(), overwrite)
-        if (bins is not None or times is not None) and is_idle(ranks):
+    _check_outputs(output, plot, data.inputs(), overwrite)
+    if bins is not None or times is not None:
+        if is_idle(ranks):
             return
-        if bins is not None:
-            _check_histogram(quantities, over, coefficients, clip, times)
-            _histogram(data, quantities, bins, plot, as_json, output)
-            return
-        shared = ranks if times is None else ALONE
+        ranks = ALONE
+    if bins is not None:
+        _check_histogram(quantities, over, coefficients, clip, times)
+        _histogram(data, quantities, bins, plot, as_json, output)
+        return
 
-        def integrals(source: Source, progress: Progress | None = None) -> Integrals:
-            return source.integrate(quantities, over, error, coefficients, clip, progress, shared)
+    def integrals(source: Source, progress: Progress | None = None) -> Integrals:
+        return source.integrate(quantities, over, error, coefficients, clip, progress, ranks)
 
-        # surfaces, clips and coefficients may be made of other fields
-        is_all = clip is None and coefficients is None and not any("=" in each for each in over)
-        wanted = quantities if is_all else ()
-        found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
-        if not ranks.rank:
-            _show(found, plot, output, as_json)
+    # surfaces, clips and coefficients may be made of other fields
+    is_all = clip is None and coefficients is None and not any("=" in each for each in over)
+    wanted = quantities if is_all else ()
+    found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
+    if not ranks.rank:
+        _show(found, plot, output, as_json)
 
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.core.arguments import field_option, json_option
+from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.norms import Norm
+    from elvis.core.ranks import Ranks
 
 EPILOG = """\b
 Examples:
@@ -25,7 +27,8 @@ Examples:
 @field_option
 @json_option
 @data_options
-def norms(data: Data, quantities: tuple[str, ...], as_json: bool) -> None:
+@shared
+def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) -> None:
     """Print the L2 and maximum norm of each coordinate and each field over the domain.
 
     The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
@@ -34,17 +37,14 @@ def norms(data: Data, quantities: tuple[str, ...], as_json: bool) -> None:
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
-    from elvis.core.portions.ranks import ranks_of_run
     from elvis.core.terminal import stage
-    from elvis.plugins.running import sentence_of
 
-    with ranks_of_run(sentence_of) as ranks:
-        source = data.source()
-        with stage("integrating"):
-            found = source.norms(quantities or None, ranks)
-        if found:
-            _tell_measure(quantities, found)
-            _print(found, as_json)
+    source = data.source()
+    with stage("integrating"):
+        found = source.norms(quantities or None, ranks)
+    if found:
+        _tell_measure(quantities, found)
+        _print(found, as_json)
 
 
 def _print(found: Mapping[str, Norm], as_json: bool) -> None:

@@ -21,13 +21,14 @@ from elvis.core.arguments import (
     triples,
 )
 from elvis.core.errors import ElvisError
+from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
-    from elvis.core.portions.ranks import Ranks
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
 
@@ -128,8 +129,10 @@ Examples:
 )
 @overwrite_option
 @data_options
+@shared
 def probe(
     data: Data,
+    ranks: Ranks,
     points: str | None,
     single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
@@ -155,35 +158,31 @@ def probe(
     or the components of a vector. With --times the first column is the time, and all points follow for each; with
     --along it is the length of the curve up to the point; --plot draws them.
     """
-    from elvis.core.portions.ranks import ALONE, is_idle, ranks_of_run
-    from elvis.plugins.running import sentence_of
-
     is_grid = grid is not None or box is not None
-    with ranks_of_run(sentence_of) as ranks:
-        _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
-        if plot is not None and ((times is None) == (along is None) or every):
-            raise click.UsageError(
-                "expected --plot with --times or --along, and without --all", click.get_current_context()
-            )
-        if (is_grid or times is not None or points == "-") and is_idle(ranks):
+    _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
+    if plot is not None and ((times is None) == (along is None) or every):
+        raise click.UsageError(
+            "expected --plot with --times or --along, and without --all", click.get_current_context()
+        )
+    if is_grid or times is not None or points == "-":
+        if is_idle(ranks):
             return
-        if is_grid:
-            others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
-            asked = Asked(texts_of(fields, quantities), clip=clip)
-            _write_grid(data, asked, grid, box, output, alone=not others and not every)
-            return
-        asked = Asked(texts_of(fields, quantities), every, clip, ranks if points != "-" else ALONE)
-        if along is not None:
-            if any(way is not None for way in (points, single or None, line, plane, times)):
-                raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-            places, columns = _along(data.source(asked.quantities), along, counts, asked)
-        else:
-            places = _places(points, single, line, plane, counts)
-            columns = (
-                _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
-            )
-        if not ranks.rank:
-            _show(columns, places, plot, output)
+        ranks = ALONE
+    if is_grid:
+        others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
+        asked = Asked(texts_of(fields, quantities), clip=clip)
+        _write_grid(data, asked, grid, box, output, alone=not others and not every)
+        return
+    asked = Asked(texts_of(fields, quantities), every, clip, ranks)
+    if along is not None:
+        if any(way is not None for way in (points, single or None, line, plane, times)):
+            raise click.UsageError("expected --along without other points and --times", click.get_current_context())
+        places, columns = _along(data.source(asked.quantities), along, counts, asked)
+    else:
+        places = _places(points, single, line, plane, counts)
+        columns = _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
+    if not ranks.rank:
+        _show(columns, places, plot, output)
 
 
 def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | None) -> None:
@@ -208,13 +207,13 @@ class Asked:
     texts  quantities; None for all fields
     every  whether every element that holds a point has a row
     clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
-    ranks  that share the points; None is one process
+    ranks  that share the points
     """
 
     texts: list[str] | None
     every: bool = False
     clip: str | None = None
-    ranks: Ranks | None = None
+    ranks: Ranks = ALONE
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -328,10 +327,9 @@ def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
     """The table: what was asked, what was found, and one column a quantity; without rows but at the first rank."""
     import numpy as np
 
-    from elvis.core.portions.ranks import ALONE
     from elvis.core.terminal import stage
 
-    wanted, ranks = _check(source.expressions(asked.texts)), asked.ranks or ALONE
+    wanted, ranks = _check(source.expressions(asked.texts)), asked.ranks
     first, end = (number * len(places) // ranks.size for number in (ranks.rank, ranks.rank + 1))
     with stage(f"probing {len(places)} points"):
         own = dict(asked.of(source, places[first:end], wanted))

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import cache_option, overwrite_option
+from elvis.plugins.running import shared
 from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
-    from elvis.core.portions.ranks import Ranks
+    from elvis.core.ranks import Ranks
     from elvis.plugins.opening import PluginData
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
@@ -65,7 +66,9 @@ Examples:
 @click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
 @overwrite_option
 @cache_option
+@shared
 def render(
+    ranks: Ranks,
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
     save_scene: Path | None,
@@ -78,27 +81,24 @@ def render(
     Without --output the picture takes the name of the scene or of the first file, in the current folder, and a number
     where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
-    from elvis.core.portions.ranks import ranks_of_run
     from elvis.core.terminal import say
-    from elvis.plugins.running import sentence_of
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed, panels
 
-    with ranks_of_run(sentence_of) as ranks:
-        scene = composed(data, options, settings)
-        is_named = bool(scene.outputs)
-        scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
-        _check_places(scene, data, save_scene, overwrite)
-        scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
-        opened = _opened(scenes, not no_cache, ranks)
-        if ranks.rank:
-            return
-        frames, notes = _frames(scenes, opened)
-        _write(frames, scene, save_scene)
-        for frame in frames:
-            _report(frame, notes)
-        if not is_named:
-            say(f"wrote {scene.outputs[0]}")
+    scene = composed(data, options, settings)
+    is_named = bool(scene.outputs)
+    scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
+    _check_places(scene, data, save_scene, overwrite)
+    scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
+    opened = _opened(scenes, not no_cache, ranks)
+    if ranks.rank:
+        return
+    frames, notes = _frames(scenes, opened)
+    _write(frames, scene, save_scene)
+    for frame in frames:
+        _report(frame, notes)
+    if not is_named:
+        say(f"wrote {scene.outputs[0]}")
 
 
 def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:

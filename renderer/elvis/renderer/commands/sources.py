@@ -22,6 +22,7 @@ from elvis.core.arguments import (
     step_option,
     time_option,
 )
+from elvis.core.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
-    from elvis.core.portions.ranks import Ranks
     from elvis.core.quantities import Expression, Names
     from elvis.core.streamlines import Streamlines
     from elvis.core.terminal import Progress
@@ -226,13 +226,12 @@ class NativeSource:
         coefficients: str | None = None,
         clip: str | None = None,
         progress: Progress | None = None,
-        ranks: Ranks | None = None,
+        ranks: Ranks = ALONE,
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import integrate
-        from elvis.core.portions.ranks import ALONE
 
-        return integrate(self.dataset, texts, over, error, coefficients, clip, progress, ranks or ALONE)
+        return integrate(self.dataset, texts, over, error, coefficients, clip, progress, ranks)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""

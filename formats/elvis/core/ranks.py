@@ -1,4 +1,4 @@
-"""The processes that work at one picture, or one table, together: alone, or the ranks of a run under mpiexec.
+"""The processes that run one command together: alone, or the ranks of a run under mpiexec.
 
 Three operations are enough: who am I, what have all found (`gather`), how did it end (`share`).  Waiting takes no
 processor time, which those that are not done yet may need.
@@ -7,9 +7,9 @@ processor time, which those that are not done yet may need.
 from __future__ import annotations
 
 import os
+import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from time import sleep
 from typing import Any, Protocol, TypeVar
 
@@ -20,13 +20,15 @@ T = TypeVar("T")
 #: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM; what stands
 #: beside it where the processes know of each other, as SLURM counts others, too
 _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "PMIX_RANK"}
+#: those in which they say which one of them a process is, and how all begin by which one takes itself for a rank
+_NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 _FOUND, _END = 1, 2
 #: what is wrong with a rank that has another task
 _OTHER = (
-    "expected the data and the task of part 1, found others: what mpiexec or srun starts together works at one "
-    "picture or table, so start processes with their own one by one, or with srun --mpi=none"
+    "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
+    "so start processes with their own one by one, or with srun --mpi=none"
 )
 
 
@@ -57,6 +59,13 @@ class Alone:
     def gather(self, value: T, task: str) -> list[T]:
         """Its own."""
         return [value]
+
+    def end(self, status: int, reason: str) -> int:
+        """Its own status."""
+        return status
+
+    def abort(self, status: int) -> None:
+        """Nothing, as there are no others."""
 
 
 ALONE = Alone()
@@ -98,15 +107,14 @@ class MpiRanks:
             raise ElvisError(f"part {failed[0] + 1} of {self.size}: {reasons[failed[0]]}{others}")
         return [found for found, _, _ in every]
 
-    def fail(self, reason: str) -> None:
-        """Let rank 0 know why this one has found nothing."""
-        if not self._is_gathered:
-            self._is_gathered = True
-            self._send((None, None, reason), 0, _FOUND)
+    def end(self, status: int, reason: str) -> int:
+        """How the run ended: told by rank 0, and waited for by all others.
 
-    def end(self, status: int) -> int:
-        """How the run ended: told by rank 0, and waited for by all others."""
+        status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
+        """
         if self.rank:
+            if not self._is_gathered:
+                self._send((None, None, reason), 0, _FOUND)
             return int(self._receive(0, _END))
         if not self._is_gathered:
             for rank in range(1, self.size):
@@ -152,44 +160,28 @@ def _is_open(number: int) -> bool:
 
 
 def is_idle(ranks: Ranks) -> bool:
-    """Whether a rank has nothing to do, as the first one does all: the others then find nothing."""
-    if ranks.rank:
-        ranks.gather(None, "")
+    """Whether a rank has nothing to do, as the first one does all; ElvisError where one has another command line."""
+    ranks.gather(None, shlex.join(sys.argv[1:]))
     return ranks.rank > 0
 
 
-@contextmanager
-def ranks_of_run(describe: Callable[[Exception], str]) -> Iterator[Ranks]:
-    """The ranks that this process is one of; they end together, with one status.
+def ranks_of_run() -> Alone | MpiRanks:
+    """The ranks that this process is one of, which are to `end` together; all but the first are silent from now on.
 
-    All but rank 0 are silent: what is wrong with their part is gathered.  Leaving the block, they wait for rank 0, and
-    exit with its status.
-
-    describe  the sentence of an error
+    What they start themselves is no rank: the variables that make one are taken out of their environment.
     """
-    if started_together() < 2:
-        yield Alone()
-        return
-    mpi = require_module("mpi4py.MPI", "one picture or table by several processes", "mpi")
-    ranks = MpiRanks(mpi.COMM_WORLD)
-    if ranks.rank:
+    count = started_together()
+    if count < 2:
+        return ALONE
+    if any(os.environ.get(name, "0") != "0" for name in _NUMBERS):
         _be_silent()
-    status = 1
-    try:
-        yield ranks
-        status = 0
-    except Exception as error:
-        if ranks.rank:
-            ranks.fail(describe(error))
-        else:
-            raise
-    except BaseException:
-        ranks.abort(130)
-        raise
-    finally:
-        status = ranks.end(status)
-    if ranks.rank:
-        sys.exit(status)
+    mpi = require_module("mpi4py.MPI", "one command by several processes", "mpi")
+    ranks = MpiRanks(mpi.COMM_WORLD)
+    if ranks.size < count:
+        raise ElvisError(f"expected {count} ranks, found {ranks.size}: mpi4py uses another MPI than what started them")
+    for name in [name for name in os.environ if name.startswith(_NAMES)]:
+        del os.environ[name]
+    return ranks
 
 
 def _be_silent() -> None:
