@@ -57,6 +57,32 @@ def test_a_report_of_a_scene(block_files, tmp_path):
     assert numbers["picture"] == told["picture"]
 
 
+def test_several_scenes_have_the_reports_of_each(block_files, tmp_path, capsys):
+    """By workers of a scheduler in this very process."""
+    distributed = pytest.importorskip("distributed")
+    for zoom in (1, 2):
+        files = json.dumps(list(map(str, block_files)))
+        (tmp_path / f"zoom{zoom}.toml").write_text(f"data = {files}\nzoom = {zoom}\n")
+    scenes = [tmp_path / f"zoom{zoom}.toml" for zoom in (2, 1)]
+
+    def reports(folder, *arguments):
+        done = run(*arguments, *PLANE, "--size", "12x8", "--refinements", "0", "-o", tmp_path / folder)
+        assert done.exit_code == 0, done.output
+        every = (path for path in (tmp_path / folder).rglob("*") if path.suffix in (".png", ".json"))
+        own = {path.relative_to(tmp_path / folder): path.read_bytes() for path in every if path.name != "times.json"}
+        return done.stdout.splitlines(), own
+
+    verdict, alone = reports("alone", scenes[0])
+    how = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "localhost:0"}}
+    with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **how) as cluster:
+        told, files = reports("reports", *scenes, "--scheduler", cluster.scheduler_address)
+    assert [told[0], len(told)] == [f"zoom2: {verdict[0]}", 2]
+    assert {path.parts[0] for path in files} == {"zoom1", "zoom2"}
+    assert {path: files["zoom2" / path] for path in alone} == alone
+    scenes[0].write_text("field = 'none'\n")
+    assert failed(capsys, *scenes).startswith("elvis: error: zoom2: the scene names no data")
+
+
 def test_records_are_compared(records, tmp_path):
     exact, other = records
     same = run(exact, exact, "--require", "pixel-exact")

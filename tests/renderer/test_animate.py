@@ -16,9 +16,10 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
 from elvis.formats import Dataset, ElvisError, write
+from elvis.plugins import workers
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Scene, film_workers, render, series_range
+from elvis.renderer import Camera, Scene, render, series_range
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.scene.errors import SceneError
 
@@ -212,7 +213,7 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
     scheduling = pytest.importorskip("distributed.scheduler")
     files[2].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[2].read_text()))
     os.utime(files[2], (1e9, 1e9))
-    how = {"dashboard_address": None, "scheduler_kwargs": film_workers._STATUS}
+    how = {"dashboard_address": None, "scheduler_kwargs": workers._STATUS}
     with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **how) as cluster:
         arguments = ["animate", *files, "-o", tmp_path / "frames", "--scheduler", cluster.scheduler_address]
         assert run(*arguments).count("m_1.chk can't be read and is passed over") == 1
@@ -227,8 +228,8 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
         def gather(self, _):
             raise scheduling.KilledWorker("draw_block", None, 0)
 
-    with pytest.raises(ElvisError, match=r"a worker that drew frames was ended .*: frames that are drawn are kept"):
-        film_workers._results(Ended(), [])
+    with pytest.raises(ElvisError, match=r"a worker was ended .*: frames stay"):
+        workers.results(Ended(), [], "frames stay")
 
 
 def test_keys_of_the_scene_move(files, tmp_path, drawn):

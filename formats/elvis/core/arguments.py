@@ -78,6 +78,23 @@ cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again
 overwrite_option = click.option("--overwrite", is_flag=True, help="Also write over the inputs, which else is refused.")
 
 
+workers_option = click.option(
+    "--workers",
+    type=click.IntRange(1, 1000),
+    default=1,
+    show_default=True,
+    help="Processes that work at the same time, of Dask.",
+)
+
+
+scheduler_option = click.option(
+    "--scheduler",
+    default="",
+    metavar="ADDRESS",
+    help="A Dask scheduler whose workers do so, in place of processes of this machine; they see the same files.",
+)
+
+
 def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None = None) -> list[Path]:
     """All files that a command reads: data, the file of a plugin, a table of points."""
     found = list(data)

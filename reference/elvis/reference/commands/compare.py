@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option
+from elvis.core.arguments import cache_option, overwrite_option, scheduler_option, workers_option
+from elvis.core.errors import ElvisError
 from elvis.scene.commandline.command import FIGURE, SceneCommand
 
 if TYPE_CHECKING:
+    from elvis.plugins.workers import Workers
     from elvis.reference.study import Study
 
 EPILOG = """\b
@@ -18,6 +21,7 @@ Examples:
   elvis compare wing.xml wing.fld --field p --plane 0,0,0.2:0,0,1 -o report/
   elvis compare wing.toml -o report/ --refinements 0,1,2
   elvis compare wing.toml -o report/ --require pixel-exact
+  elvis compare wing-*.toml -o reports/ --workers 4
   elvis compare exact.npz other.npz --json
   elvis compare exact.npz other.npz -o difference/
 
@@ -65,7 +69,9 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
     epilog=EPILOG,
     short_help="Report how accurate pictures are, and what linear ones would show.",
 )
-@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...|A.npz B.npz")
+@click.argument(
+    "data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE]... DATA...|A.npz B.npz"
+)
 @click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="The report; opens from disk.")
 @click.option(
     "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Linear pictures to compare with."
@@ -81,39 +87,124 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 @click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
 @click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a tolerance is exceeded.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
+@workers_option
+@scheduler_option
 @overwrite_option
 @cache_option
 def compare(
     data: tuple[Path, ...],
     output: Path | None,
-    meshes: tuple[str, ...],
-    require: str | None,
     as_json: bool,
-    overwrite: bool,
+    workers: int,
+    scheduler: str,
     **options: Any,
 ) -> None:
     """Report how exact the picture of a scene is, and what linear elements would have shown of it.
 
-    A scene is given as for elvis render: by a scene file, or DATA and options.  Two records that elvis render has
+    A scene is given as for elvis render: by a scene file, or DATA and options; of several scene files each has a report
+    in a folder of its name in that of -o, and --workers make them at the same time.  Two records that elvis render has
     written as .npz are compared with one another, the first held for true.
     """
-    from elvis.core.terminal import print_json, say
+    from elvis.core.terminal import note, print_json, say, stage
+    from elvis.plugins.workers import Workers
+
+    crew = Workers.of(workers, scheduler)
+    tasks = _tasks(data, output, options)
+    if crew is not None and len(tasks) == 1:
+        raise click.UsageError("--workers: expected several scene files for them, found one picture")
+    with stage("comparing"):
+        found = list(map(made, tasks)) if crew is None else _made_by(crew, tasks)
+    for remark in dict.fromkeys(remark for one in found for remark in one.remarks):
+        note(remark)
+    if as_json:
+        numbers = {task.name: one.numbers for task, one in zip(tasks, found, strict=True)}
+        print_json(numbers if len(tasks) > 1 else found[0].numbers)
+    failed = [f"{task.name}: {one.failure}" for task, one in zip(tasks, found, strict=True) if one.failure]
+    if failed:
+        others = f" ({len(failed)} pictures fail)" if len(failed) > 1 else ""
+        raise ElvisError(f"{failed[0] if len(tasks) > 1 else found[0].failure}{others}")
+    if not as_json:
+        for task, one in zip(tasks, found, strict=True):
+            say(f"{task.name}: {one.numbers['verdict']}" if len(tasks) > 1 else one.numbers["verdict"])
+
+
+@dataclass(frozen=True)
+class Task:
+    """A comparison to be made.
+
+    name     of its scene
+    data     files: a scene's, or records
+    output   the folder of its report
+    options  of the command, by name
+    """
+
+    name: str
+    data: tuple[Path, ...]
+    output: Path | None
+    options: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of a comparison: numbers of the summary, what the data tell, and why it isn't what is required."""
+
+    numbers: dict[str, Any]
+    remarks: tuple[str, ...]
+    failure: str
+
+
+def _tasks(data: tuple[Path, ...], output: Path | None, options: dict[str, Any]) -> list[Task]:
+    """One for each scene file, with all other files; ElvisError where a report can't be written."""
+    from elvis.core.files.output import check_folder_place
+    from elvis.reference.report.writing import check_folder
+    from elvis.scene.files import is_scene_file
+
+    scenes = list(filter(is_scene_file, data))
+    if len(scenes) < 2:
+        tasks = [Task("", data, output, options)]
+    else:
+        others = tuple(path for path in data if path not in scenes)
+        places = [None if output is None else output / scene.stem for scene in scenes]
+        tasks = [Task(s.stem, (s, *others), place, options) for s, place in zip(scenes, places, strict=True)]
+        if len({task.name for task in tasks}) < len(tasks):
+            raise ElvisError(f"expected scene files of different names, found {', '.join(map(str, scenes))}")
+        if output is not None:
+            check_folder_place(output)
+            output.mkdir(exist_ok=True)
+    for task in tasks:
+        if task.output is not None:
+            check_folder(task.output, task.data, options["overwrite"])
+    return tasks
+
+
+def _made_by(crew: Workers, tasks: list[Task]) -> list[Made]:
+    """What workers make of all tasks."""
+    from elvis.plugins.workers import begun, results
+
+    crew.prepare("elvis.reference.commands.compare")
+    with crew.client() as client:
+        return results(client, begun(client, made, ((task,) for task in tasks)), "reports that are whole stay")
+
+
+def made(task: Task) -> Made:
+    """Compare, and write the report."""
     from elvis.reference.report.summary import summary
-    from elvis.reference.report.writing import check_folder, plain, write_report
+    from elvis.reference.report.writing import plain, write_report
     from elvis.scene.tables import input_files
 
-    if output is not None:
-        check_folder(output, data, overwrite)
-    study = _study(data, {**options, "meshes": bool(meshes and output)}, output)
-    numbers = summary(study)
-    if output is not None:
-        inputs = [*data, *(input_files(study.scene) if study.scene else ())]
-        write_report(study, output, meshes, inputs, overwrite)
-    if as_json:
-        print_json(plain(numbers))
-    _check(require, study)
-    if not as_json:
-        say(numbers["verdict"])
+    options = dict(task.options)
+    meshes, require, overwrite = (options.pop(name) for name in ("meshes", "require", "overwrite"))
+    try:
+        study = _study(task.data, {**options, "meshes": bool(meshes and task.output)}, task.output)
+    except ElvisError as error:
+        if not task.name:
+            raise
+        raise ElvisError(f"{task.name}: {error}") from error
+    if task.output is not None:
+        inputs = [*task.data, *(input_files(study.scene) if study.scene else ())]
+        write_report(study, task.output, meshes, inputs, overwrite)
+    told = study.dataset.remarks if study.dataset is not None else ()
+    return Made(plain(summary(study)), tuple(told), _failure(require, study))
 
 
 def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
@@ -131,7 +222,6 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
-    from elvis.core.terminal import note, stage
     from elvis.plugins.data import Reading, dataset_of, pairs
     from elvis.reference.study import compare_scene
     from elvis.scene.commandline.composing import composed
@@ -151,23 +241,16 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         raise SceneError("range: series is for films: expected seen, all or two values")
     reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
     dataset = dataset_of(tuple(map(Path, scene.data)), reading)
-    for remark in dataset.remarks:
-        note(remark)
-    with stage("comparing"):
-        return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
+    return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 
 
-def _check(require: str | None, study: Study) -> None:
-    """ElvisError where the picture must be exact and isn't, or nothing says so."""
-    from elvis.core.errors import ElvisError
+def _failure(require: str | None, study: Study) -> str:
+    """Why the picture isn't what is required, or nothing says so; empty where all is well."""
     from elvis.reference.report.conclusion import failure
 
     if require is None:
-        return
+        return ""
     if study.validation is None:
-        raise ElvisError(
-            "--require pixel-exact: nothing was validated: draw on a device other than the reference, with --judge"
-        )
-    for check in study.validation.checks:
-        if not check.passed:
-            raise ElvisError(f"--require pixel-exact: {failure(check)}")
+        return "--require pixel-exact: nothing was validated: draw on a device other than the reference, with --judge"
+    failed = (check for check in study.validation.checks if not check.passed)
+    return next((f"--require pixel-exact: {failure(check)}" for check in failed), "")

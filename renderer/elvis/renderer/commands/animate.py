@@ -7,15 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import TextType, cache_option, evenly, overwrite_option
+from elvis.core.arguments import (
+    TextType,
+    cache_option,
+    evenly,
+    overwrite_option,
+    scheduler_option,
+    workers_option,
+)
 from elvis.core.errors import ElvisError
 from elvis.scene.commandline.command import SceneCommand, setting_option, text_type
 
 if TYPE_CHECKING:
     from elvis.core.moments import Moment
+    from elvis.plugins.workers import Workers
     from elvis.renderer.animation import Film
     from elvis.renderer.film_files import FrameFolder
-    from elvis.renderer.film_workers import Workers
     from elvis.scene import Camera, Scene
 
 #: frames of a film whose number nothing says
@@ -71,19 +78,8 @@ Examples:
     help="A camera that the view goes through, as for --camera; two or more, at equal parts of the film.",
 )
 @click.option("--rate", type=click.FloatRange(0.1, 240), default=25.0, show_default=True, help="Frames a second.")
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 1000),
-    default=1,
-    show_default=True,
-    help="Processes that draw frames at the same time, of Dask.",
-)
-@click.option(
-    "--scheduler",
-    default="",
-    metavar="ADDRESS",
-    help="A Dask scheduler whose workers draw, in place of processes of this machine; they see the same files.",
-)
+@workers_option
+@scheduler_option
 @setting_option
 @overwrite_option
 @cache_option
@@ -109,22 +105,20 @@ def animate(
     that are there, newer than the data and of the same scene are kept: a run that was killed goes on where it was.
     """
     from elvis.core.terminal import say
+    from elvis.plugins.workers import Workers
     from elvis.renderer.animation import Film, Key, scenes_of
     from elvis.renderer.film_files import FrameFolder, write_film
-    from elvis.renderer.film_workers import Workers
     from elvis.scene.commandline.composing import composed
     from elvis.scene.tables import table_of
 
     if orbit and path:
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
     scene = composed(data, options, settings, unused=("outputs", "stats"))
-    crew = Workers(workers, scheduler) if workers > 1 or scheduler else None
-    if crew is not None:
-        crew.check()
+    crew = Workers.of(workers, scheduler)
     moving = [Key.of(*key) for key in keys]
     folder, films = _places(outputs, data, overwrite)
     if crew is not None and not any(folder.glob("frame-*.png")):
-        crew.prepare()
+        crew.prepare("elvis.renderer.film_workers")
     with Film(scene, not no_cache) as film:
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene, coloured = _coloured(film, scene, folder, not no_cache)
@@ -223,11 +217,12 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, crew: Workers | 
     from dataclasses import replace
 
     from elvis.core.terminal import note, track
+    from elvis.renderer.film_workers import draw_by
 
     missing = frames.begin()
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
-    drawn = film.write(shots) if crew is None or not shots else crew.draw(film.scene, shots, is_kept, told)
+    drawn = film.write(shots) if crew is None or not shots else draw_by(crew, film.scene, shots, is_kept, told)
     for _ in track(drawn, f"drawing {len(missing)} of {len(scenes)} frames", len(missing)):
         pass
     for remark in dict.fromkeys([*film.told, *told]):

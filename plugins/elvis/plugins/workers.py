@@ -1,0 +1,120 @@
+"""Processes that do one thing after another at once: workers of Dask, on this machine unless a scheduler is given."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from elvis.core.errors import ElvisError
+from elvis.core.needing import require_module
+
+T = TypeVar("T")
+#: how processes begin: where a system can, as copies of one that has loaded modules and holds no device
+_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+#: of Dask: the work of a worker that was ended is not given to another, and none is watched by threads of its own
+_CONFIGURATION = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.worker.multiprocessing-method": _METHOD,
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "1m",
+    "distributed.admin.system-monitor.gil.enabled": False,
+}
+#: of the scheduler: its page of status is for this machine alone, at a port that is free
+_STATUS = {"dashboard_address": "localhost:0"}
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Processes that work for this one.
+
+    count      of them on this machine
+    scheduler  address of a Dask scheduler, whose workers work in place of these; they see the same files
+    """
+
+    count: int = 2
+    scheduler: str = ""
+
+    @staticmethod
+    def of(count: int, scheduler: str) -> Workers | None:
+        """What the options say, None for this process alone; MissingPackageError where a package is missing."""
+        if count < 2 and not scheduler:
+            return None
+        for module in ("distributed", *(() if scheduler else ("cryptography",))):
+            require_module(module, "--workers", "parallel")
+        return Workers(count, scheduler)
+
+    def prepare(self, module: str) -> None:
+        """Begin to load the modules that all workers of this machine need, once, while the data are looked at."""
+        if self.scheduler or _METHOD != "forkserver":
+            return
+        from multiprocessing.forkserver import ensure_running
+
+        multiprocessing.set_forkserver_preload(["distributed", module])
+        ensure_running()
+
+    @contextmanager
+    def client(self) -> Iterator[Any]:
+        """A client of the scheduler, or of workers of its own."""
+        distributed = require_module("distributed", "--workers", "parallel")
+        if self.scheduler:
+            try:
+                own = distributed.Client(self.scheduler)
+            except (OSError, ValueError) as error:
+                raise ElvisError(f"expected a Dask scheduler at {self.scheduler}, found none: {error}") from error
+            with own as client:
+                yield client
+            return
+        dask = require_module("dask", "--workers", "parallel")
+        # whoever may talk to a scheduler may run code: its own certificates keep other users out
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        threads = os.environ.get("LP_NUM_THREADS", str(max(1, cores // self.count)))
+        with (
+            dask.config.set(_CONFIGURATION),
+            distributed.LocalCluster(
+                n_workers=self.count,
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address=None,
+                scheduler_kwargs=_STATUS,
+                security=True,
+                protocol="tls",
+                silence_logs=logging.CRITICAL,
+                env={"LP_NUM_THREADS": threads},
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            yield client
+
+    def number(self, client: Any) -> int:
+        """How many there are now."""
+        return max(1, len(client.scheduler_info()["workers"])) if self.scheduler else self.count
+
+
+def begun(client: Any, work: Callable[..., T], pieces: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Futures of work at pieces, which are its arguments; names of files begin in the folder of this process."""
+    return [client.submit(_in_folder, Path.cwd(), work, *own, pure=False) for own in pieces]
+
+
+def results(client: Any, futures: Sequence[Any], kept: str) -> list[Any]:
+    """What each work gave; raises what work raises, and ElvisError where a worker was ended.
+
+    kept  what then stays, and how to go on
+    """
+    scheduling = require_module("distributed.scheduler", "--workers", "parallel")
+    try:
+        found: list[Any] = client.gather(futures)
+    except scheduling.KilledWorker as error:
+        raise ElvisError(f"a worker was ended from outside, or for want of memory: {kept}") from error
+    return found
+
+
+def _in_folder(folder: Path, work: Callable[..., T], *piece: Any) -> T:
+    os.chdir(folder)
+    return work(*piece)
