@@ -36,6 +36,11 @@ from elvis.scene import (
 from elvis.scene.errors import SceneError
 from elvis.scene.quantities import quantities
 
+try:
+    import pymetis
+except ImportError:
+    pymetis = None
+
 LINES = Style(contours=Contours(count=6), mesh_lines=MeshLines())
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
 UPRIGHT = Plane((0.5, 0.45, 0.52), (1.0, 0.1, 0.0))
@@ -86,10 +91,22 @@ def cuts(dataset):
     ids = np.concatenate([entities.ids for entities in dataset.mesh.elements.values()])
     mixed_up = np.random.default_rng(0).permutation(ids)
     return [
-        *(along_curve(dataset, count) for count in (2, 3)),
-        [np.sort(some) for some in np.array_split(mixed_up, 8)],
+        metis(dataset, 8),
+        along_curve(dataset, 3),
+        [np.sort(some) for some in np.array_split(mixed_up, 2)],
         [np.sort(ids)[start::3] for start in range(3)],
     ]
+
+
+def metis(dataset, count):
+    """A partition by METIS, of the graph of elements that have sides in common; along a curve where it isn't there."""
+    if pymetis is None:
+        return along_curve(dataset, count)
+    elements = dataset.mesh.elements.values()
+    sides = [sides for entities in elements for sides in entities.members.tolist()]
+    part = np.array(pymetis.part_mesh(count, sides, gtype=pymetis.GType.DUAL).element_part)
+    ids = np.concatenate([entities.ids for entities in elements])
+    return [np.sort(ids[part == number]) for number in range(count)]
 
 
 def written(renderer, dataset, scene, folder):
