@@ -56,7 +56,7 @@ def proved(renderer, dataset, camera, levels, quantity=None, size=SIZE):
 
 def ranges(view, field, cells=24):
     """Least and greatest value (n,) in every pixel's square, of samples in it."""
-    i, j = (some.ravel() for some in np.meshgrid(np.arange(view.width), np.arange(view.height)))
+    i, j = view.places(np.arange(view.count))
     steps = np.arange(cells + 1) / cells - 0.5
     low, high = np.full(view.count, np.inf), np.full(view.count, -np.inf)
     for x in steps:
@@ -131,7 +131,7 @@ def test_what_is_certain_of_contours_of_expressions_is_right(renderer, shape, ce
     assert not (certain & holds & ~proof.taken).any()
     assert not (hit & proof.taken & ~near).any()
     assert (proof.taken & certain).sum() > 50
-    far = view.points_of(*np.divmod(np.arange(view.count), view.width)[::-1])[:, 0] > 0.4
+    far = view.points_of(*view.places(np.arange(view.count)))[:, 0] > 0.4
     assert (hit & ~certain & far).sum() < doubtful * (hit & far).sum()
     pole = (low < -5) & (high > 5) & hit
     assert pole.any()
@@ -229,7 +229,7 @@ def test_what_is_certain_of_contours_on_faces_is_right(renderer, camera, shape, 
     low, high = np.full(view.count, np.inf), np.full(view.count, -np.inf)
     for x in np.linspace(-0.49, 0.49, 5):
         for y in np.linspace(-0.49, 0.49, 5):
-            here = view.window(x, y, view.width, view.height)
+            here = view.shifted(x, y)
             origins, directions = here.every_ray()
             depth = drawer.draw(here).depth
             with np.errstate(invalid="ignore"):

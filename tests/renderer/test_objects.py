@@ -30,7 +30,6 @@ from elvis.renderer import (
     Transfer,
     TriangleMesh,
     VolumeRendering,
-    rendering,
 )
 from elvis.renderer.passes.solids.hits import hits, outside
 from elvis.scene import unit
@@ -227,21 +226,6 @@ def test_colours_are_means_over_samples(draw, cube):
         right = 0.503 + 0.05 * (np.arange(41)[:, None] - 20 + steps)
         covered = ((right > 0) & (right < 1)).mean(axis=1)
         assert np.allclose(frame.color[20, :, 0], 1.0 - covered, atol=1e-12)
-
-
-def test_bands_of_rows_are_one_picture(draw, data, monkeypatch):
-    style = Style(contours=Contours(count=5), mesh_lines=MeshLines(), opacity=0.6)
-    scene = {"objects": (CutSurface(SURFACES["sphere"], style), Faces(style=style)), "camera": NEAR, "size": (50, 47)}
-    whole = draw(data, **scene)
-    monkeypatch.setattr(rendering, "BAND", 50 * 16)
-    banded = draw(data, **scene)
-    for name in ("element", "status"):
-        assert np.array_equal(getattr(whole, name), getattr(banded, name))
-    for name in ("field", "depth", "normal"):
-        assert np.allclose(getattr(whole, name), getattr(banded, name), rtol=0, atol=1e-10, equal_nan=True)
-    assert np.isclose(whole.range, banded.range, rtol=1e-12).all()
-
-    assert np.abs(whole.color - banded.color).max() < 1e-6
 
 
 def test_ranges_of_what_is_seen_and_of_all(draw, data):

@@ -15,6 +15,7 @@ from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.formats import write
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
+from elvis.renderer import rendering
 from elvis.renderer.completing import completed
 from elvis.renderer.parts import drawable, in_parts
 from elvis.renderer.rendering import Pictures
@@ -129,6 +130,21 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
     for parts in cuts(bent):
         assert written(drawn, in_parts(bent, [scene], parts), scene, tmp_path) == expected
     assert expected[2][0]["certain"] > 200
+
+
+@pytest.mark.sampled(least=6, free=("name",))
+@pytest.mark.parametrize("name", [*(name for name in SCENES if name != "plane"), "clipped volume"])
+def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monkeypatch):
+    """To the last bit, of two, three and nine bands of rows; a plane alone is drawn in another way."""
+    ball = Clip(Sphere((0.5, 0.5, 0.6), 0.3))
+    volume = (*SCENES["volume"].objects, CutSurface(UPRIGHT, Style(opacity=0.5)))
+    scene = SCENES.get(name, Scene(objects=volume, clip=(ball,), camera="iso"))
+    scene = replace(scene, field="u", size=(96, 72), samples=1 + (name == "clipped"))
+    drawn = renderer("vulkan")
+    expected = written(drawn, bent, scene, tmp_path)
+    for rows in (40, 24, 8):
+        monkeypatch.setattr(rendering, "BAND", 96 * rows)
+        assert written(drawn, bent, scene, tmp_path) == expected
 
 
 def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):

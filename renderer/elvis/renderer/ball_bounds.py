@@ -45,14 +45,15 @@ def bounds_of_balls(view: View, centres: Floats, radii: Floats) -> tuple[Floats,
 
 def is_in_picture(view: View, low: Floats, high: Floats) -> Bools:
     """(n,) whether bounds (n, 4) overlap the picture."""
-    seen: Bools = (high[:, :2] >= 0.0).all(axis=1) & (low[:, :2] <= [view.width - 1, view.height - 1]).all(axis=1)
+    seen: Bools = (high[:, :2] >= view.first).all(axis=1) & (low[:, :2] <= view.last).all(axis=1)
     return seen
 
 
 def pixels_within(view: View, low: Floats, high: Floats) -> tuple[Ints, Ints]:
     """Least and greatest (n, 4) of the picture's pixels in bounds (n, 4)."""
-    ends = np.array([view.width - 1, view.height - 1, view.width + view.height - 2, view.width - 1], np.float64)
-    starts = np.array([0.0, 0.0, 0.0, -(view.height - 1.0)])
+    (left, top), (right, bottom) = view.first, view.last
+    starts = np.array([left, top, left + top, left - bottom], np.float64)
+    ends = np.array([right, bottom, right + bottom, right - top], np.float64)
     least = np.ceil(np.clip(low, starts, ends)).astype(np.int64)
     most = np.floor(np.clip(high, starts, ends)).astype(np.int64)
     return least, np.maximum(most, least)

@@ -41,4 +41,6 @@ def _fill(camera: NDArray[Any], view: View) -> None:
     camera["to_depth"] = np.append(forward, -forward @ eye)
     camera["eye"], camera["forward"] = eye, forward
     camera["corner"], camera["column"], camera["row"] = view.corner, view.column, view.row
-    camera["width"], camera["height"], camera["perspective"] = view.width, view.height, view.perspective
+    camera["left"], camera["top"], camera["width"], camera["height"] = view.left, view.top, view.width, view.height
+    camera["picture"] = np.append(view.whole.first, view.whole.last)
+    camera["perspective"] = view.perspective

@@ -20,6 +20,7 @@ from elvis.core.terminal import Progress
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
+from elvis.renderer.tiles import TILE
 from elvis.renderer.tracing import Tracer
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
@@ -49,12 +50,12 @@ class Band:
     view: View
 
     @property
-    def place(self) -> tuple[tuple[int, int], NDArray[np.bool_]]:
-        """From columns and rows of the view to those of the picture; (n,) the band's own pixels, and those before."""
+    def own(self) -> NDArray[np.bool_]:
+        """(n,) the band's own pixels, and those before."""
         rows, columns = self.inner
         own = np.zeros((self.view.height, self.view.width), bool)
         own[max(rows.start - (self.rows.start == 0), 0) : rows.stop, max(columns.start - 1, 0) : columns.stop] = True
-        return (-columns.start, self.rows.start - rows.start), own.reshape(-1)
+        return own.reshape(-1)
 
     def cropped(self, values: NDArray[Any]) -> NDArray[Any]:
         """The picture's own pixels (h, w[, 3]) of the values (n[, 3]) of all pixels of the view."""
@@ -128,25 +129,29 @@ class Canvas:
     def _bands(self) -> Iterator[Band]:
         """Bands of ``most`` pixels at most, and the pixels around that lines need, also beyond the picture's edge."""
         view, margin = self.view, self.painter.radius
+        wide = view.with_margin(margin)
         rows = max(1, self.most // view.width)
+        # a tile that has pixels of a band lies in its window
+        rows = rows // TILE * TILE or rows
+        around = -(-margin // TILE) * TILE
         for top in range(0, view.height, rows):
             end = min(view.height, top + rows)
-            window = view.window(-margin, top - margin, view.width + 2 * margin, end - top + 2 * margin)
-            inner = slice(margin, margin + end - top), slice(margin, margin + view.width)
+            window = wide.rows(top - around, end + around)
+            inner = slice(top - window.top, end - window.top), slice(margin, margin + view.width)
             yield Band(slice(top, end), inner, window)
 
     def _fill(self, band: Band, drawn: Drawn) -> None:
         """Record and paint one band."""
         self.painter.note(drawn, band.cropped)
         rows, inner = band.rows, band.cropped
-        record = record_of(drawn, band.view, whole=self.records)
+        record = record_of(drawn, band.view, self.stages.loaded.extent, whole=self.records)
         self.undefined += int(np.count_nonzero(inner(~np.isfinite(record.field) & (record.owner != NOBODY))))
         color = inner(self._colors(drawn, band.view))
         self.still += int(np.count_nonzero(inner(self.painter.still(drawn, band.view))))
         if self.scene.is_clear:
             self._keep("through", rows, inner(self.through))
         if self.scene.is_traced:
-            self.tracer.note(drawn, band.view, *band.place)
+            self.tracer.note(drawn, band.view, band.own)
         if self._proves:
             found = inner(self.painter.contour_status(drawn, band.view))
             self.contours.update({word: int((found == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)})
@@ -185,7 +190,7 @@ class Canvas:
         total: Any = 0.0
         self.through = np.zeros(view.count)
         for x, y in product(steps, steps):
-            here = view if x == y == 0.0 else view.window(x, y, view.width, view.height)
+            here = view if x == y == 0.0 else view.shifted(x, y)
             hit_buffers = drawn if here is view else self._draw_hit_buffers(here)
             start = perf_counter()
             colors = self.painter.paint(

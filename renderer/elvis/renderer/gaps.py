@@ -21,7 +21,7 @@ from elvis.renderer.drafts import is_draft
 from elvis.renderer.pixels import NOBODY, Pixels, resolve
 from elvis.renderer.proof import prove
 from elvis.renderer.tiles import TILE, tiles_of
-from elvis.scene.view import PlaneView
+from elvis.scene.view import PlaneView, View
 
 _UNKNOWN = -1
 #: candidates that are resolved together, so that memory does not grow with the picture
@@ -64,7 +64,7 @@ class Gaps:
         if is_draft():
             return
         free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
-        bent = [self._bent_ones(number, some) for number, some in enumerate(sections)]
+        bent = [self._bent_ones(number, within(view, some)) for number, some in enumerate(sections)]
         if not sum(map(len, bent)) or not free.any():
             return
 
@@ -126,6 +126,17 @@ class Gaps:
 def unknown(parts: Sequence[Part]) -> list[NDArray[np.int8]]:
     """For each part whether elements bend strongly: nothing is known of any yet."""
     return [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
+
+
+def within(view: View, sections: NDArray[Any]) -> NDArray[Any]:
+    """What sections have of a view, in columns and rows from its first ones."""
+    (left, top), size = view.first, view.last - view.first
+    found: NDArray[Any] = sections.copy()
+    for name in ("least", "most"):
+        found[name] -= np.array([left, top, left + top, left - top], found[name].dtype)
+    found["least"][:, :2] = np.maximum(found["least"][:, :2], 0)
+    found["most"][:, :2] = np.minimum(found["most"][:, :2], size)
+    return found[(found["least"][:, :2] <= found["most"][:, :2]).all(axis=1)]
 
 
 def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, int]]:

@@ -132,7 +132,7 @@ class OtherVolume:
         """The places of hits, by point location."""
         found, pixel = HitBuffer.empty(view.count), np.flatnonzero(hits.owner != NOBODY)
         if len(pixel):
-            origins, directions = view.rays(pixel % view.width, pixel // view.width)
+            origins, directions = view.rays_of(pixel)
             points = origins + hits.depth[pixel, None] * directions
             places = self._finder.find(points)
             places.status[self._along_outer_sides(points, hits.normal[pixel], places)] = Status.CERTAIN

@@ -16,7 +16,7 @@ def prove(parts: Sequence[Part], view: PlaneView, candidates: NDArray[Any]) -> N
     """The candidates, by index of the element in the volume, with the results of the parts that can give some."""
     candidates, first = candidates.copy(), np.cumsum([0, *map(len, parts)])
     pixel, element = candidates["pixel"].astype(np.int64), candidates["element"].astype(np.int64)
-    points = view.points_of(pixel % view.width, pixel // view.width)
+    points = view.points_of(*view.places(pixel))
     owner = np.searchsorted(first, element, side="right") - 1
     for number in np.unique(owner):
         solve, here = parts[number].solve, np.flatnonzero(owner == number)

@@ -35,10 +35,11 @@ Key: TypeAlias = tuple[str, str, object, ColorBar | None]
 Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 
 
-def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
+def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) -> HitBuffer:
     """The surface that counts at each pixel: of the most opaque ones the nearest; failed searches anywhere show.
 
-    whole  whether reference coordinates, normals and uncertainties are wanted too
+    extent  the greatest coordinate of the data, in magnitude
+    whole   whether reference coordinates, normals and uncertainties are wanted too
     What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
     """
     if len(drawn) == 1:
@@ -58,10 +59,10 @@ def record_of(drawn: Drawn, view: View, *, whole: bool = True) -> HitBuffer:
         counts = draw_call.style.opacity >= opacity
         best.status[_may_be_overlooked(hits, best, counts, draw_call.style.opacity > opacity)] = Status.AMBIGUOUS
         pixel = np.flatnonzero(_beside(hits, best) & counts)
-        around = _uncertain(hits, view, pixel)
+        around = _uncertain(hits, view, pixel, extent)
         for other in np.unique(source[pixel]):
             here = source[pixel] == other
-            around[here] += _uncertain(drawn[other][1], view, pixel[here])
+            around[here] += _uncertain(drawn[other][1], view, pixel[here], extent)
         close = np.abs(hits.depth[pixel] - best.depth[pixel]) <= around
         best.status[pixel[close]] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
@@ -86,14 +87,12 @@ def _beside(hits: HitBuffer, best: HitBuffer) -> Bools:
     return np.asarray((apart > 0.0) & (apart <= NEAR * best.depth) & (hits.owner != NOBODY))
 
 
-def _uncertain(hits: HitBuffer, view: View, pixel: Ints) -> Floats:
+def _uncertain(hits: HitBuffer, view: View, pixel: Ints, extent: float) -> Floats:
     """(k,) the uncertainties of hits in pixels (k,), those of analytic surfaces by their normals.
 
     Where they are infinite there is a doubt, too, which begins before the hit.
     """
     depth = hits.depth[pixel]
-    origins, directions = view.rays(pixel % view.width, pixel // view.width)
-    extent = float(np.abs(origins + depth[:, None] * directions).max(initial=0.0))
     known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
     rounded = uncertainties(view, pixel, depth, hits.normal[pixel], extent)
     return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
@@ -302,8 +301,9 @@ class Painter:
         styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
         lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
         reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
-        least = max(4 if self.scene.is_traced else 0, int(np.ceil(reach)) + 1)
-        return max((int(np.ceil(0.5 * line.width)) + 2 for line in lines), default=least)
+        # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
+        least = max(4 if self.scene.is_traced else 0, int(np.ceil(reach)) + 1, int(self.stages.loaded.is_far))
+        return max([least, *(int(np.ceil(0.5 * line.width)) + 2 for line in lines)])
 
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
         """What a user should know: objects that aren't there, contours of values that the data don't take."""

@@ -373,7 +373,7 @@ class Stages:
         hit = np.flatnonzero(hits.owner != NOBODY)
         if not clips or not len(hit):
             return gone, unsure, clear
-        origins, directions = view.rays(hit % view.width, hit // view.width)
+        origins, directions = view.rays_of(hit)
         points = origins + hits.depth[hit, None] * directions
         room = CLOSE * self.loaded.extent
         around = np.zeros(len(hit)) if hits.uncertainty is None else hits.uncertainty[hit]
@@ -402,10 +402,12 @@ class Stages:
         traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.extent
         for number in np.unique(part):
             here, own = part == number, self.loaded.parts[number]
-            if traversal.degree(number, expression) == 0:
-                close[here] = CLOSE * np.nan_to_num(np.abs(values[here])).max(initial=0.0)
-                continue
             element = hits.owner[hit[here]] - self.loaded.first[number]
+            if traversal.degree(number, expression) == 0:
+                low, high = (np.abs(end[element]) for end in self.loaded.bounds(number, expression))
+                greatest = np.where(np.isfinite(low + high), np.maximum(low, high), np.abs(values[here]))
+                close[here] = CLOSE * np.nan_to_num(greatest)
+                continue
             boxes = own.boxes[element].astype(np.float64)
             steepest = traversal.steepest(number, expression, 0.0)[element] / (boxes[:, 3:] - boxes[:, :3]).min(axis=1)
             close[here] = 4.0 * traversal.rounding(number, expression, 0.0)[element] + room * steepest

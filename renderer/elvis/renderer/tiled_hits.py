@@ -30,7 +30,7 @@ def listed_in_tiles(
 
     ends  the least and the greatest pixel (n, 2) that each reaches
     """
-    tiles, listed = bin_sections(*ends, kernel.dtype("tiles"), (view.width, view.height))
+    tiles, listed = bin_sections(*ends, kernel.dtype("tiles"), view)
     work = (tiles["end"] - tiles["first"]).astype(np.int64)
     data = {name: records, "listed": listed, "tiles": tiles}
     return {part: loaded.device.buffer(array) for part, array in data.items()}, work

@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
+from elvis.scene.view import View
 
 #: as in pixels.slang
 TILE = 8
+#: tiles before the picture's first, each way, that may have numbers
+_BEFORE = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +78,13 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     return Tiles(owner[kept], x[kept], y[kept])
 
 
-def tiles_by_section(least: NDArray[Any], most: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Tile records, each of one section alone (see ``bin_sections``); tiles begin where their section does."""
+def tiles_by_section(least: NDArray[Any], most: NDArray[Any], view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Tile records of a view, each of one section alone (see ``bin_sections``), where it begins."""
     pairs = tiles_of(least, most)
+    if view.part_of is not None:
+        before, after = view.first - TILE, view.last
+        is_there = (pairs.x > before[0]) & (pairs.y > before[1]) & (pairs.x <= after[0]) & (pairs.y <= after[1])
+        pairs = pairs[is_there]
     return _records(pairs.x, pairs.y, pairs.section, pairs.section + 1, dtype)
 
 
@@ -85,14 +92,14 @@ def bin_sections(
     least: NDArray[Any],
     most: NDArray[Any],
     dtype: np.dtype[Any],
-    size: tuple[int, int] | None = None,
+    view: View | None = None,
     beside: Floats | None = None,
 ) -> tuple[NDArray[Any], NDArray[np.uint32]]:
     """Tile records of a picture, row by row, and (m,) the sections that are seen in one tile after another.
 
     least, most  (n, 4)  bounds of x, y, x + y and x - y of the sections' pixels, inclusive
     dtype        of Tile records, as a kernel lays them out
-    size         width and height of a picture all of whose tiles are wanted; None for those that see a section
+    view         all of whose tiles are wanted; None for those that see a section
     beside       (k, 3, n)  a, b and c of lines a x + b y = c, beyond which a section has no pixels, where there are any
     """
     aligned = least.copy()
@@ -104,18 +111,18 @@ def bin_sections(
         pairs = pairs[~(a[pairs.section] * pairs.x + b[pairs.section] * pairs.y > most_left[pairs.section])]
 
     # sections by tile, in their own order within each
-    columns = _tiles_along(size[0] if size else int(pairs.x.max(initial=0)) + 1)
-    number = pairs.y // TILE * columns + pairs.x // TILE
+    left, top, columns, rows = _grid(pairs) if view is None else _grid_of(view)
+    number = (pairs.y // TILE - top) * columns + (pairs.x // TILE - left)
     order = order_of(number)
     number = number[order]
     first = np.flatnonzero(np.diff(number, prepend=-1))
     end = np.append(first, len(number))[1:]
     seen, listed = number[first], pairs.section[order].astype(np.uint32)
-    if size is None:
-        return _records(TILE * (seen % columns), TILE * (seen // columns), first, end, dtype), listed
+    if view is None:
+        return _records(TILE * (left + seen % columns), TILE * (top + seen // columns), first, end, dtype), listed
 
     # tiles that see no section are there, too
-    tiles = _all_tiles(*size, dtype).copy()
+    tiles = _all_tiles(left, top, columns, rows, dtype).copy()
     tiles["first"][seen], tiles["end"][seen] = first, end
     return tiles, listed
 
@@ -143,25 +150,35 @@ def empty_tiles(places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 def places_of(x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.int64]:
     """(n,) numbers of the tiles with first pixels in columns x and rows y (n,), which ascend row by row."""
-    return np.asarray(y.astype(np.int64) << 20 | x)
+    return np.asarray(y.astype(np.int64) + _BEFORE << 20 | x + _BEFORE)
 
 
 def corners_of(places: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Columns and rows (n,) of the first pixels of tiles with numbers (n,)."""
-    return places & 0xFFFFF, places >> 20
+    return (places & 0xFFFFF) - _BEFORE, (places >> 20) - _BEFORE
 
 
-def _tiles_along(pixels: int) -> int:
-    """Tiles that cover a row or a column of pixels."""
-    return -(-pixels // TILE)
+def _grid(pairs: Tiles) -> tuple[int, int, int, int]:
+    """The first column and row of aligned tiles, and how many columns and rows there are from there on."""
+    if not len(pairs):
+        return 0, 0, 0, 0
+    left, top = int(pairs.x.min()) // TILE, int(pairs.y.min()) // TILE
+    return left, top, int(pairs.x.max()) // TILE + 1 - left, int(pairs.y.max()) // TILE + 1 - top
+
+
+def _grid_of(view: View) -> tuple[int, int, int, int]:
+    """The same of those that cover a view."""
+    left, top = (view.first // TILE).tolist()
+    right, bottom = (view.last // TILE).tolist()
+    return left, top, right + 1 - left, bottom + 1 - top
 
 
 @lru_cache(maxsize=4)
-def _all_tiles(width: int, height: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Records of all tiles of a picture, row by row, with nothing in them."""
-    y, x = TILE * np.indices((_tiles_along(height), _tiles_along(width))).reshape(2, -1)
+def _all_tiles(left: int, top: int, columns: int, rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Records of all tiles of a grid, row by row, with nothing in them."""
+    y, x = np.indices((rows, columns)).reshape(2, -1)
     zeros = np.zeros(len(x))
-    return _records(x, y, zeros, zeros, dtype)
+    return _records(TILE * (left + x), TILE * (top + y), zeros, zeros, dtype)
 
 
 def _records(

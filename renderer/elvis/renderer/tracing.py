@@ -54,11 +54,10 @@ class Tracer:
             made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)
 
-    def note(self, drawn: Drawn, view: View, shift: tuple[int, int], own: Bools) -> None:
+    def note(self, drawn: Drawn, view: View, own: Bools) -> None:
         """Lines of the surfaces of a view.
 
-        shift  from columns and rows of the view to those of the picture
-        own    (n,) pixels of the view on which lines are wanted
+        own  (n,) pixels of the view on which lines are wanted
         """
         for number, (draw_call, hits) in enumerate(drawn):
             before = [one for k, one in enumerate(drawn) if k != number]
@@ -66,20 +65,20 @@ class Tracer:
                 side = hits.owner if hits.side is None else hits.side
                 lines = self._borders(view, hits, side)
                 width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
-                self._keep(StrokeStyle(width, color, 1.0, None), lines, before, hits, shift, own)
+                self._keep(StrokeStyle(width, color, 1.0, None), lines, before, hits, own)
             if draw_call.style.contours is not None:
-                self._contours(view, draw_call, hits, before, shift, own)
+                self._contours(view, draw_call, hits, before, own)
         if self.painter.scene.outline and drawn:
-            self._outline(drawn, view, shift, own)
+            self._outline(drawn, view, own)
 
     def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32]) -> tuple[Floats, Floats, Ints]:
         """Short lines around all pixels of one side."""
         shape = view.height, view.width
         marks = self.painter.stages.lines.mesh(view, hits, WIDE)
         owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
-        return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape))
+        return _in_picture(view, borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape)))
 
-    def _outline(self, drawn: Drawn, view: View, shift: tuple[int, int], own: Bools) -> None:
+    def _outline(self, drawn: Drawn, view: View, own: Bools) -> None:
         """The border of all that is seen; distances to borders are those of the nearest surface."""
         distance, depth = np.full((2, view.count), np.inf)
         for _, hits in drawn:
@@ -88,12 +87,10 @@ class Tracer:
             distance[nearer] = self.painter.stages.lines.mesh(view, hits, WIDE).distance[nearer]
         shape = view.height, view.width
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
-        lines = borders(seen, distance.reshape(shape), depth.reshape(shape))
-        self._keep(StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], shift, own)
+        lines = _in_picture(view, borders(seen, distance.reshape(shape), depth.reshape(shape)))
+        self._keep(StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], own)
 
-    def _contours(
-        self, view: View, draw_call: DrawCall, hits: HitBuffer, before: Drawn, shift: tuple[int, int], own: Bools
-    ) -> None:
+    def _contours(self, view: View, draw_call: DrawCall, hits: HitBuffer, before: Drawn, own: Bools) -> None:
         """The contours of a surface, where it is not itself in front of them."""
         contours, painter = draw_call.style.contours, self.painter
         assert contours is not None
@@ -107,7 +104,7 @@ class Tracer:
             here = found[found["number"] == number]
             style = StrokeStyle(contours.width, contours.color, 1.0, value, contours.labels)
             lines = here["from"], here["to"], here["pixel"].astype(np.int64)
-            self._keep(style, lines, before, hits, shift, own)
+            self._keep(style, lines, before, hits, own)
 
     def _keep(
         self,
@@ -115,7 +112,6 @@ class Tracer:
         lines: tuple[Floats, Floats, Ints],
         others: Sequence[tuple[DrawCall, HitBuffer]],
         hits: HitBuffer,
-        shift: tuple[int, int],
         own: Bools,
     ) -> None:
         """Note lines (n, 2) to (n, 2) on pixels (n,), as faint as what lies before them leaves them."""
@@ -129,4 +125,10 @@ class Tracer:
         for part in np.unique(through[through > FAINT]):
             here = through == part
             fainter = replace(style, opacity=float(part))
-            self.found.setdefault(fainter, []).append((starts[here] + shift, ends[here] + shift))
+            self.found.setdefault(fainter, []).append((starts[here], ends[here]))
+
+
+def _in_picture(view: View, lines: tuple[Floats, Floats, Ints]) -> tuple[Floats, Floats, Ints]:
+    """Lines on pixels of a view, in columns and rows of the picture."""
+    starts, ends, pixel = lines
+    return starts + view.first, ends + view.first, pixel

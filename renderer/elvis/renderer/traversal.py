@@ -120,11 +120,9 @@ def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
     most = np.nan_to_num(places.max(axis=1), nan=np.inf) + 1e-3
 
     # within the picture; what lies beyond it ends before it begins
-    diagonal = 4 * max(view.width, view.height)
-    start = [0, 0, -diagonal, -diagonal]
-    end = [view.width - 1, view.height - 1, diagonal, diagonal]
-    before_start = [-1, -1, -diagonal, -diagonal]
-    after_end = [view.width, view.height, diagonal, diagonal]
+    diagonal = 4 * (int(np.abs([view.first, view.last]).max()) + 1) * np.ones(2, np.int64)
+    start, end = np.append(view.first, -diagonal), np.append(view.last, diagonal)
+    before_start, after_end = np.append(view.first - 1, -diagonal), np.append(view.last + 1, diagonal)
     first = np.ceil(np.clip(least, start, after_end)).astype(np.int32)
     last = np.floor(np.clip(most, before_start, end)).astype(np.int32)
 

@@ -29,7 +29,7 @@ def misplaced(view: View, extent: float) -> float:
 def uncertainties(view: View, pixel: Ints, depth: Floats, normal: Floats, extent: float) -> Floats:
     """(n,) how far the depths (n,) of hits in pixels (n,) may be from those of the surface, whose normals (n, 3) are
     given: a place next to it is that much over the cosine farther along the ray.  Without a normal the cosine is 1."""
-    directions = view.rays(pixel % view.width, pixel // view.width)[1]
+    directions = view.rays_of(pixel)[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs(np.einsum("ni,ni->n", directions, normal)) / np.linalg.norm(directions, axis=1)
         own = misplaced(view, extent) / np.where(np.isnan(cosine), 1.0, cosine)

@@ -36,8 +36,8 @@ def middle(view: View) -> Floats:
 def cells(view: View, width: float) -> tuple[NDArray[np.int64], tuple[int, int]]:
     """(2,) the first cell, column and row, and the rows and columns of all that pixels of a view need."""
     scale, origin = scale_of(width), middle(view)
-    first = np.floor(scale * (-0.5 - origin)).astype(np.int64) - 1
-    last = np.floor(scale * (np.array([view.width, view.height]) - 0.5 - origin)).astype(np.int64) + 2
+    first = np.floor(scale * (view.first - 0.5 - origin)).astype(np.int64) - 1
+    last = np.floor(scale * (view.last + 0.5 - origin)).astype(np.int64) + 2
     columns, rows = (last - first + 1).tolist()
     return first, (rows, columns)
 

@@ -1,18 +1,19 @@
 """Cameras turned into numbers: from pixels to rays and plane points, and from world points to pixels.
 
-Pixel (i, j) is column i from the left and row j from the top; integer coordinates are pixel centres.
+Pixel (i, j) is column i from the left and row j from the top; integer coordinates are pixel centres.  In windows of a
+picture pixels keep their columns and rows, so that what is computed for them is the same to the last bit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 from elvis.scene.errors import SceneError
 
@@ -26,8 +27,10 @@ MARGIN = 1.04  # a fitted view is this much larger than what it shows
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera, for a picture of ``width`` by ``height`` pixels.
+    """A camera, for a picture of ``width`` by ``height`` pixels, or for a window of one.
 
+    left, top            column and row of the first pixel
+    part_of              the picture that it is a window of; None where it is the whole
     corner, column, row  (3,) offset of pixel (0, 0) from the axis of the view, and steps to the next column and row; at
                          depth 1 in perspective, at any depth in parallel views
     to_pixel             (3, 4) rows for column, row and weight of a homogeneous world point; the weight is positive in
@@ -41,6 +44,9 @@ class View:
     column: Floats
     row: Floats
     to_pixel: Floats
+    left: int = field(default=0, kw_only=True)
+    top: int = field(default=0, kw_only=True)
+    part_of: View | None = field(default=None, kw_only=True)
 
     @staticmethod
     def through(camera: Camera, size: tuple[int, int]) -> View:
@@ -56,19 +62,57 @@ class View:
         eye = np.asarray(camera.eye, dtype=np.float64)
         return View(camera, width, height, corner, column, row, _to_pixel(camera, eye, step, size))
 
-    def window(self, x: float, y: float, width: int, height: int) -> View:
-        """The part of the picture whose pixel (0, 0) is pixel (x, y) of this one, whole or not; beyond it goes on."""
-        if (x, y, width, height) == (0, 0, self.width, self.height):
+    def with_margin(self, margin: int) -> View:
+        """The picture with pixels around it."""
+        if not margin:
             return self
+        wide, high = self.width + 2 * margin, self.height + 2 * margin
+        return replace(self, left=self.left - margin, top=self.top - margin, width=wide, height=high)
+
+    def rows(self, first: int, last: int) -> View:
+        """The rows of the picture from one to before another, as far as there are any."""
+        first, last = max(first, self.top), min(last, self.top + self.height)
+        if (first, last) == (self.top, self.top + self.height):
+            return self
+        return replace(self, top=first, height=last - first, part_of=self.whole)
+
+    def shifted(self, x: float, y: float) -> View:
+        """The same pixels, whose rays are those of points so many columns and rows beside their centres."""
         shift = np.array([x, y, 0.0])[:, None] * self.to_pixel[2]
         corner = self.corner + x * self.column + y * self.row
-        return View(self.camera, width, height, corner, self.column, self.row, self.to_pixel - shift)
+        part_of = None if self.part_of is None else self.part_of.shifted(x, y)
+        rays = corner, self.column, self.row, self.to_pixel - shift
+        return View(self.camera, self.width, self.height, *rays, left=self.left, top=self.top, part_of=part_of)
+
+    @property
+    def whole(self) -> View:
+        """The picture that this is a window of."""
+        return self if self.part_of is None else self.part_of
+
+    @property
+    def first(self) -> Ints:
+        """(2,) the least column and row."""
+        return np.array([self.left, self.top])
+
+    @property
+    def last(self) -> Ints:
+        """(2,) the greatest column and row."""
+        return np.array([self.left + self.width - 1, self.top + self.height - 1])
+
+    def places(self, pixel: Ints) -> tuple[Ints, Ints]:
+        """Columns and rows (n,) of pixels (n,), which are numbered row by row."""
+        rows, columns = np.divmod(pixel, self.width)
+        return columns + self.left, rows + self.top
+
+    def numbers(self, columns: Ints, rows: Ints) -> Ints:
+        """Numbers (n,) of the pixels in columns and rows (n,)."""
+        return np.asarray((rows - self.top) * self.width + (columns - self.left))
 
     def shows_same(self, other: View) -> bool:
         """Whether the rays of all pixels are those of another view."""
         if self is other:
             return True
-        if (self.camera, self.width, self.height) != (other.camera, other.width, other.height):
+        if any(getattr(self, name) != getattr(other, name) for name in ("camera", "width", "height", "left", "top")):
             return False
         return all(
             np.array_equal(getattr(self, name), getattr(other, name))
@@ -100,8 +144,11 @@ class View:
 
     def every_ray(self) -> tuple[Floats, Floats]:
         """The rays of all pixels, row by row."""
-        rows, columns = np.divmod(np.arange(self.count), self.width)
-        return self.rays(columns, rows)
+        return self.rays_of(np.arange(self.count))
+
+    def rays_of(self, pixel: Ints) -> tuple[Floats, Floats]:
+        """The rays of pixels (n,), as rays()."""
+        return self.rays(*self.places(pixel))
 
     def projected(self, points: Floats) -> Floats:
         """(..., 3) column and row, both times the weight, and the weight of world points (..., 3)."""
@@ -112,7 +159,7 @@ class View:
         placed = self.projected(points)
         with np.errstate(divide="ignore", invalid="ignore"):
             image = placed[:, :2] / placed[:, 2:]
-        inside = (image > -0.5).all(axis=1) & (image < [self.width - 0.5, self.height - 0.5]).all(axis=1)
+        inside = (image > self.first - 0.5).all(axis=1) & (image < self.last + 0.5).all(axis=1)
         found: Bools = inside & (placed[:, 2] > 0.0)
         return found
 
@@ -156,8 +203,7 @@ class PlaneView(View):
 
     def points(self) -> Floats:
         """(height, width, 3) the plane point of every pixel; NaN where the ray misses the plane or it lies behind."""
-        i, j = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        return self.points_of(i.ravel(), j.ravel()).reshape(self.height, self.width, 3)
+        return self.points_of(*self.places(np.arange(self.count))).reshape(self.height, self.width, 3)
 
     def points_of(self, columns: Pixels, rows: Pixels) -> Floats:
         """(n, 3) the plane points of some pixels, as points()."""
@@ -174,7 +220,8 @@ class PlaneView(View):
 
         # a ratio of functions that are linear in column and row
         numerators = (self.plane_point[:3] @ forward) - (forward @ eye) * self.plane_point[3]
-        across, down = np.arange(self.width), np.arange(self.height)[:, None]
+        across = np.arange(self.left, self.left + self.width)
+        down = np.arange(self.top, self.top + self.height)[:, None]
         top, weight = (row[0] + row[1] * across + row[2] * down for row in (numerators, self.plane_point[3]))
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(top / weight).reshape(-1)

@@ -5,7 +5,7 @@ What is shared with the renderer is the noise, the weights along a line and what
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,8 +31,9 @@ def margin(lic: Lic) -> int:
 
 
 def padded(view: View, around: int) -> View:
-    """A view with so many pixels more on each side."""
-    return view.window(-around, -around, view.width + 2 * around, view.height + 2 * around)
+    """A view with so many pixels more on each side, the first of which is pixel (0, 0)."""
+    wide, high = view.width + 2 * around, view.height + 2 * around
+    return replace(view.shifted(-around, -around), width=wide, height=high)
 
 
 def inner(values: Floats, view: View, around: int) -> Floats:

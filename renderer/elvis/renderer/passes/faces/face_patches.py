@@ -53,6 +53,13 @@ class FacePatches:
     near: Floats
     noise: Floats
 
+    def within(self, view: View) -> FacePatches:
+        """Those with pixels in a window of the picture."""
+        if view.part_of is None:
+            return self
+        least, most = self.bounds[..., :2]
+        return self.some(np.flatnonzero((least <= view.last).all(axis=1) & (most >= view.first).all(axis=1)))
+
     def some(self, chosen: Ints) -> FacePatches:
         """Some of the patches."""
         bounds, beside = self.bounds[:, chosen], self.beside[..., chosen]
@@ -76,6 +83,7 @@ class Edges:
 def face_patches(space: FaceSpace, nets: Floats, view: View, reach: float = 0.0) -> tuple[FacePatches, Edges]:
     """Everything of faces with ``nets`` (n, count, 4) that may cover the centre of a pixel of the view.
 
+    view   a whole picture: what depends on its pixels is the same in all windows of it
     reach  or come as near to it as this, in columns and in rows
     """
     rounding = _rounding(nets, view)
@@ -258,13 +266,12 @@ def _visible_patches(batch: _Batch, view: View, rounding: float, reach: float) -
 
     Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
     """
-    size = np.array([view.width - 1.0, view.height - 1.0])
-    batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, size, rounding, reach)))
+    batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, view, rounding, reach)))
 
     # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
     least = rounding / _extent(view)
     at_eye = batch.screen[2].max(axis=0) <= least
-    batch.screen[:3, :, at_eye] = least * np.append(0.5 * size, 1.0)[:, None, None]
+    batch.screen[:3, :, at_eye] = least * np.append(0.5 * (view.first + view.last), 1.0)[:, None, None]
     front = batch.screen[2].min(axis=0) > 0.0
     weight = batch.screen[2].compress(front, axis=-1)
     flat = batch.screen[:2].compress(front, axis=-1) / weight
@@ -282,17 +289,13 @@ def _visible_patches(batch: _Batch, view: View, rounding: float, reach: float) -
     return batch.some(np.flatnonzero(kept)), front[kept]
 
 
-def _is_in_picture(screen: Floats, size: Floats, rounding: float, reach: float) -> Bools:
-    """(n,) whether nets (5, count, n) may reach into the picture and before the eye.
-
-    size   greatest column and row
-    reach  pixels that the picture goes on beyond them
-    """
+def _is_in_picture(screen: Floats, view: View, rounding: float, reach: float) -> Bools:
+    """(n,) whether nets (5, count, n) may reach into the picture, ``reach`` pixels wider, and before the eye."""
     x, y, w, depth = screen[:4]
     seen = np.isfinite(screen).all(axis=(0, 1)) & (depth.max(axis=0) > 0.0)
     beside = np.maximum(THIN * w, rounding) + reach * np.abs(w)
-    for side, far in zip((x, y), size, strict=True):
-        after_first = (side + beside).max(axis=0) > 0.0
+    for side, near, far in zip((x, y), view.first, view.last, strict=True):
+        after_first = (side - near * w + beside).max(axis=0) > 0.0
         before_last = (far * w + beside - side).max(axis=0) > 0.0
         seen &= after_first & before_last
     return np.asarray(seen)
@@ -341,8 +344,8 @@ def _pixels(points: Floats, slack: Floats, view: View, reach: float) -> Ints:
     slack = slack + reach * np.array([[1.0], [1.0], [2.0], [2.0]])
     least = np.ceil(low - slack)
     most = np.floor(high + slack)
-    least[:2] = least[:2].clip(0.0, None)
-    most[:2] = most[:2].clip(None, [[view.width - 1.0], [view.height - 1.0]])
+    least[:2] = least[:2].clip(view.first[:, None], None)
+    most[:2] = most[:2].clip(None, view.last[:, None])
     return np.stack([least, most]).astype(np.int64)
 
 
@@ -372,8 +375,8 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
     All pixels (i, j) within the bounds of a patch are meant.  With the matrix M that inverts the mean Jacobian for the
     middle pixel, b is the greatest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
     """
-    size = np.array([[view.width - 1.0], [view.height - 1.0]])
-    low, high = np.where(front, batch.pixels[:, :2], np.stack([0.0 * size, size]))
+    picture = np.stack([view.first, view.last])[..., None]
+    low, high = np.where(front, batch.pixels[:, :2], picture)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     derivatives = [matrix @ batch.screen[[0, 1, 2, 4]] for matrix in space.derivatives]
     planes = [derivative[:2] - middle[:, None] * derivative[2] for derivative in derivatives]

@@ -84,13 +84,15 @@ class FacesInView:
     """The faces that were drawn last, for each block, and what the view saw of them.
 
     choice  how they were chosen
-    view    the view that ``in_view`` belongs to; None while it belongs to another choice
-    tiled   patches, tiles and what these list, by part, whether the tiles are all of the picture, and layout of patches
+    view    the whole picture that ``in_view`` belongs to; None while it belongs to another choice
+    window  of that picture, which ``tiled`` belongs to
+    tiled   patches, tiles and what these list, by part, whether the tiles are all of the window, and layout of patches
     """
 
     choice: tuple[str, ...] | Bools = ()
     chosen: list[_ChosenFaces] = field(default_factory=list)
     view: View | None = None
+    window: View | None = None
     in_view: list[tuple[FacePatches, Edges]] = field(default_factory=list)
     tiled: dict[tuple[int, bool, np.dtype[Any]], tuple[NDArray[Any], NDArray[Any], NDArray[np.uint32]]] = field(
         default_factory=dict
@@ -151,17 +153,18 @@ class FaceDrawer:
         hits = _without_repeats(np.concatenate(found, dtype=dtype), self._tie(view))
 
         # tiles reach beyond the rows
-        first, last = (0, view.height) if rows is None else rows
-        pixel = hits["pixel"]
-        wanted: NDArray[Any] = hits[(pixel >= first * view.width) & (pixel < last * view.width)]
+        if rows is None:
+            return hits
+        row = view.places(hits["pixel"])[1]
+        wanted: NDArray[Any] = hits[(row >= rows[0]) & (row < rows[1])]
         return wanted
 
     def near_squares(self, view: View, select: Sequence[str]) -> Iterator[SquarePatches]:
         """What of the faces that ``select`` names may be in the squares of pixels; of two sides of a face one."""
         for index, (block, rows) in enumerate(zip(self.faces.blocks, self._chosen_rows(tuple(select)), strict=True)):
             own = _choose(block, rows)
-            patches, edges = face_patches(block.space, own.nets, view, _SQUARE)
-            patches = own.sides.both(patches)
+            patches, edges = face_patches(block.space, own.nets, view.whole, _SQUARE)
+            patches = own.sides.both(patches.within(view))
 
             # at one place the element with the lowest number is shown
             pair = np.stack([own.sides.alone[own.sides.first], own.sides.other])
@@ -188,7 +191,7 @@ class FaceDrawer:
         # the rank of an element is its place among all, from near to far
         rank = np.argsort(np.argsort(near, kind="stable"))
         order = np.argsort(rank[element], kind="stable")
-        return patches[order], self._view_record(kernel, view)
+        return patches[order[_is_within(patches[order], view)]], self._view_record(kernel, view)
 
     def _part_patches(
         self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]
@@ -250,9 +253,10 @@ class FaceDrawer:
         if key not in self._last.tiled:
             patches = self._part_patches(view, select, number, kernel.dtype("patches"))
             order = np.argsort(patches["near"], kind="stable")
-            patches, size = patches[order], (view.width, view.height) if is_first else None
-            beside = self._part_lines(number)[..., order]
-            tiles, listed = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"), size, beside)
+            order = order[_is_within(patches[order], view)]
+            patches, beside = patches[order], self._part_lines(number)[..., order]
+            least, most = pixel_bounds(patches, view)
+            tiles, listed = bin_sections(least, most, kernel.dtype("tiles"), view if is_first else None, beside)
             self._last.tiled[key] = patches, tiles, listed
         return self._last.tiled[key]
 
@@ -281,14 +285,15 @@ class FaceDrawer:
             last.chosen = chosen
             last.view = None
 
-        if last.view is None or not last.view.shows_same(view):
+        if last.view is None or not last.view.shows_same(view.whole):
             in_view = []
             for block, own in zip(self.faces.blocks, last.chosen, strict=True):
-                patches, edges = face_patches(block.space, own.nets, view)
+                patches, edges = face_patches(block.space, own.nets, view.whole)
                 in_view.append((own.sides.both(patches), edges))
-            last.view = view
+            last.view, last.window = view.whole, None
             last.in_view = in_view
-            last.tiled = {}
+        if last.window is None or not last.window.shows_same(view):
+            last.window, last.tiled = view, {}
         return last.in_view
 
     def _chosen_rows(self, choice: tuple[str, ...] | Bools) -> list[Ints]:
@@ -328,6 +333,22 @@ class FaceDrawer:
         """The FaceView record (face.slang)."""
         uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.extent)}
         return record_of(kernel, "view", view, **uncertain, **values)
+
+
+def _is_within(patches: NDArray[Any], view: View) -> Bools:
+    """(n,) whether FacePatch records have pixels in a window of the picture."""
+    is_there = (patches["least"][:, :2] <= view.last) & (patches["most"][:, :2] >= view.first)
+    return np.asarray(is_there.all(axis=1))
+
+
+def pixel_bounds(patches: NDArray[Any], view: View) -> tuple[Ints, Ints]:
+    """The least and the greatest (n, 4) of what bounds the pixels that FacePatch records have there."""
+    if view.part_of is None:
+        return patches["least"], patches["most"]
+    least, most = patches["least"].copy(), patches["most"].copy()
+    least[:, :2] = np.maximum(least[:, :2], view.first)
+    most[:, :2] = np.minimum(most[:, :2], view.last)
+    return least, most
 
 
 def _choose(block: FaceBlock, rows: Ints) -> _ChosenFaces:
@@ -372,12 +393,12 @@ def pixels_near(view: View, edges: Edges, reach: float = 0.0) -> Iterator[tuple[
     start, end = np.where(steep[:, None], edges.ends[..., ::-1], edges.ends)
     x0, y0 = start.T
     x1, y1 = end.T
-    last_x = np.where(steep, view.height, view.width) - 1
-    last_y = np.where(steep, view.width, view.height) - 1
+    first_x, first_y = np.where(steep, view.first[::-1, None], view.first[:, None])
+    last_x, last_y = np.where(steep, view.last[::-1, None], view.last[:, None])
     every_radius = edges.radius + reach
 
     # steps of one pixel along each edge, within the picture
-    first = np.ceil(np.minimum(x0, x1) - every_radius).clip(0, None)
+    first = np.maximum(np.ceil(np.minimum(x0, x1) - every_radius), first_x)
     last = np.minimum(np.floor(np.maximum(x0, x1) + every_radius), last_x)
     edge, x = _integers_between(first, last)
 
@@ -385,14 +406,14 @@ def pixels_near(view: View, edges: Edges, reach: float = 0.0) -> Iterator[tuple[
     slope = np.divide(y1 - y0, x1 - x0, out=np.zeros_like(x0), where=x1 != x0)
     y = y0[edge] + slope[edge] * (x - x0[edge])
     radius = every_radius[edge]
-    first = np.ceil(y - radius).clip(0, None)
+    first = np.maximum(np.ceil(y - radius), first_y[edge])
     last = np.minimum(np.floor(y + radius), last_y[edge])
     for some in chunks(len(edge), max(1, _AT_ONCE // max(view.width, view.height))):
         step, across = _integers_between(first[some], last[some])
         along = x[some][step]
         own = edge[some][step]
         column, row = np.where(steep[own], [across, along], [along, across]).astype(np.int64)
-        yield own, row * view.width + column
+        yield own, view.numbers(column, row)
 
 
 def _integers_between(first: Floats, last: Floats) -> tuple[Ints, Floats]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
@@ -22,7 +22,7 @@ from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.passes.isosurface.straight_levels import StraightLevels
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import bin_sections
+from elvis.renderer.tiles import bin_sections, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
@@ -127,7 +127,7 @@ class IsosurfaceDrawer:
         corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
         sections = visible_sections(view, corners, (low <= value) & (high >= value))
         edges = np.zeros((view.height + 1, view.width + 1), np.int64)
-        (x0, y0), (x1, y1) = sections.least[:, :2].T, sections.most[:, :2].T + 1
+        (x0, y0), (x1, y1) = (sections.least[:, :2] - view.first).T, (sections.most[:, :2] - view.first).T + 1
         for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
             np.add.at(edges, (y, x), sign)
         return np.asarray(edges.cumsum(axis=0).cumsum(axis=1)[:-1, :-1].reshape(-1) > 0)
@@ -227,15 +227,20 @@ class IsosurfaceDrawer:
         certified = self._is_certified(level.number, level.quantity)
         for portion, elements in self.portions(level):
             level_view = partial(self._level_view, draw, portion, certified=certified)
-            unfinished = elements
+            unfinished, where = elements, None
             for draft in range(_DRAFTS):
                 sub_elements = self._sub_elements(portion, unfinished, whole=draft == 0)
                 if not len(sub_elements):
                     break
                 last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
-                drawn = partial(self._draft, draw, portion, level_view=partial(level_view, last=last))
+                drawn = partial(self._draft, draw, portion, where=where, level_view=partial(level_view, last=last))
                 chunks = self._chunks(portion, sub_elements)
-                unfinished = sub_elements[np.concatenate([drawn(some) for some in chunks])]
+                before = np.cumsum([0, *map(len, chunks)])
+                found = [drawn(some) for some in chunks]
+                number = np.concatenate([own + first for (own, _), first in zip(found, before, strict=False)])
+                rows, parent = np.unique(number, return_inverse=True)
+                unfinished, where = sub_elements[rows], _pairs(parent, np.concatenate([places for _, places in found]))
+                unfinished["parent"] = np.arange(len(rows))
 
     def portions(self, level: Level) -> Iterator[tuple[Level, NDArray[Any]]]:
         """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
@@ -355,22 +360,36 @@ class IsosurfaceDrawer:
         return fits
 
     def _draft(
-        self, draw: Kernel, level: Level, sub_elements: NDArray[Any], level_view: Callable[..., Buffer]
-    ) -> Bools:
-        """Draws sub-elements; (n,) in which of them rays took too many steps, so that their parts are to be drawn."""
+        self,
+        draw: Kernel,
+        level: Level,
+        sub_elements: NDArray[Any],
+        where: Ints | None,
+        level_view: Callable[..., Buffer],
+    ) -> tuple[Ints, Ints]:
+        """Draws sub-elements; in which of them (m,) and in which tiles (m,) rays took too many steps: parts follow.
+
+        where  as of `_pairs`, in which tiles parts of which sub-elements are to be drawn; None for everywhere
+        """
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
-        least[:, :2], most[:, :2] = sub_elements["bounds"][:, :2], sub_elements["bounds"][:, 2:]
+        least[:, :2] = np.maximum(sub_elements["bounds"][:, :2], level.view.first)
+        most[:, :2] = np.minimum(sub_elements["bounds"][:, 2:], level.view.last)
         tiles, order = bin_sections(least, most, draw.dtype("tiles"))
+        place = np.repeat(places_of(tiles["x"], tiles["y"]), tiles["end"] - tiles["first"])
+        if where is not None:
+            chosen = np.isin(_pairs(sub_elements["parent"][order], place), where)
+            tiles, order, place = _chosen(tiles, chosen), order[chosen], place[chosen]
         lists = {
             "level_view": level_view(count=len(tiles)),
             "tiles": self.device.buffer(tiles),
             "order": self.device.buffer(order),
             "sub_elements": self.device.buffer(sub_elements),
             "fits": self._fits(level, sub_elements),
-            "unfinished": self.device.buffer(np.zeros(len(sub_elements), np.uint32)),
+            "unfinished": self.device.buffer(np.zeros(len(order), np.uint32)),
         }
         draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
-        return np.asarray(self.device.read(lists["unfinished"], np.uint32)[: len(sub_elements)] > 0)
+        listed = np.flatnonzero(self.device.read(lists["unfinished"], np.uint32)[: len(order)])
+        return order[listed].astype(np.int64), place[listed]
 
     def _level_view(self, kernel: Kernel, level: Level, **other: int) -> Buffer:
         """The LevelView record of the stages (iso.slang)."""
@@ -379,6 +398,18 @@ class IsosurfaceDrawer:
         place = {"across": 1 / np.linalg.norm(view.column), "first": self.loaded.first[level.number]}
         record = record_of(kernel, "level_view", view, level=level.value, **place, **errors, **other)
         return self.device.buffer(record)
+
+
+def _pairs(parent: NDArray[Any], place: Ints) -> Ints:
+    """(n,) numbers of pairs of sub-elements (n,) and places (n,) of tiles."""
+    return np.asarray(parent.astype(np.int64) << 40 | place)
+
+
+def _chosen(tiles: NDArray[Any], chosen: Bools) -> NDArray[Any]:
+    """Tile records that have only the chosen ones (m,) of all that they list."""
+    ends = np.append(0, np.cumsum(chosen))
+    tiles["first"], tiles["end"] = ends[tiles["first"]], ends[tiles["end"]]
+    return tiles[tiles["first"] < tiles["end"]]
 
 
 def _join(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:

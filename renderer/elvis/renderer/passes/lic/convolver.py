@@ -70,12 +70,13 @@ class Convolver:
         device = self.loaded.device
         kernel = device.kernel("lic_convolve")
         step, weighed = weights(lic.length)
-        first, shape = cells(view, lic.width)
+        first, shape = cells(view.whole, lic.width)
         record = np.zeros(1, kernel.dtype("streaks"))
         record["origin"], record["first"], record["scale"] = middle(view), first, scale_of(lic.width)
         record["variance"], record["integral"] = spread(lic.width)
         record["step"], record["steps"] = step, len(weighed) - 1
-        record["width"], record["cells"], record["count"] = view.width, shape[1], view.count
+        record["left"], record["top"], record["width"] = view.left, view.top, view.width
+        record["cells"], record["count"] = shape[1], view.count
         tones = device.empty(np.float64, view.count)
         given: dict[str, Buffer | NDArray[Any]] = {
             "streaks": record,

@@ -19,7 +19,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.contour_squares import ROUNDING, Derivatives, is_nearby
-from elvis.scene.view import View
+from elvis.scene.view import Pixels, View
 
 if TYPE_CHECKING:
     from elvis.renderer.passes.lines.lines import Lines
@@ -100,7 +100,7 @@ class CutChart:
         own = elements - self._loaded.first[self._number]
         return sample_elements(self._loaded, self._number, own, places - self.center, self._quantity)
 
-    def targets(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
+    def targets(self, columns: Pixels, rows: Pixels) -> tuple[Floats, Floats]:
         """(n, 3) places of the plane under points of the picture, and how much nearer they make the plane seem."""
         assert self._hits.flat is not None
         origins, directions = self._view.rays(columns, rows)

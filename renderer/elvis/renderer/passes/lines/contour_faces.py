@@ -140,7 +140,7 @@ class FaceContours:
         squares = []
         rows = [np.flatnonzero(block == own) for own in range(len(self._blocks))]
         for own, some in zip(self._blocks, rows, strict=True):
-            line, column = np.divmod(pixel[some], self._view.width)
+            column, line = self._view.places(pixel[some])
             start = np.full((len(some), 2), np.nan)
             items = Items(pixel[some], number[some], start)
             bounds = own.bounds.derivatives.part(number[some])

@@ -16,7 +16,7 @@ from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import beside, pairs
+from elvis.renderer.gaps import beside, pairs, within
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.contour_cuts import CutChart
 from elvis.renderer.passes.lines.contour_faces import FaceContours
@@ -39,7 +39,6 @@ class ContourProof:
     status  (n,) of frame.Status by pixel: CERTAIN where every level is proved to be taken in the square or not to be,
             else AMBIGUOUS; MISS where nothing is hit
     taken   (n,) whether one of the levels is proved to be taken there
-    width   of the picture
     """
 
     def __init__(
@@ -57,7 +56,6 @@ class ContourProof:
         self._hits = hits
         self._levels = levels
         self._quantity = quantity
-        self.width = view.width
         self._charts: dict[int, CutChart] = {}
         is_hit = hits.owner != NOBODY
         self.taken = np.zeros(view.count, bool)
@@ -103,11 +101,11 @@ class ContourProof:
         if not len(pixel):
             return
         chart = next(iter(self._charts.values()))
-        line, column = np.divmod(pixel, self.width)
-        middle, _ = chart.targets(column.astype(float), line.astype(float))
+        column, line = self._view.places(pixel)
+        middle, _ = chart.targets(column, line)
         reach = np.zeros(len(pixel))
         for x, y in product((-0.5, 0.5), repeat=2):
-            corner, _ = chart.targets(column + x, line + y)
+            corner, _ = chart.targets(np.add(column, x, dtype=np.float64), np.add(line, y, dtype=np.float64))
             reach = np.maximum(reach, np.linalg.norm(corner - middle, axis=1))
         beside_clip = pixel[~(1.001 * reach < clear[pixel])]
         self.taken[beside_clip] = False
@@ -122,11 +120,7 @@ class ContourProof:
         # squares reach half a pixel beyond the centres that sections bound
         sections["least"] -= 1
         sections["most"] += 1
-        last = [self._view.width - 1, self._view.height - 1]
-        sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
-        sections["most"][:, :2] = np.minimum(sections["most"][:, :2], last)
-
-        pixel, element = pairs(sections, mask)
+        pixel, element = pairs(within(self._view, sections), mask)
         is_other = self._hits.owner[pixel] != element
         pixel = pixel[is_other]
         element = element[is_other].astype(np.int64)
@@ -149,7 +143,7 @@ class ContourProof:
             for some in chunks(len(rows), _SQUARES):
                 chosen = items.part(rows[some])
                 own_bounds = bounds.part(np.searchsorted(elements, chosen.element))
-                line, column = np.divmod(chosen.pixel, self._view.width)
+                column, line = self._view.places(chosen.pixel)
                 squares = Squares(chart, column.astype(float), line.astype(float), chosen, own_bounds)
                 is_alone[rows[some]] = squares.is_inside
                 self._decide_squares(squares, chosen)

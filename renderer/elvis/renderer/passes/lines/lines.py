@@ -18,7 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import ROWS, Device
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import beside, pairs
+from elvis.renderer.gaps import beside, pairs, within
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import NOBODY
@@ -165,9 +165,7 @@ class Lines:
         sections = sections[_thin(sections, owner, len(ends))]
         sections["least"] -= 1
         sections["most"] += 1
-        sections["least"][:, :2] = np.maximum(sections["least"][:, :2], 0)
-        sections["most"][:, :2] = np.minimum(sections["most"][:, :2], [view.width - 1, view.height - 1])
-        pixel, element = pairs(sections, _near_others(owner, 1))
+        pixel, element = pairs(within(view, sections), _near_others(owner, 1))
         around = np.pad(owner, 1, constant_values=NOBODY).reshape(-1)
         corner, free = pixel + 2 * (pixel // view.width), np.ones(len(pixel), bool)
         for k in range(9):

@@ -116,7 +116,7 @@ class Cutter:
 
         # the pixels of every tile; drawing twice is harmless, should the list of candidates have been too short
         with self.clock.stage("draw"):
-            tiles = tiles_by_section(sections["least"], sections["most"], draw.dtype("tiles"))
+            tiles = tiles_by_section(sections["least"], sections["most"], view, draw.dtype("tiles"))
             self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))

@@ -54,7 +54,7 @@ def hits(surface: Solid, view: View) -> Hits:
         pixel, depth, normal = _triangle_hits(triangles(surface.file), view)
     else:
         pixel = np.arange(view.count)
-        origins, directions = view.rays(pixel % view.width, pixel // view.width)
+        origins, directions = view.rays_of(pixel)
         depths = ray_depths(surface, origins, directions)
         which, pixel = np.nonzero((depths > 0.0) & np.isfinite(depths))
         depth = depths[which, pixel]
@@ -167,7 +167,7 @@ def _triangle_hits(corners: Floats, view: View) -> tuple[Ints, Floats, Floats]:
     for triangle, column, row in _pairs(corners, view):
         depth = _triangle_depths(corners[triangle], *view.rays(column, row))
         met = np.flatnonzero(depth > 0.0)
-        found.append((row[met] * view.width + column[met], depth[met], triangle[met]))
+        found.append((view.numbers(column[met], row[met]), depth[met], triangle[met]))
     pixel, depth, triangle = (np.concatenate(parts) for parts in zip(_NONE, *found, strict=True))
     order = np.lexsort([depth, pixel])
     pixel, depth, triangle = pixel[order], depth[order], triangle[order]
@@ -187,10 +187,9 @@ def _pairs(corners: Floats, view: View) -> Iterator[tuple[Ints, Ints, Ints]]:
     least, most = np.nan_to_num(seen.min(axis=1)), np.nan_to_num(seen.max(axis=1))
 
     # what crosses the plane of the eye may be anywhere
-    whole = np.array([view.width - 1.0, view.height - 1.0])
-    least[~front.all(axis=1)], most[~front.all(axis=1)] = 0.0, whole
-    first = np.ceil(np.clip(least - 1e-6, 0.0, whole + 1)).astype(np.int64)
-    sides = np.maximum(np.floor(np.clip(most + 1e-6, -1.0, whole)).astype(np.int64) - first + 1, 0)
+    least[~front.all(axis=1)], most[~front.all(axis=1)] = view.first, view.last
+    first = np.ceil(np.clip(least - 1e-6, view.first, view.last + 1)).astype(np.int64)
+    sides = np.maximum(np.floor(np.clip(most + 1e-6, view.first - 1, view.last)).astype(np.int64) - first + 1, 0)
     counts = sides.prod(axis=1) * front.any(axis=1)
     ends = np.cumsum(counts)
     for start in range(0, int(ends[-1]), _AT_ONCE):

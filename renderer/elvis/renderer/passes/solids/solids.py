@@ -86,7 +86,7 @@ def _between(view: View, pixel: Ints, depth: Floats, low: Floats, high: Floats) 
 
 
 def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
-    origins, directions = view.rays(pixel % view.width, pixel // view.width)
+    origins, directions = view.rays_of(pixel)
     return np.asarray(origins + depth[:, None] * directions)
 
 
@@ -105,7 +105,7 @@ def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, extent: float)
 def _hits_of(view: View, met: Hits, places: Places, chosen: Ints) -> HitBuffer:
     """The hit buffer of some hits, one a pixel at most."""
     found, pixel = HitBuffer.empty(view.count), met.pixel[chosen]
-    directions = view.rays(pixel % view.width, pixel // view.width)[1]
+    directions = view.rays_of(pixel)[1]
     away = np.einsum("ni,ni->n", directions, met.normal[chosen]) > 0.0
     found.owner[pixel], found.field[pixel] = places.owner[chosen], places.field[chosen]
     found.reference[pixel], found.depth[pixel] = places.reference[chosen], met.depth[chosen]

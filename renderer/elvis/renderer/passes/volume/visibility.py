@@ -37,7 +37,7 @@ class Visibility:
         Returns (m,), (most, m) and (most, m); depths in no order, infinite where there is none.  Between two hits of a
         surface one point tells on which side of it they all are.
         """
-        origins, directions = self.view.rays(pixel % self.view.width, pixel // self.view.width)
+        origins, directions = self.view.rays_of(pixel)
         count, depths, changes = (
             np.zeros(len(pixel), np.int64),
             [np.empty((0, len(pixel)))],

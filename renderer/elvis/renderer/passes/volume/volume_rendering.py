@@ -15,7 +15,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.passes.faces.faces import FaceDrawer
+from elvis.renderer.passes.faces.faces import FaceDrawer, pixel_bounds
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE, bin_sections, corners_of, empty_tiles, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
@@ -318,7 +318,7 @@ class _March:
         kernel = self._kernel("volume_trace", number, quantity_index)
         patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
         patches = patches[self.chosen[quantity_index][number][patches["element"]]]
-        tiles, order = bin_sections(patches["least"], patches["most"], kernel.dtype("tiles"))
+        tiles, order = bin_sections(*pixel_bounds(patches, self.view), kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[quantity_index]), APART
         # as many segments as there are elements in a tile
@@ -352,8 +352,9 @@ class _March:
         # tiles reach beyond the picture's edge
         x, y = (corner[:, None] for corner in corners_of(band.places))
         x, y = x + np.arange(LANES) % TILE, y + np.arange(LANES) // TILE
-        held = (x < self.view.width) & (y < self.view.height)
-        pixel = np.where(held, y * self.view.width + x, 0)
+        (left, top), (right, bottom) = self.view.first, self.view.last
+        held = (x >= left) & (y >= top) & (x <= right) & (y <= bottom)
+        pixel = np.where(held, self.view.numbers(x, y), 0)
 
         ask = np.zeros(1, self.march.dtype("march_of"))
         ask["error"], ask["rows"], ask["stops"] = self.error, band.rows, self.visibility.most
