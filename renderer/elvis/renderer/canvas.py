@@ -130,9 +130,11 @@ class Canvas:
         """Bands of ``most`` pixels at most, and the pixels around that lines need, also beyond the picture's edge."""
         view, margin = self.view, self.painter.radius
         wide = view.with_margin(margin)
-        rows = max(1, self.most // view.width)
-        # a tile that has pixels of a band lies in its window
-        rows = rows // TILE * TILE or rows
+        rows = view.height
+        if view.count > self.most:
+            # a tile that has pixels of a band lies in its window
+            most = max(1, self.most // view.width)
+            rows = most // TILE * TILE or most
         around = -(-margin // TILE) * TILE
         for top in range(0, view.height, rows):
             end = min(view.height, top + rows)

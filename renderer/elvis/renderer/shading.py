@@ -332,6 +332,9 @@ class Painter:
 
     def is_complete(self, draw_calls: Sequence[DrawCall]) -> bool:
         """Whether nothing depends on the range of what is seen."""
+        volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
+        if draw_calls and not all(item.transfer.colors for item in volumes):
+            return False
         return all(
             (draw_call.style.color is not None or self._scene_range(draw_call.quantity, draw_call.style) != "seen")
             and (draw_call.style.contours is None or draw_call.style.contours.count is None)
