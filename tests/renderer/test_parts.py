@@ -117,7 +117,7 @@ def written(renderer, dataset, scene, folder):
     frame = renderer.render(whole)
     for name in ("a.png", "a.npz"):
         frame.save(folder / name)
-    told = frame.counts(), frame.remarks, frame.stats["elements"]
+    told = frame.counts(), frame.remarks, frame.stats["elements"], frame.stats.get("contours")
     return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), told
 
 
@@ -139,7 +139,7 @@ def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monk
     ball = Clip(Sphere((0.5, 0.5, 0.6), 0.3))
     volume = (*SCENES["volume"].objects, CutSurface(UPRIGHT, Style(opacity=0.5)))
     scene = SCENES.get(name, Scene(objects=volume, clip=(ball,), camera="iso"))
-    scene = replace(scene, field="u", size=(96, 75), samples=1 + (name == "clipped"))
+    scene = replace(scene, field="u", size=(96, 75), samples=1 + (name == "clipped"), stats="counts.json")
     drawn = renderer("vulkan")
     expected = written(drawn, bent, scene, tmp_path)
     for rows in (75, 40, 24, 8):

@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import pairs
+from elvis.renderer.gaps import pairs, within
 from elvis.renderer.passes.faces.faces import SquarePatches, pixels_near
 from elvis.renderer.passes.lines.contour_patches import PatchBounds, PatchChart
 from elvis.renderer.passes.lines.contour_squares import AT_ONCE, Items, Squares, any_between
@@ -41,6 +41,7 @@ _POINTS = np.array([(0.0, 0.0), *product((-0.5, 0.5), repeat=2)])
 class _Block:
     """Patches of one part and shape."""
 
+    view: View
     chart: PatchChart
     bounds: PatchBounds
 
@@ -48,7 +49,7 @@ class _Block:
         """Pixels of a mask (h, w) whose squares the chosen patches (n,) may reach into, and the numbers of these."""
         sections = self.chart.records[chosen].copy()
         sections["element"] = np.flatnonzero(chosen)
-        pixel, number = pairs(sections, mask)
+        pixel, number = pairs(within(self.view, sections), mask)
         return pixel, number.astype(np.int64)
 
 
@@ -109,7 +110,7 @@ class FaceContours:
 
     def _block(self, loaded: DeviceVolume, quantity: str | None, patches: SquarePatches) -> _Block:
         chart = PatchChart(loaded, quantity, self._view, patches)
-        return _Block(chart, chart.bounds())
+        return _Block(self._view, chart, chart.bounds())
 
     def _decide(self, due: Bools) -> None:
         """Decide pixels (n,), some at a time with all their patches."""
