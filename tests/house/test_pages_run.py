@@ -17,6 +17,7 @@ OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray
 
 #: the pages with commands, but for the first, the README
 WITH_COMMANDS = [page for page in PAGES[1:] if commands(page)]
+WITH_PYTHON = [page for page in PAGES if blocks(ROOT, page, "python")]
 
 
 @pytest.fixture
@@ -44,13 +45,14 @@ def test_commands_of_the_readme_run(run_commands):
     run_commands("README.md")
 
 
-@pytest.mark.sampled(least=len(WITH_COMMANDS) // 3, free=("page",))
+@pytest.mark.sampled(least=len(WITH_COMMANDS) // 4, free=("page",))
 @pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands_run(page, run_commands):
     run_commands(page)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(ROOT, page, "python")])
+@pytest.mark.sampled(least=len(WITH_PYTHON) // 2, free=("page",))
+@pytest.mark.parametrize("page", WITH_PYTHON)
 def test_python_examples_run(root, page, page_folder):
     """Those of one page follow one another; what needs a library that is not installed is left out."""
     names = {"__name__": "__main__"}
