@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import MAP_KEY, Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.mapping.tangents import determinants
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
@@ -81,9 +82,9 @@ def jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
     """Extremes of the Jacobian determinant at quadrature points, and the elements where it is not positive there."""
     least, greatest, wrong = np.inf, -np.inf, []
     for block in blocks:
-        for ids, determinants in _determinants(block, space):
-            low = determinants.min(axis=1)
-            least, greatest = min(least, float(low.min())), max(greatest, float(determinants.max()))
+        for ids, found in _determinants(block, space):
+            low = found.min(axis=1)
+            least, greatest = min(least, float(low.min())), max(greatest, float(found.max()))
             wrong += ids[~(low > 0)].tolist()
     return {
         "sampled_at": "Gauss points, one more in each direction than the map has modes",
@@ -103,12 +104,12 @@ def _determinants(block: GeometryBlock, space: int) -> Iterator[tuple[Ints, Floa
     step = max(1, _NUMBERS_AT_ONCE // (3 * len(points) * (dimension + 1)))
     for first in range(0, len(block), step):
         chunk = slice(first, first + step)
-        tangents = evaluate_with_gradients(block.expansion, block.coefficients[chunk, :space], points)[1]
-        jacobians = np.moveaxis(tangents, 1, -2)
-        if space == dimension:
-            yield block.element_ids[chunk], np.linalg.det(jacobians)
+        jacobians = np.moveaxis(evaluate_with_gradients(block.expansion, block.coefficients[chunk], points)[1], 1, -2)
+        if space == dimension < 3:
+            found = np.linalg.det(jacobians[..., :space, :])
         else:
-            yield block.element_ids[chunk], np.sqrt(np.linalg.det(np.swapaxes(jacobians, -1, -2) @ jacobians))
+            found = determinants(jacobians.reshape(-1, 3, dimension)).reshape(-1, len(points))
+        yield block.element_ids[chunk], found
 
 
 def gauss_points(expansion: Expansion) -> Floats:
