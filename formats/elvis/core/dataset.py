@@ -8,7 +8,7 @@ from dataclasses import field as default
 from typing import TYPE_CHECKING, Protocol
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.hints import perhaps
 from elvis.core.mesh import Mesh
 from elvis.core.moments import Instant
@@ -69,6 +69,10 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.element_ids)
+
+    def of(self, rows: Ints) -> Block:
+        """Some of its elements, by their rows."""
+        return Block(self.expansion, frozen_ints(self.element_ids[rows]), frozen_floats(self.coefficients[rows]))
 
     def __repr__(self) -> str:
         return describing.line_of_block(self)

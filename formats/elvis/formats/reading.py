@@ -10,15 +10,17 @@ from contextlib import suppress
 from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
+from elvis.core.portions.portion import Portion, carriers, is_even
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
-from elvis.formats.nektar.assembly import RawGeometry, assemble, unite
+from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite
 from elvis.formats.nektar.fields_input import time_of
+from elvis.formats.nektar.geometry_parts import part_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section
@@ -31,6 +33,8 @@ _HDF5_NAME = re.compile(rb"""HDF5FILE\s*=\s*["']([^"'<>]+)["']""")
 #: bytes at the beginning of a file in which it says what it is, and names another
 _HEAD = 1 << 20
 _PARTITIONS = ("Partition", "MultipleFldFiles")
+
+T = TypeVar("T")
 
 #: names of the fields that are wanted, of those of a dataset
 Choice: TypeAlias = Callable[[Dataset], Collection[str]]
@@ -45,17 +49,23 @@ def read(*paths: str | Path) -> Dataset:
 
     Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where no mesh is given.
     """
-    if not paths:
+    return _read(paths, lambda reader, names: reader.dataset(names))
+
+
+def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) -> T:
+    """What is made of a reader of all files, of which there is one at least."""
+    names = [str(path) for path in paths]
+    if not names:
         raise ElvisError("expected files to read, found none")
     try:
         reader = _Reader()
-        for path in paths:
-            reader.add(Path(path))
-        return reader.dataset([str(path) for path in paths])
+        for name in names:
+            reader.add(Path(name))
+        return make(reader, names)
     except MemoryError as error:
-        raise ElvisError(f"{paths[0]}: there is not enough memory to read the data") from error
+        raise ElvisError(f"{names[0]}: there is not enough memory to read the data") from error
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
+        raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or names[0]) from error
 
 
 def read_data(paths: Iterable[str | Path]) -> Dataset:
@@ -65,6 +75,18 @@ def read_data(paths: Iterable[str | Path]) -> Dataset:
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):
         return read(*files)
+
+
+def read_part(number: int, count: int, *paths: str | Path) -> Portion:
+    """One of ``count`` parts of the dataset that `read` finds in ``paths``, a range of elements along a curve.
+
+    Of HDF5 that is mapped (`elvis.formats.nektar.hdf5.mapped`) little more than this part is in memory at any time.
+    Raises as `read`, and for what is wrong with other parts not always.
+    """
+    from elvis.core.terminal import stage
+
+    with stage(f"reading {', '.join(Path(path).name for path in paths)}"):
+        return _read(paths, lambda reader, names: reader.part(names, number, count))
 
 
 def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
@@ -150,6 +172,24 @@ class _Reader:
         found = fields_input.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
+
+    def part(self, names: list[str], number: int, count: int) -> Portion:
+        """One of ``count`` parts of all that was taken in; FormatError where there is no mesh."""
+        if any(section.space.homogeneous for section in self._sections):
+            # which planes belong together depends on all elements
+            return Portion.of_whole(self.dataset(names), number, count)
+        rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
+        raw = self._raw_geometry(names)
+        metadata = {**self._mesh_metadata, **self._field_metadata}
+        whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
+        whole = replace(whole, fields=fields_input.without_values(self._sections, whole.mesh))
+        part = part_of(raw, number, count, carriers(whole))
+        del raw
+        mesh = with_remarks(assemble(part.raw, is_part=True), self._remarks)
+        fields, blocks = fields_input.assemble_part(self._sections, mesh, whole.fields)
+        dataset = replace(whole, mesh=mesh, fields=fields, expansions=expansions.resolve(rules, mesh))
+        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.elements, part.triangles)
+        return Portion(dataset, *numbers, is_even(whole)).with_sides(part.sides)
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
@@ -243,6 +283,10 @@ class _Reader:
         self._geometries[piece] = child
 
     def _mesh(self, names: list[str]) -> Mesh:
+        return with_remarks(assemble(self._raw_geometry(names)), self._remarks)
+
+    def _raw_geometry(self, names: list[str]) -> RawGeometry:
+        """The mesh as files hold it; nothing else holds it then."""
         pieces = list(self._raw_geometries())
         if not pieces:
             raise FormatError(
@@ -250,7 +294,7 @@ class _Reader:
             )
         self._geometries.clear()
         self._tags.clear()
-        return with_remarks(assemble(unite(pieces)), self._remarks)
+        return unite(pieces)
 
     def _describe_content(self) -> str:
         """What was found where a mesh should be."""

@@ -5,16 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
 from elvis.core.terminal import stage
-from elvis.formats.reading import is_native, read_data
+from elvis.formats.reading import is_native, read_data, read_part
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.series.step_names import expanded
+
+if TYPE_CHECKING:
+    from elvis.core.portions.portion import Portion
+    from elvis.plugins.series.series import Series
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -86,14 +93,30 @@ def open_data(
 
     Raises as `read`, and PluginError for plugins that don't exist or don't work.
     """
-    reading = reading or Reading()
+    return _open(paths, reading or Reading(), report, dataset_of)
+
+
+def open_part(
+    paths: Sequence[Path], reading: Reading, report: Callable[[str], object], number: int, count: int
+) -> Dataset | PluginData | Portion:
+    """One of ``count`` parts of what `open_data` opens, if the files are native and one state; else the whole."""
+    return _open(paths, reading, report, lambda files, how: _part_of(files, how, number, count))
+
+
+def _open(
+    paths: Sequence[Path],
+    reading: Reading,
+    report: Callable[[str], object],
+    read_files: Callable[[Sequence[Path], Reading], T],
+) -> T | Dataset | PluginData:
+    """See `open_data`; what no plugin opens is read by ``read_files``."""
     paths = expanded(paths)
     own = _converters_in(reading.plugin)
     if own:
         return _convert(paths, own, replace(reading, is_kept=False))
     opened = None if reading.options else open_files(paths, reading.plugin, report)
     if opened is None:
-        return dataset_of(paths, reading)
+        return read_files(paths, reading)
     if reading.moment.step is not None:
         raise ElvisError(f"expected data of several steps, found what the plugin {opened.name} opens as one")
     if reading.others:
@@ -106,15 +129,29 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
 
     Of a series it is the moment of ``reading``.
     """
+    paths, series = _series_of(paths, reading)
+    if series is not None:
+        return series.at_moment(reading.moment)
+    return reading.moment.of_one_state(state_with_others(paths, reading))
+
+
+def _part_of(paths: Sequence[Path], reading: Reading, number: int, count: int) -> Dataset | Portion:
+    """As `dataset_of`, of native files that are one state a part."""
+    paths, series = _series_of(paths, reading)
+    if series is not None or reading.options or reading.others or not all(map(is_native, paths)):
+        return dataset_of(paths, reading)
+    portion = read_part(number, count, *paths)
+    return replace(portion, dataset=reading.moment.of_one_state(portion.dataset))
+
+
+def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path], Series | None]:
+    """All files, each of which is plain, and the series that they are, None where they are one state."""
     from elvis.plugins.series.series import series_of
 
     paths = expanded(paths)
     for path in paths:
         check_plain_or_folder(path)
-    series = series_of(paths, reading)
-    if series is not None:
-        return series.at_moment(reading.moment)
-    return reading.moment.of_one_state(state_with_others(paths, reading))
+    return paths, series_of(paths, reading)
 
 
 def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:

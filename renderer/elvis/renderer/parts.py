@@ -1,6 +1,6 @@
 """Pictures of data in parts: each part tells which of its elements matter, and these are drawn as all would be.
 
-A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to all that draw, with
+A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to the process that draws, with
 their numbers in the whole, and every stage works on them as it is.  No pixel is compared or merged, so that pictures
 are the same to the byte, whatever the parts are.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +31,10 @@ _TIMES = 4
 
 def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
     """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
-    if not _is_local(dataset, scenes):
-        return dataset
     whole = Portion.whole(dataset)
-    return _restored(unite([_what_matters(whole.of(ids), scenes) for ids in parts]), dataset)
+    if not _is_local(dataset, whole, scenes):
+        return dataset
+    return replace(drawable(unite([_what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
 
 
 def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
@@ -59,11 +60,11 @@ def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginDa
 
 
 def of_ranks(
-    opened: dict[object, Dataset | PluginData], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
+    opened: dict[object, Dataset | PluginData | Portion], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
 ) -> dict[object, Dataset | PluginData]:
-    """For each of several ranks, the elements of data that scenes depend on; each looks for them in its part.
+    """For rank 0 of several, the elements of data that scenes depend on; each rank looks for them in its part.
 
-    opened  what each rank has opened whole; emptied, so that it takes no memory any longer
+    opened  what each rank has opened, its part or all; emptied, so that what is all takes no memory any longer
     Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
     """
     found, beside = {}, {}
@@ -71,19 +72,28 @@ def of_ranks(
         data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
-        is_local = _is_local(data, scenes[key])
-        own = Portion.whole(data).of(along_curve(data, ranks.size)[ranks.rank])
-        beside[key] = replace(data, mesh=own.dataset.mesh, fields=())
-        del data
+        own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
+        dataset = data.dataset if isinstance(data, Portion) else data
+        is_local, beside[key] = _is_local(dataset, own, scenes[key]), _beside(dataset)
+        del data, dataset
         found[key] = _what_matters(own, scenes[key]) if is_local else own
-    every = ranks.exchange(found, repr(scenes))
-    return {key: _restored(unite([some[key] for some in every]), data) for key, data in beside.items()}
+        del own
+    every = ranks.gather(found, repr(scenes))
+    if ranks.rank:
+        return {}
+    return {key: replace(drawable(unite([some[key] for some in every])), **beside[key]) for key in beside}
 
 
-def _is_local(dataset: Dataset, scenes: Sequence[Scene]) -> bool:
-    """Whether scenes may depend on less than all elements."""
-    is_whole = not _has_one_set_of_elements(dataset) or any(other_device(scene.device) for scene in scenes)
-    return not is_whole and all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
+def _beside(dataset: Dataset) -> dict[str, Any]:
+    """What a dataset has beside elements and what portions have."""
+    return {"others": dataset.others, "shared": dataset.shared, "rates": dataset.rates}
+
+
+def _is_local(dataset: Dataset, portion: Portion, scenes: Sequence[Scene]) -> bool:
+    """Whether scenes of a dataset, of which there is a portion, may depend on less than all elements."""
+    if not portion.is_even or any(other_device(scene.device) for scene in scenes):
+        return False
+    return all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
 
 
 def _what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
@@ -93,22 +103,11 @@ def _what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
     return portion.of(np.unique(np.concatenate(found)))
 
 
-def _restored(portion: Portion, dataset: Dataset) -> Dataset:
-    """The dataset of a portion, with what the whole has beside elements."""
-    return replace(drawable(portion), others=dataset.others, shared=dataset.shared, rates=dataset.rates)
-
-
 def drawable(portion: Portion) -> Dataset:
     """The dataset of a portion, without blocks that have no elements."""
     dataset = portion.dataset
     fields = (replace(own, blocks=tuple(block for block in own.blocks if len(block))) for own in dataset.fields)
     return replace(dataset, fields=tuple(fields))
-
-
-def _has_one_set_of_elements(dataset: Dataset) -> bool:
-    """Whether all fields have the same elements, so that faces are inner ones of all or of none."""
-    held = [np.sort(np.concatenate([b.element_ids for b in own.blocks])) for own in dataset.solution if own.blocks]
-    return all(np.array_equal(one, held[0]) for one in held)
 
 
 def _whole_scene(dataset: Dataset, scene: Scene) -> Scene:

@@ -12,27 +12,34 @@ from elvis.core.shapes import Shape
 
 
 def along_curve(dataset: Dataset, count: int) -> list[Ints]:
-    """Ids of the elements of each of ``count`` parts: ranges along a Z-shaped curve through their middles.
+    """Ids of the elements of each of ``count`` parts: ranges along a Z-shaped curve through their first vertices.
 
-    Parts have as many elements as others, or one more.
+    Parts have about as many elements as others: those with one first vertex stay together.
     """
-    ids, middles = _middles(dataset.mesh)
-    order = np.argsort(places_on_curve(middles), kind="stable")
-    return [frozen_ints(np.sort(some)) for some in np.array_split(ids[order], count)]
+    mesh = dataset.mesh
+    ids = np.concatenate([own.ids for own in mesh.elements.values()])
+    first = _first_vertices(mesh)
+    parts = cut_curve(mesh.vertices, np.bincount(first, minlength=len(mesh.vertices)), count)[first]
+    return [frozen_ints(np.sort(ids[parts == number])) for number in range(count)]
 
 
-def _middles(mesh: Mesh) -> tuple[Ints, Floats]:
-    """(n,) ids of all elements, and (n, 3) places in their middles: means of what bounds them, and so on."""
-    bounding = mesh.vertices
+def cut_curve(vertices: Floats, held: Ints, count: int) -> Ints:
+    """(n,) which of ``count`` ranges of a curve through vertices (n, 3) each is in; these hold about as much.
+
+    held  (n,) how much is where each vertex is
+    """
+    order = np.argsort(places_on_curve(vertices), kind="stable")
+    along = held[order]
+    # where the middle of what a vertex holds lies among all
+    middles = 2 * np.cumsum(along) - along
+    parts = np.empty(len(vertices), np.int64)
+    parts[order] = middles * count // max(2 * int(held.sum()), 1)
+    return parts
+
+
+def _first_vertices(mesh: Mesh) -> Ints:
+    """(n,) for each element a vertex: the first of its first edge, of its first face."""
+    first = np.arange(len(mesh.vertices))
     for dimension in range(1, mesh.dimension + 1):
-        every = [mesh.of(shape) for shape in Shape.of_dimension(dimension)]
-        bounding = np.concatenate([_means(bounding, own.members) for own in every])
-    return np.concatenate([own.ids for own in every]), bounding
-
-
-def _means(places: Floats, members: Ints) -> Floats:
-    """(n, 3) means of the places (m, 3) of members (n, k)."""
-    found = np.zeros((len(members), 3))
-    for column in members.T:
-        found += places[column]
-    return np.asarray(found / members.shape[1])
+        first = np.concatenate([first[mesh.of(shape).members[:, 0]] for shape in Shape.of_dimension(dimension)])
+    return first

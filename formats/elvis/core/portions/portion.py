@@ -14,6 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.mesh import Composite, Curves, Entities, Excerpt, Mesh
+from elvis.core.portions.partition import along_curve
 from elvis.core.shapes import Shape
 
 #: kinds of entities: vertices, then shapes
@@ -37,6 +38,7 @@ class Portion:
     blocks    for each field and block (n,) rows of its elements in the block of the whole
     sides     numbers in the whole of faces, of 2D meshes edges, that have elements on both sides in the whole
     elements, triangles  how many the whole has
+    is_even   whether all fields have the same elements in the whole, so that faces are inner ones of all or of none
     """
 
     dataset: Dataset
@@ -47,6 +49,7 @@ class Portion:
     sides: Ints
     elements: int
     triangles: int
+    is_even: bool
 
     @staticmethod
     def whole(dataset: Dataset) -> Portion:
@@ -61,7 +64,12 @@ class Portion:
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
         alone = replace(dataset, others={}, shared={}, rates=None)
-        return Portion(alone, rows, edges, faces, blocks, sides, elements, triangles)
+        return Portion(alone, rows, edges, faces, blocks, sides, elements, triangles, is_even(dataset))
+
+    @staticmethod
+    def of_whole(dataset: Dataset, number: int, count: int) -> Portion:
+        """One of ``count`` parts of a dataset, a range of elements along a curve."""
+        return Portion.whole(dataset).of(along_curve(dataset, count)[number])
 
     def of(self, ids: Ints) -> Portion:
         """The elements among these that have one of the ids (n,)."""
@@ -73,7 +81,7 @@ class Portion:
         fields, blocks = [], {}
         for field in self.dataset.fields:
             chosen = [np.flatnonzero(np.isin(block.element_ids, ids)) for block in field.blocks]
-            own = (_of_block(block, some) for block, some in zip(field.blocks, chosen, strict=True))
+            own = (block.of(some) for block, some in zip(field.blocks, chosen, strict=True))
             fields.append(replace(field, blocks=tuple(own)))
             old = zip(self.blocks[field.name], chosen, strict=True)
             blocks[field.name] = tuple(before[some] for before, some in old)
@@ -87,7 +95,7 @@ class Portion:
             blocks=blocks,
         )
         numbers = portion._side_numbers()
-        return portion._with_excerpt(numbers[np.isin(numbers, self.sides)])
+        return portion.with_sides(numbers[np.isin(numbers, self.sides)])
 
     @property
     def bytes(self) -> int:
@@ -102,7 +110,7 @@ class Portion:
         numbers = _faces_in_whole if self.dataset.mesh.dimension == 3 else _edges_in_whole
         return numbers(self, self.rows)
 
-    def _with_excerpt(self, sides: Ints) -> Portion:
+    def with_sides(self, sides: Ints) -> Portion:
         """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
         excerpt = Excerpt(self.elements, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
@@ -147,17 +155,32 @@ def unite(some: Sequence[Portion]) -> Portion:
     fields, blocks = _united_fields(some)
     dataset = replace(first.dataset, mesh=mesh, fields=fields)
     united = replace(first, dataset=dataset, rows=rows, edges=edges, faces=faces, blocks=blocks)
-    return united._with_excerpt(distinct(np.sort(np.concatenate([portion.sides for portion in some]))))
+    return united.with_sides(distinct(np.sort(np.concatenate([portion.sides for portion in some]))))
+
+
+def is_even(dataset: Dataset) -> bool:
+    """Whether all fields of a dataset have the same elements."""
+    held = [[block.element_ids for block in own.blocks] for own in dataset.solution if own.blocks]
+    others = [ids for ids in held if list(map(id, ids)) != list(map(id, held[0]))]
+    if not others:
+        return True
+    first = np.sort(np.concatenate(held[0]))
+    return all(np.array_equal(np.sort(np.concatenate(ids)), first) for ids in others)
+
+
+def carriers(dataset: Dataset) -> Ints | None:
+    """(n,) ids of the elements that have the first field; None where there is none, and sides are those of all."""
+    blocks = dataset.solution[0].blocks if dataset.solution else ()
+    every = [block.element_ids for block in blocks]
+    return every[0] if len(every) == 1 else np.concatenate(every) if every else None
 
 
 def _inner_sides(dataset: Dataset) -> Ints:
     """Numbers of faces, of 2D meshes edges, that have elements on both sides, which have the first field if any has."""
-    mesh = dataset.mesh
-    solution = dataset.solution
-    carriers = [block.element_ids for block in solution[0].blocks] if solution else []
+    mesh, chosen_ids = dataset.mesh, carriers(dataset)
     members = []
     for entities in mesh.elements.values():
-        chosen = np.isin(entities.ids, np.concatenate(carriers)) if carriers else np.ones(len(entities), bool)
+        chosen = np.ones(len(entities), bool) if chosen_ids is None else np.isin(entities.ids, chosen_ids)
         members.append(entities.members[chosen].reshape(-1))
     counts = np.bincount(np.concatenate([np.empty(0, np.int64), *members]))
     return np.flatnonzero(counts > 1) if mesh.dimension > 1 else np.empty(0, np.int64)
@@ -294,11 +317,6 @@ def _united_composite(some: Sequence[Composite]) -> Composite:
     tags = [tag for tag, _ in some[0].parts]
     ids = (np.unique(np.concatenate(own)) for own in zip(*([ids for _, ids in one.parts] for one in some), strict=True))
     return replace(some[0], parts=tuple(zip(tags, map(frozen_ints, ids), strict=True)))
-
-
-def _of_block(block: Block, rows: Ints) -> Block:
-    """Some elements of a block."""
-    return Block(block.expansion, frozen_ints(block.element_ids[rows]), frozen_floats(block.coefficients[rows]))
 
 
 def _united_fields(some: Sequence[Portion]) -> tuple[tuple[Field, ...], dict[str, tuple[Ints, ...]]]:

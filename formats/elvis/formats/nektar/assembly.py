@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.errors import FormatError
@@ -56,8 +58,8 @@ class RawGeometry:
     domains: Mapping[int, IdList] = field(default_factory=dict)
 
 
-_AT_ONCE = 1 << 17
-
+#: rows that are looked at together where there may be many
+AT_ONCE = 1 << 17
 #: ids up to this many times their number are looked up in a table, sparser ones by bisection
 _DENSE = 4
 
@@ -66,11 +68,11 @@ class Lookup:
     """Finds the row of each id in an array of distinct ids; ``what`` names the entities in messages."""
 
     def __init__(self, ids: Ints, what: str) -> None:
-        self._what = what
-        self._table: Ints | None = None
+        self._what, self.count = what, len(ids)
+        self._table: NDArray[Any] | None = None
         if len(ids) and ids.min() < 0:
             raise FormatError(f"expected {what} ids from 0 up, found {ids.min()}")
-        if len(ids) and ids.max() < _DENSE * len(ids) + _AT_ONCE:
+        if len(ids) and ids.max() < _DENSE * len(ids) + AT_ONCE:
             self._table, again = _rows_by_id(ids)
         else:
             self._rows = np.argsort(ids, kind="stable")
@@ -85,19 +87,20 @@ class Lookup:
         return self._sorted if self._table is None else np.flatnonzero(self._table >= 0)
 
     def present(self, ids: Ints) -> Bools:
-        """Whether each id is there."""
-        return self._find_rows(ids)[1]
+        """Whether each id (n,) is there."""
+        parts = [self._find_rows(ids[start : start + AT_ONCE])[1] for start in range(0, len(ids), AT_ONCE)]
+        return np.concatenate([np.empty(0, bool), *parts])
 
     def rows(self, ids: Ints, user: str) -> Ints:
         """Rows of the ids, in their shape; FormatError where one is unknown, ``user`` says who names it."""
-        return self.into_rows(ids.copy(), user)
+        return self.into_rows(np.array(ids), user)
 
     def into_rows(self, ids: Ints, user: str) -> Ints:
-        """As `rows`, but the array itself is overwritten: no second one of its size is needed."""
-        ids = np.ascontiguousarray(ids)
+        """As `rows`, but the array itself is overwritten if it can be: no second one of its size is needed."""
+        ids = np.ascontiguousarray(ids) if ids.flags.writeable else np.array(ids)
         flat = ids.reshape(-1)
-        for start in range(0, len(flat), _AT_ONCE):
-            part = flat[start : start + _AT_ONCE]
+        for start in range(0, len(flat), AT_ONCE):
+            part = flat[start : start + AT_ONCE]
             rows, known = self._find_rows(part)
             if not known.all():
                 wrong = part[~known][0]
@@ -116,11 +119,14 @@ class Lookup:
         return self._rows[places], self._sorted[places] == ids
 
 
-def _rows_by_id(ids: Ints) -> tuple[Ints, Ints]:
+def _rows_by_id(ids: Ints) -> tuple[NDArray[Any], Ints]:
     """Row by id, -1 where there is none, and the ids that are there twice."""
-    table = np.full(int(ids.max()) + 1, -1)
-    table[ids] = np.arange(len(ids))
-    return table, ids[table[ids] != np.arange(len(ids))]
+    table = np.full(int(ids.max()) + 1, -1, np.int32 if len(ids) < 1 << 31 else np.int64)
+    spans = [(start, min(start + AT_ONCE, len(ids))) for start in range(0, len(ids), AT_ONCE)]
+    for start, stop in spans:
+        table[ids[start:stop]] = np.arange(start, stop)
+    again = [ids[start:stop][table[ids[start:stop]] != np.arange(start, stop)] for start, stop in spans]
+    return table, np.concatenate(again)
 
 
 def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
@@ -155,6 +161,8 @@ def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
 
 def first_rows(ids: Ints) -> Ints:
     """(n,) rows where an id appears for the first time, ascending."""
+    if (ids[1:] > ids[:-1]).all():
+        return np.arange(len(ids))
     return np.sort(np.unique(ids, return_index=True)[1])
 
 
@@ -212,32 +220,42 @@ def _unite_lists(lists: list[IdList]) -> IdList:
     return IdList(ranges[0, kept], ranges[1, kept])
 
 
+def mesh_of_ids(raw: RawGeometry) -> Mesh:
+    """Of a mesh the ids of the elements alone."""
+    ids = {
+        shape: frozen_ints(raw.tables[shape][0]) for shape in Shape.of_dimension(raw.dimension) if shape in raw.tables
+    }
+    entities = {shape: Entities(own, frozen_ints(np.empty((len(own), 0)))) for shape, own in ids.items()}
+    return Mesh(raw.dimension, raw.space, frozen_ints(np.empty(0)), frozen_floats(np.empty((0, 3))), entities)
+
+
 #: dimension of what the tags name that stand for no one shape
 _DIMENSIONS = {"V": 0, "E": 1, "F": 2}
 
 
-def assemble(raw: RawGeometry) -> Mesh:
+def assemble(raw: RawGeometry, *, is_part: bool = False) -> Mesh:
     """The mesh; FormatError where an id is unknown or given twice, or a curve or coordinate can't be.
 
     The members in ``raw`` are overwritten, so that a mesh is never held twice.
+
+    is_part  whether there may be no elements, as the mesh is a part of another
     """
     try:
-        return _assemble(raw)
+        return _assemble(raw, is_part)
     except FormatError as error:
         raise error.within(raw.file, "GEOMETRY") from error
 
 
-def _assemble(raw: RawGeometry) -> Mesh:
-    lookups = _lookups(raw)
-    top = lookups[raw.dimension]
-    if not len(top.ids):
-        raise FormatError(f"expected elements of dimension {raw.dimension}, found none")
+def _assemble(raw: RawGeometry, is_part: bool) -> Mesh:
+    lookups = lookups_of(raw)
+    if not is_part:
+        check_elements(raw)
     composites = _composites(raw, lookups)
     return Mesh(
         raw.dimension,
         raw.space,
         frozen_ints(raw.vertex_ids),
-        _coordinates(raw.vertices, raw.space, "vertices"),
+        coordinates(raw.vertices, raw.space, "vertices"),
         {shape: _entities(shape, *table, lookups[shape.dimension - 1]) for shape, table in raw.tables.items()},
         _edge_curves(raw, lookups[1]),
         _face_curves(raw, lookups[2]),
@@ -246,11 +264,18 @@ def _assemble(raw: RawGeometry) -> Mesh:
     )
 
 
-def _lookups(raw: RawGeometry) -> list[Lookup]:
+def check_elements(raw: RawGeometry) -> None:
+    """FormatError where there are none."""
+    if not any(len(_ids(raw, shape)) for shape in Shape.of_dimension(raw.dimension)):
+        raise FormatError(f"expected elements of dimension {raw.dimension}, found none")
+
+
+def lookups_of(raw: RawGeometry) -> list[Lookup]:
     """Vertices, edges, faces and volume elements by dimension; faces are the triangles, then the quadrilaterals."""
     names = ["vertex", "edge", "face", "element"]
     names[raw.dimension] = "element"
-    ids = [np.concatenate([_ids(raw, shape) for shape in Shape.of_dimension(d)]) for d in (1, 2, 3)]
+    tables = [[raw.tables[shape][0] for shape in Shape.of_dimension(d) if shape in raw.tables] for d in (1, 2, 3)]
+    ids = [np.concatenate(own) if own else np.empty(0, np.int64) for own in tables]
     return [Lookup(numbers, name) for numbers, name in zip([raw.vertex_ids, *ids], names, strict=True)]
 
 
@@ -262,7 +287,7 @@ def _ids(raw: RawGeometry, shape: Shape) -> Ints:
     return raw.tables[shape][0] if shape in raw.tables else np.empty(0, np.int64)
 
 
-def _coordinates(points: Floats, space: int, what: str) -> Floats:
+def coordinates(points: Floats, space: int, what: str) -> Floats:
     """Finite points, what lies beyond the space set to zero."""
     if not np.isfinite(points).all():
         row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
@@ -311,7 +336,7 @@ def _curves(raw: RawGeometry, curves: RawCurves, lookup: Lookup, what: str) -> C
         frozen_ints(lookup.rows(curves.entities, what)),
         frozen_ints(curves.kinds),
         frozen_ints(np.append(0, np.cumsum(curves.counts))),
-        _coordinates(curves.points, raw.space, what),
+        coordinates(curves.points, raw.space, what),
     )
 
 

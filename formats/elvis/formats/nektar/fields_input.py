@@ -28,6 +28,7 @@ from elvis.formats.nektar.sections import (
     Piece,
     Section,
     Space,
+    coefficient_counts,
     numbering,
     pieces,
     read_bases,
@@ -155,7 +156,7 @@ def read_hdf5(path: Path) -> tuple[list[Section], dict[str, str]]:
 
 
 def _column(root: h5py.Group, name: str) -> NDArray[Any]:
-    values = hdf5.floats(root, name) if name == "DATA" else hdf5.ints(root, name)
+    values = hdf5.floats(root, name) if name == "DATA" else hdf5.table(root, name)
     return np.empty(0, np.int64) if values is None else values
 
 
@@ -269,15 +270,55 @@ def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     FormatError where an element has another shape in the mesh, where data of one element contradict each other, and
     where no element is in the mesh.
     """
+    fields = _fields(sections, mesh)
+    if sections and not fields:
+        raise FormatError("expected fields on elements of the mesh, found none of its elements", file=sections[0].file)
+    return fields
+
+
+def without_values(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
+    """The fields that `assemble` makes, with blocks of elements that have no coefficients."""
+    return assemble([replace(section, values=None) for section in sections], mesh)
+
+
+def assemble_part(
+    sections: Sequence[Section], mesh: Mesh, whole: Sequence[Field]
+) -> tuple[tuple[Field, ...], dict[str, tuple[Ints, ...]]]:
+    """The blocks of fields of the whole on the elements that a part of its mesh has, and their rows in the whole.
+
+    sections  without Fourier directions
+    whole     see `without_values`
+    """
+    on_mesh = _OnMesh(mesh)
+    found = {(own.name, block.expansion): block for own in _fields(sections, mesh) for block in own.blocks}
+    fields, rows = [], {}
+    for field in whole:
+        chosen = [np.flatnonzero(on_mesh.present(block.expansion.shape, block.element_ids)) for block in field.blocks]
+        rows[field.name] = tuple(chosen)
+        blocks = zip(field.blocks, chosen, strict=True)
+        own = (_block_with_ids(found.get((field.name, block.expansion)), block.of(some)) for block, some in blocks)
+        fields.append(replace(field, blocks=tuple(own)))
+    return tuple(fields), rows
+
+
+def _block_with_ids(found: Block | None, wanted: Block) -> Block:
+    """A block with the elements of another, which has no coefficients, in their order; None has no elements."""
+    if found is None:
+        width = coefficient_counts(wanted.expansion.shape, np.array([wanted.expansion.modes]))[0]
+        return replace(wanted, coefficients=frozen_floats(np.empty((0, width))))
+    if np.array_equal(found.element_ids, wanted.element_ids):
+        return found
+    return found.of(Lookup(found.element_ids, "element").rows(wanted.element_ids, "field"))
+
+
+def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
+    """See `assemble`; none where no element is in the mesh."""
     on_mesh = _OnMesh(mesh)
     groups: dict[tuple[tuple[str, ...], Expansion], list[Piece]] = {}
     for section in sections:
         for piece in on_mesh.pieces(section):
             groups.setdefault((piece.names, piece.expansion), []).append(piece)
     united = _unite_planes([_concatenate(group) for group in groups.values()])
-    if sections and not united:
-        raise FormatError("expected fields on elements of the mesh, found none of its elements", file=sections[0].file)
-
     blocks: dict[str, list[Block]] = {}
     for piece in united:
         for name, coefficients in zip(piece.names, piece.coefficients, strict=True):
@@ -305,17 +346,12 @@ class _OnMesh:
         """The pieces of a section, without the elements that the mesh lacks."""
         shape = section.space.shape
         self._check_directions(section)
-        known = self._present(shape, section.element_ids)
-        others = [other for other in self._lookups if other is not shape]
-        for other in others:
+        for other in (known for known in self._lookups if known is not shape):
             wrong = section.element_ids[self._lookups[other].present(section.element_ids)]
             if len(wrong):
                 message = f"expected element {wrong[0]} to be a {other.label.lower()} as in the mesh"
                 raise FormatError(f"{message}, found a {shape.label.lower()}", file=section.file, place=section.place)
-        for piece in pieces(section):
-            kept = known if piece.element_ids is section.element_ids else self._present(shape, piece.element_ids)
-            if kept.any():
-                yield _keep(piece, kept)
+        return pieces(section, self.present(shape, section.element_ids))
 
     def _check_directions(self, section: Section) -> None:
         """FormatError where Fourier directions have no coordinates left beyond those of the mesh."""
@@ -325,14 +361,9 @@ class _OnMesh:
             expected = f"a mesh of SPACE {3 - directions} at most for {directions} Fourier directions"
             raise FormatError(f"expected {expected}, found {self._space}", file=section.file, place=section.place)
 
-    def _present(self, shape: Shape, ids: Ints) -> Bools:
+    def present(self, shape: Shape, ids: Ints) -> Bools:
+        """Whether the mesh has each element (n,) of a shape."""
         return self._lookups[shape].present(ids) if shape in self._lookups else np.zeros(len(ids), bool)
-
-
-def _keep(piece: Piece, kept: Bools) -> Piece:
-    if kept.all():
-        return piece
-    return replace(piece, element_ids=piece.element_ids[kept], coefficients=piece.coefficients[:, kept])
 
 
 def _concatenate(group: list[Piece]) -> Piece:

@@ -70,7 +70,7 @@ def read_geometry(path: Path, dimension: int | None = None, space: int | None = 
 
 
 def _vertices(mesh: h5py.Group, maps: h5py.Group) -> tuple[Ints, Floats]:
-    ids, points = hdf5.ints(maps, "VERT"), hdf5.floats(mesh, "VERT", 3)
+    ids, points = hdf5.table(maps, "VERT"), hdf5.floats(mesh, "VERT", 3)
     if ids is None or points is None or len(ids) != len(points):
         raise FormatError(
             "expected VERT in MESH and MAPS, of one length, found otherwise", place="/NEKTAR/GEOMETRY/MESH"
@@ -81,7 +81,7 @@ def _vertices(mesh: h5py.Group, maps: h5py.Group) -> tuple[Ints, Floats]:
 def _tables(mesh: h5py.Group, maps: h5py.Group) -> list[tuple[Shape, tuple[Ints, Ints]]]:
     found = []
     for shape, name in NAMES.items():
-        members, ids = hdf5.ints(mesh, name, MEMBERS[shape]), hdf5.ints(maps, name)
+        members, ids = hdf5.table(mesh, name, MEMBERS[shape]), hdf5.table(maps, name)
         if members is None and ids is None:
             continue
         if members is None or ids is None or len(ids) != len(members):

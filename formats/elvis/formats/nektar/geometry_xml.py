@@ -285,7 +285,7 @@ def _record_curves(element: Element | None, rows: Ints, points: Floats) -> RawCu
         return RawCurves(entities, kinds, counts, points[rows[owned(counts, offsets, len(rows))]])
 
 
-def owned(counts: Ints, offsets: Ints, available: int) -> Ints:
+def owned(counts: Ints, offsets: Ints, available: int) -> Ints | slice:
     """Places of the points of all curves, one after another; FormatError where they aren't among those available."""
     if np.any((counts < 0) | (counts > available) | (offsets < 0) | (offsets > available - counts)):
         raise FormatError(f"expected curves of at most {available} points, found one beyond them")
@@ -293,6 +293,9 @@ def owned(counts: Ints, offsets: Ints, available: int) -> Ints:
     if total > 16 * (available + 1):
         raise FormatError(f"expected curves of {available} points in all, found {total}")
     ends = np.cumsum(counts)
+    if np.array_equal(offsets, offsets[:1] + ends - counts):
+        start = int(offsets[0]) if len(offsets) else 0
+        return slice(start, start + total)
     places = np.repeat(offsets - ends + counts, counts)
     places += np.arange(total)
     return places

@@ -33,6 +33,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
 #: bytes beyond which an array is worth being mapped, and whether they are
 _LONG = 1 << 20
+_SIGNED = (np.dtype("<i4"), np.dtype("<i8"))
 _IS_MAPPED = ContextVar("mapped", default=False)
 
 
@@ -53,7 +54,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def mapped(*, if_so: bool = True) -> Iterator[None]:
-    """In the block long arrays of floats are mapped, not read: what nobody looks at is never in memory.
+    """In the block long arrays of floats, and tables, are mapped, not read: what nobody looks at is never in memory.
 
     The files must stay as they are while the arrays are used.
     """
@@ -85,6 +86,11 @@ def required_group(parent: h5py.Group, name: str) -> h5py.Group:
 def ints(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
     """Whole numbers, (n,) or (n, columns), as int64; None where there is no such dataset."""
     return _array(parent, name, columns, "iu", np.int64)
+
+
+def table(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
+    """As `ints`, but where long ones are mapped they have the type that is stored."""
+    return _array(parent, name, columns, "iu", np.int64, is_table=True)
 
 
 def unsigned(parent: h5py.Group, name: str) -> NDArray[np.uint64] | None:
@@ -205,7 +211,9 @@ def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
     return found
 
 
-def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype: type) -> NDArray[Any] | None:
+def _array(
+    parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype: type, *, is_table: bool = False
+) -> NDArray[Any] | None:
     found = _dataset(parent, name)
     if found is None:
         return None
@@ -214,10 +222,11 @@ def _array(parent: h5py.Group, name: str, columns: int | None, kinds: str, dtype
         if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
             raise FormatError(f"expected {expected}, found {_kind(found)}", place=_place(parent, name))
-        if _IS_MAPPED.get() and found.nbytes > _LONG and found.dtype == np.dtype("<f8") == dtype:
+        is_wanted = found.dtype in _SIGNED if is_table else found.dtype == np.dtype("<f8") == dtype
+        if _IS_MAPPED.get() and found.nbytes > _LONG and is_wanted:
             place = found.id.get_offset()
             if place is not None and not found.file.userblock_size:
-                return np.memmap(found.file.filename, "<f8", "r", place, found.shape)
+                return np.memmap(found.file.filename, found.dtype, "r", place, found.shape)
         out = np.empty(found.shape, dtype)
         if out.size:
             found.read_direct(out)

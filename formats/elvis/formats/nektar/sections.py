@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.bases import Basis
@@ -71,11 +71,11 @@ class Space:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A section read: element ids (n,) and values, field by field, element by element."""
+    """A section read: element ids (n,) and values, field by field, element by element; none where only these count."""
 
     space: Space
     element_ids: Ints
-    values: Floats
+    values: Floats | None
     file: str
     place: str
 
@@ -86,6 +86,8 @@ class Section:
         if len(rows) == len(names):
             return self
         space = replace(self.space, names=tuple(names[row] for row in rows))
+        if self.values is None:
+            return replace(self, space=space)
         fields = self.values.reshape(len(names), -1)
         # neighbours are not copied
         own = fields[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] == len(rows) - 1 else fields[rows]
@@ -169,14 +171,19 @@ def read_bases(labels: str) -> tuple[Basis, ...]:
         raise FormatError(f"expected names of bases, found {error.args[0]!r}") from None
 
 
-def pieces(section: Section) -> Iterator[Piece]:
-    """The section by numbers of modes, in the order of first appearance; uniform sections are not copied."""
+def pieces(section: Section, is_wanted: Bools) -> Iterator[Piece]:
+    """The wanted elements (n,) by numbers of modes, in the order of first appearance; all of a uniform section, if
+    they are, aren't copied.
+    """
     space, elements = section.space, len(section.element_ids)
-    if not elements:
+    if not is_wanted.any():
         return
+    values = np.empty((len(space.names), 0)) if section.values is None else section.values.reshape(len(space.names), -1)
     if (space.modes == space.modes[0]).all():
-        values = section.values.reshape(len(space.names), elements, -1)
-        yield Piece(space.names, _expansion(space, space.modes[0]), section.element_ids, values)
+        wanted = np.s_[:] if is_wanted.all() else np.flatnonzero(is_wanted)
+        width = values.shape[1] // elements
+        own = values.reshape(len(space.names), elements, width)[:, wanted]
+        yield Piece(space.names, _expansion(space, space.modes[0]), section.element_ids[wanted], own)
         return
 
     # rows of each group of equal modes
@@ -186,11 +193,12 @@ def pieces(section: Section) -> Iterator[Piece]:
 
     counts = space.counts(elements)
     starts = np.cumsum(counts) - counts
-    fields = section.values.reshape(len(space.names), -1)
     for index in np.argsort(first):
-        rows = rows_of[index]
-        gathered = _gather(fields, starts[rows], int(counts[rows[0]]))
-        yield Piece(space.names, _expansion(space, distinct[index]), section.element_ids[rows], gathered)
+        rows = rows_of[index][is_wanted[rows_of[index]]]
+        if len(rows):
+            width = 0 if section.values is None else int(counts[rows[0]])
+            gathered = _gather(values, starts[rows], width)
+            yield Piece(space.names, _expansion(space, distinct[index]), section.element_ids[rows], gathered)
 
 
 def _expansion(space: Space, modes: Ints) -> Expansion:

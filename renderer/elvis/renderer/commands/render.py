@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -18,10 +18,12 @@ from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.core.ranks import Ranks
+    from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
 
+T = TypeVar("T")
 #: part of what is seen beyond which ambiguous pixels are reported
 SHARE = 0.01
 #: why pixels are not certain
@@ -91,9 +93,9 @@ def render(
     _check_places(scene, data, save_scene, overwrite)
     scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
     opened = _opened(scenes, not no_cache, ranks)
-    frames, notes = _frames(scenes, opened, ranks)
     if ranks.rank:
         return
+    frames, notes = _frames(scenes, opened)
     _write(frames, scene, save_scene)
     for frame in frames:
         _report(frame, notes)
@@ -134,44 +136,39 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Dataset | PluginData]:
-    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on."""
+    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on.
+
+    Ranks but the first have none.
+    """
+    from functools import partial
+
     from elvis.formats.nektar.hdf5 import mapped
+    from elvis.plugins.data import open_data, open_part
     from elvis.renderer.parts import of_ranks
 
     alike: dict[object, list[Scene]] = {}
     for scene in scenes:
         alike.setdefault(_key(scene), []).append(scene)
-    in_parts = ranks.size > 1 or any(scene.memory for scene in scenes)
-    with mapped(if_so=in_parts):
-        known = {key: _open(some, is_kept) for key, some in alike.items()}
-    return known if ranks.size == 1 else of_ranks(known, alike, ranks)
+    with mapped(if_so=ranks.size > 1 or any(scene.memory for scene in scenes)):
+        if ranks.size == 1:
+            return {key: _open(some, open_data, is_kept) for key, some in alike.items()}
+        share = partial(open_part, number=ranks.rank, count=ranks.size)
+        return of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks)
 
 
-def _frames(
-    scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData], ranks: Ranks
-) -> tuple[list[Frame], list[str]]:
-    """The pictures of scenes, and what is noted of their data; for the first rank, the others have their own rows.
+def _frames(scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData]) -> tuple[list[Frame], list[str]]:
+    """The pictures of scenes, and what is noted of their data.
 
     Those that have their colours from one field are drawn in one range, so that a bar tells all.
     """
-    from itertools import compress
-
     from elvis.plugins.opening import PluginData
-    from elvis.renderer.completing import other_device
     from elvis.scene.commandline.composing import in_one_range
 
-    is_several = len(scenes) > 1
     data = [opened[_key(scene)] for scene in scenes]
-    if ranks.rank:
-        # other devices draw all rows at once, for the first rank
-        chosen = [not other_device(scene.device) for scene in scenes]
-        data, scenes = list(compress(data, chosen)), tuple(compress(scenes, chosen))
-    frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
-    if is_several:
-        shared = ranks.exchange(None if ranks.rank else in_one_range(frames), "a range")[0]
-        if shared is not None:
-            scenes = tuple(replace(scene, range=shared) for scene in scenes)
-            frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
+    frames = list(map(_frame, data, scenes))
+    shared = in_one_range(frames) if len(frames) > 1 else None
+    if shared is not None:
+        frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
     datasets = [own for own in opened.values() if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
     return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]
@@ -182,26 +179,27 @@ def _key(scene: Scene) -> object:
     return scene.data, scene.plugin, scene.reader, scene.others, scene.step, scene.time, scene.between
 
 
-def _open(scenes: list[Scene], is_kept: bool) -> Dataset | PluginData:
-    """The data of scenes, which are the same, read, converted or opened by a runtime plugin."""
+def _open(
+    scenes: list[Scene], opening: Callable[[Sequence[Path], Reading, Callable[[str], object]], T], is_kept: bool
+) -> T:
+    """The data of scenes, which are the same, as ``opening`` gives them."""
     from elvis.core.terminal import warn
-    from elvis.plugins.data import open_data
     from elvis.renderer.request import reading_for
     from elvis.scene.errors import SceneError
 
     data = scenes[0].data
     if not data:
         raise SceneError("the scene names no data: give the mesh and field files too")
-    return open_data(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
+    return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
-def _frame(opened: Dataset | PluginData, scene: Scene, ranks: Ranks) -> Frame:
+def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:
     """A picture of the data."""
     from elvis.core.terminal import progress
-    from elvis.renderer.rendering import Pictures
+    from elvis.renderer.rendering import render as draw
 
-    with progress("drawing") as told, Pictures(opened, scene.device, told, ranks) as pictures:
-        return pictures.draw(scene)
+    with progress("drawing") as told:
+        return draw(opened, scene, device=scene.device, progress=told)
 
 
 def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:

@@ -1,0 +1,93 @@
+"""What a part reads of files is what is cut out of the whole, to the bit, with little more than its share of memory."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core.mesh import Composite, Mesh
+from elvis.core.portions import Portion
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, with_field
+from elvis.formats import Dataset, read, write
+from elvis.formats.nektar import assembly, geometry_parts, hdf5
+from elvis.formats.reading import read_part
+
+
+def function(points):
+    return np.sin(points[:, 0]) + points[:, 1] * points[:, 2]
+
+
+def in_files(dataset, folder, mesh_format, field_format):
+    files = write(dataset, folder / "a.xml", mesh_format=mesh_format, field_format=field_format)
+    return [path for path in files if path.suffix != ".nekg"]
+
+
+def mixed():
+    """All shapes, bent, with ids that have gaps and no order; fields of two orders, one of them not on all elements."""
+    mesh = curved(mixed_volume(), ripple(0.05), 3)
+    thrown = np.random.default_rng(0)
+    some = lambda count, start: start + thrown.permutation(9 * count)[:count]  # noqa: E731
+    entities = {
+        shape: replace(own, ids=some(len(own), 5000 * n)) for n, (shape, own) in enumerate(mesh.entities.items())
+    }
+    parts = [(shape.tag, entities[shape].ids) for shape in mesh.elements]
+    walls = Composite(9, (("F", entities[Shape.TRIANGLE].ids[::2]),), "wall")
+    mesh = Mesh(
+        *(3, 3, some(len(mesh.vertices), 0), mesh.vertices, entities, mesh.edge_curves, mesh.face_curves),
+        composites=(*(Composite(number, (part,)) for number, part in enumerate(parts)), walls),
+        domains={0: tuple(range(len(parts)))},
+    )
+    high, low = (approximated(Dataset(mesh), "u", function, order) for order in (4, 3))
+    blocks = [*low.blocks[:2], *high.blocks[2:]]
+    return Dataset(mesh, (replace(low, blocks=tuple(blocks[1:])), replace(low, name="v", blocks=tuple(blocks))))
+
+
+CASES = {
+    "all shapes": mixed,
+    "bent triangles": lambda: with_field(curved(grid(Shape.TRIANGLE, 3), ripple(0.05), 3), function, 4),
+    "lines": lambda: with_field(grid(Shape.SEGMENT, 3), function, 4),
+    "a mesh alone": lambda: Dataset(grid(Shape.TETRAHEDRON, 2)),
+}
+
+
+@pytest.mark.parametrize("formats", [("hdf5", "hdf5"), ("compressed", "xml")], ids="-".join)
+@pytest.mark.parametrize("name", CASES)
+def test_a_part_of_files_is_that_of_the_whole(name, formats, tmp_path, monkeypatch):
+    monkeypatch.setattr(hdf5, "_LONG", 0)
+    files = in_files(CASES[name](), tmp_path, *formats)
+    whole = read(*files)
+    for number, count in [(0, 1), (0, 3), (1, 3), (2, 3), (5, 50)]:
+        with hdf5.mapped():
+            found = read_part(number, count, *files)
+        assert contents(found) == contents(Portion.of_whole(whole, number, count))
+
+
+def contents(value):
+    """All that an object holds, as plain values; arrays with their types."""
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.tobytes()
+    if isinstance(value, dict):
+        return {key: contents(own) for key, own in value.items()}
+    if isinstance(value, tuple):
+        return [contents(own) for own in value]
+    fields = getattr(value, "__dataclass_fields__", None)
+    return {name: contents(getattr(value, name)) for name in fields} if fields else value
+
+
+def test_a_part_takes_little_more_than_its_share_of_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(hdf5, "_LONG", 0)
+    for module in (assembly, geometry_parts):
+        monkeypatch.setattr(module, "AT_ONCE", 1 << 12)
+    dataset = with_field(grid(Shape.TETRAHEDRON, 16), function, 4)
+    files = in_files(dataset, tmp_path, "hdf5", "hdf5")
+    whole = Portion.whole(dataset).bytes
+    with hdf5.mapped():
+        read_part(0, 50, *files)
+        tracemalloc.start()
+        own = read_part(3, 8, *files)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert own.bytes < 0.16 * whole
+    assert peak < 0.3 * whole
