@@ -1,6 +1,7 @@
 """Pictures of data in parts are those of the whole, to the byte, however the data are cut."""
 
 import sys
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
+from elvis.core.ranks import ALONE
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated, with_field
@@ -110,11 +112,11 @@ def metis(dataset, count):
     return [np.sort(ids[part == number]) for number in range(count)]
 
 
-def written(renderer, dataset, scene, folder):
+def written(renderer, dataset, scene, folder, ranks=1):
     """The bytes of a picture and of its record, what is told of pixels, and how many elements were drawn."""
     whole = completed(dataset, scene)
     renderer.load(dataset, *quantities(whole))
-    frame = renderer.render(whole)
+    frame = renderer.render(whole) if ranks == 1 else drawn_by_ranks(renderer, ranks, whole)
     for name in ("a.png", "a.npz"):
         frame.save(folder / name)
     told = frame.counts(), frame.remarks, frame.stats["elements"], frame.stats.get("contours")
@@ -145,6 +147,49 @@ def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monk
     for rows in (75, 40, 24, 8):
         monkeypatch.setattr(rendering, "BAND", 96 * rows)
         assert written(drawn, bent, scene, tmp_path) == expected
+
+
+class Played:
+    """Ranks of one process that draw in turn: up to what they tell each other, and then again to the end."""
+
+    def __init__(self, size):
+        self.size, self.rank, self.told, self.found = size, 0, [], []
+
+    def exchange(self, value, task):
+        if len(self.told) < self.size:
+            self.told.append(value)
+            raise ToldError
+        return self.told
+
+    def gather(self, value, task):
+        self.found.insert(0, value)
+        return [] if self.rank else self.found
+
+
+class ToldError(Exception):
+    """A rank waits for the others."""
+
+
+def drawn_by_ranks(renderer, size, scene):
+    """The frame that the first rank has."""
+    renderer.ranks = ranks = Played(size)
+    for ranks.rank in () if scene.is_plain else range(size):
+        with suppress(ToldError):
+            renderer.render(scene)
+    for ranks.rank in reversed(range(size)):
+        frame = renderer.render(scene)
+    renderer.ranks = ALONE
+    return frame
+
+
+@pytest.mark.sampled(least=5, free=("name",))
+@pytest.mark.parametrize("name", SCENES)
+def test_pictures_of_ranks_are_those_of_one_process(renderer, bent, name, tmp_path):
+    """Of two, and of more than there are tiles from the top to the bottom."""
+    scene = replace(SCENES[name], field="u", size=(96, 75), stats="counts.json")
+    drawn = renderer("vulkan")
+    expected = written(drawn, bent, scene, tmp_path)
+    assert all(written(drawn, bent, scene, tmp_path, ranks) == expected for ranks in (2, 12))
 
 
 def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):

@@ -1,7 +1,7 @@
 """The processes that run one command together: alone, or the ranks of a run under mpiexec.
 
-Three operations are enough: who am I, what have all found (`gather`), how did it end (`share`).  Waiting takes no
-processor time, which those that are not done yet may need.
+Four operations are enough: who am I, what have all found, for the first one (`gather`) or for all (`exchange`), how
+did it end (`end`).  Waiting takes no processor time, which those that are not done yet may need.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "P
 _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
-_FOUND, _END = 1, 2
+#: tags of messages: what a rank has found; its last word; what all have found; how the run ended
+_FOUND, _LAST, _ALL, _END = 1, 2, 3, 4
 #: what is wrong with a rank that has another task
 _OTHER = (
     "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
@@ -37,18 +38,21 @@ class Ranks(Protocol):
 
     @property
     def rank(self) -> int:
-        """The number of this one; 0 draws and writes."""
+        """The number of this one; 0 writes."""
 
     @property
     def size(self) -> int:
         """How many there are."""
 
     def gather(self, value: T, task: str) -> list[T]:
-        """What all have found, in order, for rank 0; to be called once by each.  Elsewhere it is empty.
+        """What all have found, in order, for rank 0; to be called by each.  Elsewhere it is empty.
 
         task  what they work at
         ElvisError that names the part and the reason where a rank has failed, or works at something else.
         """
+
+    def exchange(self, value: T, task: str) -> list[T]:
+        """The same for all of them; ElvisError where rank 0 has failed, too."""
 
 
 class Alone:
@@ -57,6 +61,10 @@ class Alone:
     rank, size = 0, 1
 
     def gather(self, value: T, task: str) -> list[T]:
+        """Its own."""
+        return [value]
+
+    def exchange(self, value: T, task: str) -> list[T]:
         """Its own."""
         return [value]
 
@@ -91,15 +99,15 @@ class MpiRanks:
     def __init__(self, communicator: Any) -> None:
         self._world = communicator
         self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
-        self._is_gathered = False
+        self._ended: set[int] = set()  # ranks that have said their last word
+        self._status: int | None = None  # how the run ended, where that is known
 
     def gather(self, value: T, task: str) -> list[T]:
         """See Ranks."""
-        self._is_gathered = True
         if self.rank:
             self._send((value, task, None), 0, _FOUND)
             return []
-        every = [(value, task, None), *(self._receive(rank, _FOUND) for rank in range(1, self.size))]
+        every = [(value, task, None), *(self._found(rank) for rank in range(1, self.size))]
         reasons = [reason if reason or own == task else _OTHER for _, own, reason in every]
         failed = [number for number, reason in enumerate(reasons) if reason]
         if failed:
@@ -107,37 +115,58 @@ class MpiRanks:
             raise ElvisError(f"part {failed[0] + 1} of {self.size}: {reasons[failed[0]]}{others}")
         return [found for found, _, _ in every]
 
+    def exchange(self, value: T, task: str) -> list[T]:
+        """See Ranks."""
+        found = self.gather(value, task)
+        for rank in range(1, self.size if not self.rank else 0):
+            self._send(found, rank, _ALL)
+        if not self.rank:
+            return found
+        tag, every = self._receive(0, _ALL, _END)
+        if tag == _END:
+            self._status = int(every)
+            raise ElvisError(f"part 1 of {self.size} has ended")
+        return list(every)
+
     def end(self, status: int, reason: str) -> int:
         """How the run ended: told by rank 0, and waited for by all others.
 
         status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
         """
         if self.rank:
-            if not self._is_gathered:
-                self._send((None, None, reason), 0, _FOUND)
-            return int(self._receive(0, _END))
-        if not self._is_gathered:
-            for rank in range(1, self.size):
-                self._receive(rank, _FOUND)
+            self._send((None, None, reason), 0, _LAST)
+            return int(self._receive(0, _END)[1]) if self._status is None else self._status
         for rank in range(1, self.size):
             self._send(status, rank, _END)
+        for rank in range(1, self.size):
+            while rank not in self._ended:
+                self._found(rank)
         return status
 
     def abort(self, status: int) -> None:
         """End all at once."""
         self._world.Abort(status)
 
+    def _found(self, rank: int) -> Any:
+        """What a rank has found, or its last word: a value, its task, and a reason where it has failed."""
+        tag, found = self._receive(rank, _FOUND, _LAST) if rank not in self._ended else (_LAST, (None, None, ""))
+        if tag == _LAST:
+            self._ended.add(rank)
+        return found
+
     def _send(self, value: object, to: int, tag: int) -> None:
         request = self._world.isend(value, dest=to, tag=tag)
         while not request.test()[0]:
             sleep(_PAUSE)
 
-    def _receive(self, source: int, tag: int) -> Any:
-        message = self._world.improbe(source=source, tag=tag)
-        while message is None:
+    def _receive(self, source: int, *tags: int) -> tuple[int, Any]:
+        """The next message with one of the tags, and its tag."""
+        while True:
+            for tag in tags:
+                message = self._world.improbe(source=source, tag=tag)
+                if message is not None:
+                    return tag, message.recv()
             sleep(_PAUSE)
-            message = self._world.improbe(source=source, tag=tag)
-        return message.recv()
 
 
 def started_together(environment: Mapping[str, str] = os.environ) -> int:

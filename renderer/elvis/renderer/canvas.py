@@ -18,6 +18,7 @@ from elvis.core.arrays import Floats
 from elvis.core.memory import free_memory
 from elvis.core.terminal import Progress
 from elvis.renderer.pixels import NOBODY
+from elvis.renderer.rank_rows import RankRows, joined
 from elvis.renderer.shading import Drawn, Painter, record_of
 from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
@@ -69,6 +70,7 @@ class Canvas:
     records   whether fields, elements, positions and normals are kept; else colours and statuses alone
     most      pixels that are drawn at once
     progress  called with how much of how much is done
+    rows      the ranks that draw rows of it; all but the first have nothing of the others' in the end
     """
 
     scene: Scene
@@ -77,6 +79,7 @@ class Canvas:
     records: bool = True
     most: int = BAND
     progress: Progress = lambda done, total: None
+    rows: RankRows = field(default_factory=RankRows)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,7 +88,8 @@ class Canvas:
         self.tracer = Tracer(self.painter)
         self.draw_calls = self.stages.draw_calls(self.scene)
         self.contours: Counter[Status] = Counter()
-        self.arrays = _arrays(self.view, self.records and self.view.count > self.most)
+        is_whole = self.view.count <= self.most and self.rows.is_alone
+        self.arrays = _arrays(self.view, self.records and not is_whole)
 
     @property
     def _proves(self) -> bool:
@@ -96,7 +100,8 @@ class Canvas:
     def frame(self) -> Frame:
         """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
         bands, samples = list(self._bands()), self.scene.samples**2 + (self.scene.samples % 2 == 0)
-        first = bands if len(bands) > 1 and not self.painter.is_complete(self.draw_calls) else []
+        in_parts = len(bands) > 1 or not self.rows.is_alone
+        first = bands if in_parts and not self.painter.is_complete(self.draw_calls) else []
         self.total, room = len(first) + len(bands) * samples, KEPT
         kept: dict[int, Drawn] = {}
         for band in first:
@@ -104,9 +109,12 @@ class Canvas:
             self.painter.note(drawn, band.cropped)
             room -= band.view.count * len(drawn)
             kept |= {band.rows.start: drawn} if room >= 0 else {}
+        self.painter.note_of_others(self.draw_calls, self.rows.together(self.painter.noted(self.draw_calls)))
         for band in bands:
             own = band.rows.start
             self._fill(band, kept.pop(own) if own in kept else self._draw_hit_buffers(band.view))
+        if not self.rows.is_alone:
+            self._take_others()
         arrays = self.arrays
         legends = self.painter.legends(self.draw_calls) + self.stages.flow.keys(self.scene, self.view)
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], legends)
@@ -126,18 +134,37 @@ class Canvas:
         reference = reference if self.records else None
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
 
+    def _take_others(self) -> None:
+        """Gather what other ranks have drawn."""
+        first, last = self.rows.of(self.view)
+        names = [name for name, array in self.arrays.items() if array.flags.writeable]
+        own = {name: self.arrays[name][first:last] for name in names}
+        counts = self.undefined, self.still, self.contours, self.painter.volume_counts
+        noted = self.painter.noted(self.draw_calls)
+        every = self.rows.gathered((own, counts, noted, self.tracer.found))
+        if not every:
+            return
+        self.arrays |= joined([arrays for arrays, *_ in every])
+        for _, (undefined, still, contours, volumes), others, found in every[1:]:
+            self.undefined, self.still = self.undefined + undefined, self.still + still
+            self.contours.update(contours)
+            self.painter.volume_counts.update(volumes)
+            self.painter.note_of_others(self.draw_calls, [others])
+            self.tracer.take(found)
+
     def _bands(self) -> Iterator[Band]:
         """Bands of ``most`` pixels at most, and the pixels around that lines need, also beyond the picture's edge."""
         view, margin = self.view, self.painter.radius
         wide = view.with_margin(margin)
         rows = view.height
+        start, stop = self.rows.of(view)
         if view.count > self.most:
             # a tile that has pixels of a band lies in its window
             most = max(1, self.most // view.width)
             rows = most // TILE * TILE or most
         around = -(-margin // TILE) * TILE
-        for top in range(0, view.height, rows):
-            end = min(view.height, top + rows)
+        for top in range(start, stop, rows):
+            end = min(stop, top + rows)
             window = wide.rows(top - around, end + around)
             inner = slice(top - window.top, end - window.top), slice(margin, margin + view.width)
             yield Band(slice(top, end), inner, window)

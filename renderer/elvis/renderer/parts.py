@@ -1,6 +1,6 @@
 """Pictures of data in parts: each part tells which of its elements matter, and these are drawn as all would be.
 
-A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to the process that draws, with
+A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to all that draw, with
 their numbers in the whole, and every stage works on them as it is.  No pixel is compared or merged, so that pictures
 are the same to the byte, whatever the parts are.
 """
@@ -62,7 +62,7 @@ def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginDa
 def of_ranks(
     opened: dict[object, Dataset | PluginData | Portion], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
 ) -> dict[object, Dataset | PluginData]:
-    """For rank 0 of several, the elements of data that scenes depend on; each rank looks for them in its part.
+    """For each of several ranks, the elements of data that scenes depend on; each looks for them in its part.
 
     opened  what each rank has opened, its part or all; emptied, so that what is all takes no memory any longer
     Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
@@ -78,9 +78,7 @@ def of_ranks(
         del data, dataset
         found[key] = _what_matters(own, scenes[key]) if is_local else own
         del own
-    every = ranks.gather(found, repr(scenes))
-    if ranks.rank:
-        return {}
+    every = ranks.exchange(found, repr(scenes))
     return {key: replace(drawable(unite([some[key] for some in every])), **beside[key]) for key in beside}
 
 

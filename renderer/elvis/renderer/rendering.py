@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
@@ -17,6 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
 from elvis.plugins.data import open_data
 from elvis.plugins.evaluation_service import check_volume
@@ -33,14 +35,17 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import in_bricks
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
+from elvis.renderer.rank_rows import RankRows, joined
 from elvis.renderer.request import Request, reading_for
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
+from elvis.renderer.tiles import TILE
 from elvis.scene import Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
@@ -140,10 +145,17 @@ class Pictures:
 
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
     progress  called with how much of how much of a picture is done
+    ranks     that draw rows of the pictures, all of the same data; but for the first one these are incomplete
     """
 
-    def __init__(self, data: Dataset | PluginData, device: str = "auto", progress: Progress | None = None) -> None:
-        self.data, self.device = data, device
+    def __init__(
+        self,
+        data: Dataset | PluginData,
+        device: str = "auto",
+        progress: Progress | None = None,
+        ranks: Ranks = ALONE,
+    ) -> None:
+        self.data, self.device, self.ranks = data, device, ranks
         self._progress = progress
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
@@ -208,7 +220,7 @@ class Pictures:
         wanted = quantities(scene)
         known = self._quantities
         if self._renderer is None:
-            self._renderer = Renderer(self.device, self._progress)
+            self._renderer = Renderer(self.device, self._progress, self.ranks)
         elif known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
             return self._renderer
         self._quantities = ()
@@ -227,11 +239,12 @@ class Renderer:
     """A device with a volume, for many pictures of the same data.
 
     progress  called with how many of how many bands of a picture are done
+    ranks     as of Pictures
     """
 
-    def __init__(self, device: str = "auto", progress: Progress | None = None) -> None:
+    def __init__(self, device: str = "auto", progress: Progress | None = None, ranks: Ranks = ALONE) -> None:
         """Open a device (see render)."""
-        self.device = Device(device)
+        self.device, self.ranks = Device(device), ranks
         self.progress = progress or (lambda done, total: None)
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
@@ -296,7 +309,7 @@ class Renderer:
         with limited(scene.timeout):
             frame = self._persistent(scene, references)
             check_time()
-        if not frame.status.any():
+        if not frame.status.any() and not self.ranks.rank:
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
             raise SceneError(
                 "; ".join([empty_picture_remark(scene.only_plane, boxes), *frame.stats.get("remarks", ())])
@@ -326,24 +339,24 @@ class Renderer:
 
     def _persistent(self, scene: Scene, references: bool) -> Frame:
         """A frame, fewer pixels at a time where the device fails."""
-        most = BAND
+        most, rows = BAND, RankRows(self.ranks)
         while True:
             try:
-                return self._draw(scene, references, most)
+                return self._draw(scene, references, most, rows)
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:
                     raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
                 self._reopen()
 
-    def _draw(self, scene: Scene, references: bool, most: int) -> Frame:
-        """A frame of which `limit` pixels at most are drawn at once."""
+    def _draw(self, scene: Scene, references: bool, most: int, rows: RankRows) -> Frame:
+        """A frame of which ``most`` pixels at most are drawn at once."""
         view = self._view(scene)
         check_time()
         check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
-            return self._plane_frame(scene, view, references)
-        return Canvas(scene, view, self.stages, references, most, self.progress).frame()
+            return self._plane_frame(scene, view, references, rows)
+        return Canvas(scene, view, self.stages, references, most, self.progress, rows).frame()
 
     def _reopen(self) -> None:
         """A new device in place of one that was lost, with the same volume."""
@@ -379,16 +392,32 @@ class Renderer:
             hit |= painter.volume_status > 0
         return np.asarray(hit.reshape(view.height, view.width))
 
-    def _plane_frame(self, scene: Scene, view: PlaneView, references: bool) -> Frame:
-        """Indices of elements become element ids; pixels become rows."""
+    def _plane_frame(self, scene: Scene, view: PlaneView, references: bool, rows: RankRows) -> Frame:
+        """A frame of the plane alone."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
-        pixels, shape = self.stages.plain_cut(scene, view, references), (view.height, view.width)
-        element = loaded.ids.take(pixels.owner, mode="clip")
+        first, last = rows.of(view)
+        # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
+        around = TILE * loaded.is_far
+        window = view.rows(min(first, view.height - 1) - around, max(last, first + 1) + around)
+        own = _channels(self.stages.plain_cut(scene, window, references), window, loaded.ids, references)
+        own = {name: array[first - window.top : last - window.top] for name, array in own.items()}
+        channels = joined(rows.gathered(own) or [own])
         if scene.range == "all":
             scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
-        reference = pixels.reference.reshape(*shape, 3) if references else None
-        field, status = pixels.field.reshape(shape), pixels.status.reshape(shape)
-        frame = Frame(scene, view, field, element.reshape(shape), reference, status)
-        sizes = {"volume": loaded.bytes, "image": 12 * pixels.owner.size}
+        shown = channels["field"], channels["element"], channels.get("reference"), channels["status"]
+        frame = Frame(scene, view, *shown)
+        sizes = {"volume": loaded.bytes, "image": 12 * view.count}
         frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame
+
+
+def _channels(pixels: HitBuffer, view: View, ids: Ints, references: bool) -> dict[str, NDArray[Any]]:
+    """Indices of elements become element ids; pixels become rows."""
+    shape = view.height, view.width
+    flat: dict[str, NDArray[Any]] = {
+        "field": pixels.field,
+        "element": ids.take(pixels.owner, mode="clip"),
+        "status": pixels.status,
+    }
+    found: dict[str, NDArray[Any]] = {name: np.reshape(array, shape) for name, array in flat.items()}
+    return found | ({"reference": pixels.reference.reshape(*shape, 3)} if references else {})

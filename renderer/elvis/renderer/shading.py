@@ -131,6 +131,19 @@ class Painter:
                 quantity = self.of_contours(draw_call)
                 self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
 
+    def noted(self, draw_calls: Sequence[DrawCall]) -> tuple[dict[str, tuple[float, float]], Bools]:
+        """What has been noted: the ranges of quantities, and (n,) which draw calls are seen."""
+        return dict(self._seen), np.array([id(draw_call) in self._shown for draw_call in draw_calls], bool)
+
+    def note_of_others(
+        self, draw_calls: Sequence[DrawCall], noted: Sequence[tuple[dict[str, tuple[float, float]], Bools]]
+    ) -> None:
+        """Note what those have who draw other rows of the picture."""
+        for seen, shown in noted:
+            for quantity, ends in seen.items():
+                self._note(quantity, np.array(ends))
+            self._shown |= {id(draw_call) for draw_call, is_shown in zip(draw_calls, shown, strict=True) if is_shown}
+
     def _note(self, quantity: str | None, values: Floats) -> None:
         """Of all finite values the least and the greatest are kept."""
         least = np.fmin.reduce(values, axis=None, initial=np.inf)

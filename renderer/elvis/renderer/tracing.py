@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +53,11 @@ class Tracer:
             lines = meet_at_corners(lines) if style.value is None else lines
             made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)
+
+    def take(self, found: Mapping[StrokeStyle, list[tuple[Floats, Floats]]]) -> None:
+        """Lines that others have gathered."""
+        for style, parts in found.items():
+            self.found.setdefault(style, []).extend(parts)
 
     def note(self, drawn: Drawn, view: View, own: Bools) -> None:
         """Lines of the surfaces of a view.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from elvis.scene.errors import SceneError
 
 #: numbers (n,) of columns or rows, whole or not
 Pixels: TypeAlias = NDArray[np.int64] | Floats
+#: a view, or one of a plane
+Shown = TypeVar("Shown", bound="View")
 
 #: cosine between a view and the plane's normal below which the plane is a line
 EDGE_ON = 1e-9
@@ -62,14 +64,14 @@ class View:
         eye = np.asarray(camera.eye, dtype=np.float64)
         return View(camera, width, height, corner, column, row, _to_pixel(camera, eye, step, size))
 
-    def with_margin(self, margin: int) -> View:
+    def with_margin(self: Shown, margin: int) -> Shown:
         """The picture with pixels around it."""
         if not margin:
             return self
         wide, high = self.width + 2 * margin, self.height + 2 * margin
         return replace(self, left=self.left - margin, top=self.top - margin, width=wide, height=high)
 
-    def rows(self, first: int, last: int) -> View:
+    def rows(self: Shown, first: int, last: int) -> Shown:
         """The rows of the picture from one to before another, as far as there are any."""
         first, last = max(first, self.top), min(last, self.top + self.height)
         if (first, last) == (self.top, self.top + self.height):

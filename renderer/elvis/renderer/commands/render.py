@@ -93,9 +93,9 @@ def render(
     _check_places(scene, data, save_scene, overwrite)
     scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
     opened = _opened(scenes, not no_cache, ranks)
+    frames, notes = _frames(scenes, opened, ranks)
     if ranks.rank:
         return
-    frames, notes = _frames(scenes, opened)
     _write(frames, scene, save_scene)
     for frame in frames:
         _report(frame, notes)
@@ -136,10 +136,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Dataset | PluginData]:
-    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on.
-
-    Ranks but the first have none.
-    """
+    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on."""
     from functools import partial
 
     from elvis.formats.nektar.hdf5 import mapped
@@ -156,19 +153,31 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
         return of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks)
 
 
-def _frames(scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData]) -> tuple[list[Frame], list[str]]:
-    """The pictures of scenes, and what is noted of their data.
+def _frames(
+    scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData], ranks: Ranks
+) -> tuple[list[Frame], list[str]]:
+    """The pictures of scenes, and what is noted of their data; for the first rank, the others have their own rows.
 
     Those that have their colours from one field are drawn in one range, so that a bar tells all.
     """
+    from itertools import compress
+
     from elvis.plugins.opening import PluginData
+    from elvis.renderer.completing import other_device
     from elvis.scene.commandline.composing import in_one_range
 
+    is_several = len(scenes) > 1
     data = [opened[_key(scene)] for scene in scenes]
-    frames = list(map(_frame, data, scenes))
-    shared = in_one_range(frames) if len(frames) > 1 else None
-    if shared is not None:
-        frames = [_frame(own, replace(scene, range=shared)) for own, scene in zip(data, scenes, strict=True)]
+    if ranks.rank:
+        # other devices draw all rows at once, for the first rank
+        chosen = [not other_device(scene.device) for scene in scenes]
+        data, scenes = list(compress(data, chosen)), tuple(compress(scenes, chosen))
+    frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
+    if is_several:
+        shared = ranks.exchange(None if ranks.rank else in_one_range(frames), "a range")[0]
+        if shared is not None:
+            scenes = tuple(replace(scene, range=shared) for scene in scenes)
+            frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
     datasets = [own for own in opened.values() if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
     return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]
@@ -193,13 +202,13 @@ def _open(
     return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
-def _frame(opened: Dataset | PluginData, scene: Scene) -> Frame:
+def _frame(opened: Dataset | PluginData, scene: Scene, ranks: Ranks) -> Frame:
     """A picture of the data."""
     from elvis.core.terminal import progress
-    from elvis.renderer.rendering import render as draw
+    from elvis.renderer.rendering import Pictures
 
-    with progress("drawing") as told:
-        return draw(opened, scene, device=scene.device, progress=told)
+    with progress("drawing") as told, Pictures(opened, scene.device, told, ranks) as pictures:
+        return pictures.draw(scene)
 
 
 def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
