@@ -133,25 +133,52 @@ def test_all_layers_are_found_and_clear_misses_are_misses(level, tmp_path):
     assert not (draw(view, None, 0.2, beyond).owner != NOBODY).any()
 
 
-def test_expressions_of_distances_are_where_samples_show_them_and_nothing_of_them_is_certain(renderer, files):
-    """Arithmetic of a distance and a field: samples before a hit, or on a miss, are on one side of the value."""
-    dataset = bodies(files)["spikes"][0]
-    distance = f"distance('{files / 'spikes.ply'}')"
-    text, value = f"max({distance}, 0.4*u - {distance}^2/(2 + u))", 0.15
-    drawing, view = renderer("vulkan"), view_of(3)
-    drawing.show(volume_of(dataset, [text]))
-    hits = drawing.stages.isosurfaces.draw(view, None, value)
-    hit = hits.owner != NOBODY
-    assert 0.05 < hit.mean() < 0.9
-    assert not (hits.status == Status.CERTAIN).any()
+@pytest.fixture(scope="module")
+def expressed(renderer):
+    """The hits of a value of an expression in a dataset."""
 
-    # from where a ray enters to its hit, or to its end, values are on one side
+    def draw(dataset, text, view, value):
+        drawing = renderer("vulkan")
+        drawing.show(volume_of(dataset, [text]))
+        return drawing.stages.isosurfaces.draw(view, None, value)
+
+    return draw
+
+
+@pytest.mark.parametrize("text", ["max({D}, 0.4*u - {D}^2/(2 + u))", "exp({D})*abs(u - 0.5) + 0.02*x"])
+def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_samples(expressed, files, text):
+    """Whatever a distance does to them: samples before a certain hit, or on a certain miss, are on one side."""
+    dataset = bodies(files)["spikes"][0]
+    text, value, view = text.format(D=f"distance('{files / 'spikes.ply'}')"), 0.15, view_of(3)
+    hits = expressed(dataset, text, view, value)
+    hit, sure = hits.owner != NOBODY, hits.status != Status.AMBIGUOUS
+    assert 0.05 < hit.mean() < 0.9
+    assert sure.mean() > 0.97
+    assert (hits.status[hit] == Status.CERTAIN).mean() > 0.9
+
+    # from where a ray enters to its hit, or to its end, values are on one side in each element
     origins, ways = view.every_ray()
-    at_hits = sample(dataset, text, (origins + hits.depth[:, None] * ways)[hit]).values[:, 0]
-    assert np.abs(at_hits - value).max() < 1e-12
+    at_hits = sample(dataset, text, (origins + hits.depth[:, None] * ways)[hit & sure]).values[:, 0]
+    assert np.abs(at_hits - value).max() < 1e-11
     ends = np.where(hit, hits.depth * (1 - 1e-6), 5.0)
     steps = ends[:, None, None] * np.linspace(0.0, 1.0, COUNT)[:, None]
     points = origins[:, None] + steps * ways[:, None]
     beyond = sample(dataset, text, points.reshape(-1, 3)).values.reshape(-1, COUNT) - value
     crossed = (np.fmin.reduce(beyond, axis=1) < -1e-9) & (np.fmax.reduce(beyond, axis=1) > 1e-9)
-    assert crossed.mean() < 0.01
+    assert not crossed[sure].any()
+
+
+def test_distances_to_a_plane_are_polynomials(expressed, tmp_path):
+    """Hits and misses are those of the polynomial that the expression is, to a bracket of the search."""
+    corners = np.array([[-9.0, -9.0, -1.0], [9.0, -9.0, -1.0], [0.0, 15.0, -1.0]])
+    trimesh.Trimesh(corners, [[0, 1, 2]]).export(tmp_path / "plane.ply")
+    dataset = with_field(curved(grid(Shape.PRISM, 1), ripple(0.05), n=3), lambda p: p[:, 0] + 0.3 * p[:, 2] ** 2)
+    view = view_of(4)
+    found = expressed(dataset, f"y^2 - u*distance('{tmp_path / 'plane.ply'}')", view, -0.5)
+    truth = expressed(dataset, "y^2 - u*(z + 1)", view, -0.5)
+    both = (found.status != Status.AMBIGUOUS) & (truth.status != Status.AMBIGUOUS)
+    assert both.mean() > 0.97
+    assert np.array_equal(found.status[both], truth.status[both])
+    hit = both & (truth.owner != NOBODY)
+    assert hit.mean() > 0.05
+    assert np.abs(found.depth[hit] - truth.depth[hit]).max() < 1e-10

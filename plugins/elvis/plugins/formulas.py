@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +45,8 @@ _FUNCTIONS: Mapping[str, str] = {
 _CONTINUOUS = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh", "abs", "min", "max")
 _WHERE_FINITE = ("/", "^", "sqrt", "log", "tan", "asin", "acos")
 
+#: distances in an expression that is enclosed: numbers of a vector of `ILeaves.away`
+MOST_DISTANCES = 3
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
 #: the greatest power that kernels take by products; see ``power`` in ``shaders/elementary.slang``
@@ -68,6 +70,14 @@ struct Given : IFormula
     static Disc within(Leaves leaves, out Disc spurious)
     {{
         {within}
+    }}
+    static Slopes slopes(Leaves leaves)
+    {{
+        {slopes}
+    }}
+    static double3 away(double3 position)
+    {{
+        {away}
     }}
 }}
 """
@@ -124,7 +134,14 @@ class Formula:
         parts = len(ordered(self.expression.root))
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
-        bodies = {"value": self._value(), "gradient": self._gradient(), "of": self._of(), "within": self._within()}
+        bodies = {
+            "value": self._value(),
+            "gradient": self._gradient(),
+            "of": self._of(),
+            "within": self._within(),
+            "slopes": self._slopes(),
+            "away": self._away(),
+        }
         text = _SOURCE.format(**{name: "\n        ".join(lines) for name, lines in bodies.items()})
         return f"import distances; {text}" if self.targets else text
 
@@ -139,10 +156,17 @@ class Formula:
         """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants.
 
         Only where it has no jumps and poles: sub-elements that hold one would be halved on and on.  At kinks only those
-        are that hold the level, too: curves of them.
+        are that hold the level, too: curves of them.  With distances, slopes of its values follow likewise.
         """
-        known = (is_constant(leaf.name) if leaf.op == "attribute" else len(leaf.axes) <= 1 for leaf in self._leaves)
-        return all(known) and all(is_continuous(root, self.is_finite) for root in self._enclosed)
+        if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
+            return False
+        return all(map(self._is_known, self._leaves)) and all(is_continuous(r, self.is_finite) for r in self._enclosed)
+
+    def _is_known(self, leaf: Node) -> bool:
+        """Whether there are discs of a leaf; where there are distances, too, of its gradient."""
+        if leaf.op == "attribute":
+            return is_constant(leaf.name) or target_of(leaf.name) is not None
+        return leaf.op == "coordinate" or len(leaf.axes) <= (0 if self.targets else 1)
 
     @property
     def _enclosed(self) -> tuple[Node, ...]:
@@ -155,8 +179,8 @@ class Formula:
         return leaves(*self._enclosed)
 
     def _of(self) -> Iterator[str]:
-        """The value by leaves at a point."""
-        if not self.is_enclosed:
+        """The value by leaves at a point, which distances are none of."""
+        if not self.is_enclosed or self.targets:
             yield "return not_a_number();"
             return
         yield "uint element = leaves.element;"
@@ -176,14 +200,7 @@ class Formula:
             yield "spurious = anything();"
             yield "return anything();"
             return
-        rows = self._rows([leaf.name for leaf in self._leaves if leaf.op == "field" and leaf.axes])
-        if rows:
-            # in a loop, as in _gather
-            numbers = f"static const int rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
-            yield f"{numbers} Disc3 gradients[{len(rows)}];"
-            yield f"[loop] for (int k = 0; k < {len(rows)}; ++k) gradients[k] = leaves.gradient(rows[k]);"
-        for k, m in enumerate(rows):
-            yield f"Disc3 gradient{m} = gradients[{k}];"
+        yield from self._gradient_discs(leaf for leaf in self._leaves if leaf.op == "field" and leaf.axes)
         names = yield from self._statements(self._discs, *self._enclosed)
         spurious = "Disc(-1.0lf)" if self.spurious is None else names.get(self.spurious)
         if self.matrix:
@@ -191,6 +208,48 @@ class Formula:
             spurious = f"leaves.real ? Symmetric({entries}).second_apart_from_zero() : anything()"
         yield f"spurious = {spurious};"
         yield f"return {names[self.expression.root]};"
+
+    def _gradient_discs(self, fields: Iterable[Node]) -> Iterator[str]:
+        """Those in the world: in a loop, as in _gather."""
+        rows = self._rows([leaf.name for leaf in fields])
+        if rows:
+            numbers = f"static const int rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
+            yield f"{numbers} Disc3 gradients[{len(rows)}];"
+            yield f"[loop] for (int k = 0; k < {len(rows)}; ++k) gradients[k] = leaves.gradient(rows[k]);"
+        for k, m in enumerate(rows):
+            yield f"Disc3 gradient{m} = gradients[{k}];"
+
+    def _slopes(self) -> Iterator[str]:
+        """The chain rule over discs: the gradient while distances are held, and how much those count."""
+        yield "Slopes slopes = Slopes();"
+        parts = self._parts if self.is_enclosed and self.targets else {}
+        yield from self._gradient_discs(leaf for leaf in parts if leaf.op == "field")
+        names = yield from self._statements(self._discs, *parts.values())
+        for leaf, part in parts.items():
+            disc = names[part]
+            if leaf.op == "attribute":
+                yield f"slopes.held += {disc}.size() + {disc}.error;"
+            elif leaf.op == "coordinate":
+                axis = "xyz"[leaf.axes[0]]
+                yield f"slopes.gradient.{axis} = slopes.gradient.{axis} + {disc};"
+            else:
+                yield f"slopes.add({disc}, gradient{self.fields.index(leaf.name)});"
+        yield "return slopes;"
+
+    def _away(self) -> Iterator[str]:
+        """The distances of a place."""
+        yield "double3 found = 0.0lf;"
+        if self.is_enclosed and self.targets:
+            yield f"[loop] for (uint k = 0u; k < {len(self.targets)}u; ++k) found[k] = nearest(k, position).distance;"
+        yield "return found;"
+
+    @property
+    def _parts(self) -> Mapping[Node, Node]:
+        """The expression's derivatives in its leaves, where they aren't nought."""
+        root = self.expression.root
+        varying = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
+        parts = {leaf: partial(root, leaf) for leaf in varying}
+        return {leaf: part for leaf, part in parts.items() if part is not ZERO}
 
     def _gradient(self) -> Iterator[str]:
         """The chain rule over the leaves; by differences where their own gradients aren't at hand."""
@@ -202,8 +261,7 @@ class Formula:
         ):
             yield "return differences<V, Given>(element, r);"
             return
-        parts = {leaf: partial(root, leaf) for leaf in varying}
-        parts = {leaf: part for leaf, part in parts.items() if part is not ZERO}
+        parts = self._parts
         yield from self._ingredients(leaves(*parts.values()), list(parts))
         names = yield from self._statements(self._numbers, *parts.values())
         terms = [f"{names[part]} * {self._gradient_of(leaf)}" for leaf, part in parts.items()]
@@ -283,6 +341,10 @@ class Formula:
         """A leaf's disc."""
         if node.op == "coordinate":
             return f"leaves.coordinate({node.axes[0]})"
+        target = target_of(node.name)
+        if target is not None:
+            number = self.targets.index(target)
+            return f"leaves.distance({number}, surface_facts[{2 * number}])"
         if node.op == "attribute":
             return f"Disc({self._constant(node.name, 'leaves.element')})"
         m = self.fields.index(node.name)

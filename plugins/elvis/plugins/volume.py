@@ -43,6 +43,7 @@ class Enclosure:
     map_degree  of the map
     is_total    whether ``degree`` is that of all coordinates together
     errors      (n, 3 + fields) how far computed values of the leaves may be from the true ones in each element
+    distances   whether there are distances among the leaves
     """
 
     type: str
@@ -51,6 +52,7 @@ class Enclosure:
     map_degree: int
     is_total: bool
     errors: Callable[[], Floats]
+    distances: bool = False
 
 
 @dataclass(frozen=True, eq=False)

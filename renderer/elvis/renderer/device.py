@@ -430,14 +430,15 @@ def _condition(chosen: Part | Quantity) -> str:
 
 
 def stand_in(chosen: Part | Quantity) -> int:
-    """Degree of the polynomials that stand for a quantity that is none, over a sub-element."""
-    return STAND_IN if chosen.enclosure is None else max(ENCLOSED, chosen.enclosure.map_degree)
+    """Degree of polynomials that stand for a quantity that is none, over a sub-element; with distances, of its map."""
+    if (enclosure := chosen.enclosure) is None or enclosure.distances:
+        return STAND_IN if enclosure is None else enclosure.degree
+    return max(ENCLOSED, enclosure.map_degree)
 
 
 def _leaves(chosen: Part | Quantity) -> str:
     """Slang text that says what a quantity is made of where it is no polynomial, but enclosed."""
-    enclosure = chosen.enclosure
-    if chosen.degree or enclosure is None:
+    if chosen.degree or (enclosure := chosen.enclosure) is None:
         return ""
     return (
         f"export struct TheLeaves : ILeaves = {enclosure.type};"
@@ -445,4 +446,5 @@ def _leaves(chosen: Part | Quantity) -> str:
         f"export static const int leaf_fields = {enclosure.fields};"
         f"export static const int leaf_degree = {enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
+        f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
     )

@@ -198,6 +198,7 @@ class Elements:
             map_degree=max(self.geometry.degrees),
             is_total=shape is Shape.TETRAHEDRON,
             errors=cache(partial(self._leaf_errors, names)),
+            distances=bool(formula.targets),
         )
 
     def _slope_bounds(self, expression: Expression) -> SlopeBounds | None:

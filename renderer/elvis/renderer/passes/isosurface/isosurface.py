@@ -194,7 +194,7 @@ class IsosurfaceDrawer:
         split = self._kernel("iso_split", number, quantity)
         most = (8 if halved else 1) * len(parents)
         groups = len(parents) if halved else -(-most // 8)
-        is_enclosed = self._is_enclosed(number, quantity)
+        has_series = self._has_series(number, quantity)
         lists = {
             **self._constants(number, quantity),
             **level.buffers,
@@ -203,12 +203,12 @@ class IsosurfaceDrawer:
             "sub_elements": self.device.empty(parents.dtype, most),
             "count": self.device.buffer(np.zeros(1, np.uint32)),
             "sifted": self.device.empty(parents.dtype, most),
-            "enclosures": self.device.empty(split.dtype("enclosures"), most if is_enclosed else 1),
+            "enclosures": self.device.empty(split.dtype("enclosures"), most if has_series else 1),
             "sifted_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
         self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
         sifted = int(self.device.read(lists["sifted_count"], np.uint32)[0])
-        if is_enclosed:
+        if has_series:
             self.find_points(level, lists["sifted"], sifted)
         split(sifted, lists)
         count = int(self.device.read(lists["count"], np.uint32)[0])
@@ -250,7 +250,7 @@ class IsosurfaceDrawer:
         enclosure = self._enclosure(number, quantity)
         grid = self.device.empty(np.float64, _OF_POINTS if self._uses_grid(level) else 1)
         level = replace(level, buffers={**level.buffers, "grid": grid})
-        if enclosure is None:
+        if enclosure is None or enclosure.distances:
             yield level, elements
             return
         leaves = 3 + enclosure.fields
@@ -277,8 +277,8 @@ class IsosurfaceDrawer:
         return max(own.degree or stand_in(own), 0 if enclosure is None else enclosure.degree) + 1
 
     def _uses_grid(self, level: Level) -> bool:
-        """Whether kernels have the series of sub-elements in the grid."""
-        return self._nodes_of_line(level) > _SHORT
+        """Whether kernels have the series of sub-elements in the grid, or those of leaves alone."""
+        return self._nodes_of_line(level) > _SHORT or self._is_enclosed(level.number, level.quantity)
 
     def _points_at_once(self, level: Level) -> int:
         """Sub-elements whose points and series the device has room for."""
@@ -308,6 +308,11 @@ class IsosurfaceDrawer:
     def _is_enclosed(self, number: int, quantity: str | None) -> bool:
         """Whether a quantity is no polynomial, but enclosed."""
         return self._enclosure(number, quantity) is not None
+
+    def _has_series(self, number: int, quantity: str | None) -> bool:
+        """Whether it is enclosed and series stand for it: where it is made of distances, none do."""
+        enclosure = self._enclosure(number, quantity)
+        return enclosure is not None and not enclosure.distances
 
     def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
         """What a quantity that is no polynomial is made of; None where it is one, or isn't enclosed."""
@@ -346,7 +351,7 @@ class IsosurfaceDrawer:
     def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:
         """The series that stand for a quantity that is no polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
-        if not self._is_enclosed(number, quantity):
+        if not self._has_series(number, quantity):
             return self.device.empty(np.float64, 1)
         own = self.loaded.quantity(number, quantity)
         kernel, on_device = self._kernel("iso_fit", number, quantity), self.device.buffer(sub_elements)
