@@ -34,7 +34,7 @@ def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -
     whole = Portion.whole(dataset)
     if not _is_local(dataset, whole, scenes):
         return dataset
-    return replace(drawable(unite([_what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
+    return replace(drawable(unite([what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
 
 
 def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
@@ -76,7 +76,7 @@ def of_ranks(
         dataset = data.dataset if isinstance(data, Portion) else data
         is_local, beside[key] = _is_local(dataset, own, scenes[key]), _beside(dataset)
         del data, dataset
-        found[key] = _what_matters(own, scenes[key]) if is_local else own
+        found[key] = what_matters(own, scenes[key]) if is_local else own
         del own
     every = ranks.exchange(found, repr(scenes))
     return {key: replace(drawable(unite([some[key] for some in every])), **beside[key]) for key in beside}
@@ -94,7 +94,7 @@ def _is_local(dataset: Dataset, portion: Portion, scenes: Sequence[Scene]) -> bo
     return all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
 
 
-def _what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
+def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
     """The elements of a portion that scenes of the whole depend on."""
     dataset = drawable(portion)
     found = [Relevance(dataset, _whole_scene(dataset, scene)).ids() for scene in scenes]
