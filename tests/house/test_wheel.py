@@ -10,7 +10,8 @@ import pytest
 
 #: tests to repeat on the installed modules: quick ones that reach every area
 AGAINST_THE_WHEEL = (
-    "tests/formats/commands",
+    "tests/formats/commands/test_info.py",
+    "tests/formats/commands/test_norms.py",
     "tests/formats/test_points.py",
     "tests/plugins/test_registry.py",
     "tests/plugins/test_runtime_tutorial.py::test_the_command_that_the_page_shows_draws_the_case",

@@ -225,6 +225,7 @@ def test_every_function_has_a_bar():
     assert set(ACCURACY) | set(BINARY) | OF_MATRICES | {"pow"} == set(FUNCTIONS)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("half", [1.0, 256.0])
 def test_elementary_functions_are_exact_to_the_last_digits(renderer, box, device, half):

@@ -28,7 +28,7 @@ def vortex(shape, bend):
     return Dataset(mesh, tuple(approximated(bare, name, component(axis), 4) for axis, name in enumerate("uvw")))
 
 
-@pytest.mark.sampled(least=2)
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("device", ["auto", "reference"])
 def test_tubes_around_a_tilted_axis(shape, device):

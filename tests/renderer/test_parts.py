@@ -123,7 +123,7 @@ def written(renderer, dataset, scene, folder, ranks=1):
     return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), told
 
 
-@pytest.mark.sampled(least=5, free=("name",))
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path):
     scene = replace(SCENES[name], field="u", size=(96, 72))
@@ -134,7 +134,7 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
     assert expected[2][0]["certain"] > 200
 
 
-@pytest.mark.sampled(least=6, free=("name",))
+@pytest.mark.sampled(least=4, free=("name",))
 @pytest.mark.parametrize("name", [*(name for name in SCENES if name != "plane"), "clipped volume"])
 def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monkeypatch):
     """To the last bit, of one, two, four and ten bands of rows; a plane alone is drawn in another way."""
@@ -182,7 +182,7 @@ def drawn_by_ranks(renderer, size, scene):
     return frame
 
 
-@pytest.mark.sampled(least=5, free=("name",))
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_of_ranks_are_those_of_one_process(renderer, bent, name, tmp_path):
     """Of two, and of more than there are tiles from the top to the bottom."""

@@ -82,8 +82,8 @@ def check_equal(one, other):
 @pytest.mark.parametrize(
     ("width", "cases"),
     [
-        ("256", ("cut-HEXAHEDRON", "faces-HEXAHEDRON", "volume-TETRAHEDRON")),
-        ("512", ("cut-HEXAHEDRON", "isosurface-PRISM")),
+        ("256", ("cut-HEXAHEDRON", "faces-HEXAHEDRON")),
+        ("512", ("isosurface-PRISM", "volume-TETRAHEDRON")),
     ],
 )
 def test_records_are_those_of_128_bits(records, width, cases):
