@@ -16,7 +16,7 @@ import numpy as np
 from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset
 from elvis.core.portions.partition import along_curve
-from elvis.core.portions.portion import Portion, unite
+from elvis.core.portions.portion import Portion, is_even, unite
 from elvis.core.ranks import Ranks
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
@@ -31,9 +31,9 @@ _TIMES = 4
 
 def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
     """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
-    whole = Portion.whole(dataset)
-    if not _is_local(dataset, whole, scenes):
+    if not _is_local(dataset, is_even(dataset), scenes):
         return dataset
+    whole = Portion.whole(dataset)
     return replace(drawable(unite([what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
 
 
@@ -74,7 +74,7 @@ def of_ranks(
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
         own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
         dataset = data.dataset if isinstance(data, Portion) else data
-        is_local, beside[key] = _is_local(dataset, own, scenes[key]), _beside(dataset)
+        is_local, beside[key] = _is_local(dataset, own.is_even, scenes[key]), _beside(dataset)
         del data, dataset
         found[key] = what_matters(own, scenes[key]) if is_local else own
         del own
@@ -87,9 +87,9 @@ def _beside(dataset: Dataset) -> dict[str, Any]:
     return {"others": dataset.others, "shared": dataset.shared, "rates": dataset.rates}
 
 
-def _is_local(dataset: Dataset, portion: Portion, scenes: Sequence[Scene]) -> bool:
-    """Whether scenes of a dataset, of which there is a portion, may depend on less than all elements."""
-    if not portion.is_even or any(other_device(scene.device) for scene in scenes):
+def _is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
+    """Whether scenes may depend on less than all elements; ``even``: the fields of the whole have the same ones."""
+    if not even or any(other_device(scene.device) for scene in scenes):
         return False
     return all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
 
