@@ -15,6 +15,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
+from elvis.renderer.ball_bounds import is_in_picture
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -57,8 +58,7 @@ class FacePatches:
         """Those with pixels in a window of the picture."""
         if view.part_of is None:
             return self
-        least, most = self.bounds[..., :2]
-        return self.some(np.flatnonzero((least <= view.last).all(axis=1) & (most >= view.first).all(axis=1)))
+        return self.some(np.flatnonzero(is_in_picture(view, *self.bounds)))
 
     def some(self, chosen: Ints) -> FacePatches:
         """Some of the patches."""

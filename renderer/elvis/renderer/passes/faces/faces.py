@@ -15,6 +15,7 @@ from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import FaceBlock, Faces
+from elvis.renderer.ball_bounds import is_in_picture
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Given, Kernel
 from elvis.renderer.device_volume import DeviceVolume
@@ -191,7 +192,9 @@ class FaceDrawer:
         # the rank of an element is its place among all, from near to far
         rank = np.argsort(np.argsort(near, kind="stable"))
         order = np.argsort(rank[element], kind="stable")
-        return patches[order[_is_within(patches[order], view)]], self._view_record(kernel, view)
+        patches = patches[order]
+        is_seen = is_in_picture(view, patches["least"], patches["most"])
+        return patches[is_seen], self._view_record(kernel, view)
 
     def _part_patches(
         self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]
@@ -253,7 +256,7 @@ class FaceDrawer:
         if key not in self._last.tiled:
             patches = self._part_patches(view, select, number, kernel.dtype("patches"))
             order = np.argsort(patches["near"], kind="stable")
-            order = order[_is_within(patches[order], view)]
+            order = order[is_in_picture(view, patches[order]["least"], patches[order]["most"])]
             patches, beside = patches[order], self._part_lines(number)[..., order]
             least, most = pixel_bounds(patches, view)
             tiles, listed = bin_sections(least, most, kernel.dtype("tiles"), view if is_first else None, beside)
@@ -333,12 +336,6 @@ class FaceDrawer:
         """The FaceView record (face.slang)."""
         uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.extent)}
         return record_of(kernel, "view", view, **uncertain, **values)
-
-
-def _is_within(patches: NDArray[Any], view: View) -> Bools:
-    """(n,) whether FacePatch records have pixels in a window of the picture."""
-    is_there = (patches["least"][:, :2] <= view.last) & (patches["most"][:, :2] >= view.first)
-    return np.asarray(is_there.all(axis=1))
 
 
 def pixel_bounds(patches: NDArray[Any], view: View) -> tuple[Ints, Ints]:
