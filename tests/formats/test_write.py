@@ -248,6 +248,9 @@ def test_names_and_ids_that_a_format_cannot_hold(case_files, tmp_path):
         write(twice, tmp_path / "m.xml")
     with pytest.raises(ElvisError, match="found none"):
         write(replace(dataset, fields=()), field_path=tmp_path / "f.fld")
+    empty = replace(dataset, fields=(replace(dataset.fields[0], blocks=()),))
+    with pytest.raises(ElvisError, match="expected fields on elements of the domain"):
+        write(empty, tmp_path / "m.xml", field_format="hdf5")
     mesh = replace(dataset.mesh, vertex_ids=dataset.mesh.vertex_ids + 2**40)
     with pytest.raises(ElvisError, match=r"below 2\^31"):
         write(replace(dataset, mesh=mesh), tmp_path / "m.xml", mesh_format="hdf5")

@@ -50,6 +50,8 @@ def write(
 
     dataset = replace(dataset, mesh=with_domain(dataset.mesh), metadata=_metadata(dataset))
     sections = output_sections(dataset)
+    if field_file and not sections:
+        raise ElvisError(f"{field_file}: expected fields on elements of the domain, found none")
     with nullcontext(outputs) if outputs else Outputs() as files:
         # they take their names in this order, so the mesh's XML, which names the others, comes last
         if field_file:
