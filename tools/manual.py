@@ -20,6 +20,10 @@ TAIL = """.SH ENVIRONMENT
 .B ELVIS_DEBUG
 Where it is 1, failures show their traceback, as with \\-\\-debug.
 .TP
+.B ELVIS_SLANG_OPTIMIZATION
+How much Slang optimises kernels before the driver does: none, default, high or maximal. With none some compile a fifth
+sooner, and some draw a tenth slower; for those who work on kernels.
+.TP
 .B XDG_CACHE_HOME
 The folder in which compiled kernels and conversions are kept; ~/.cache by default.
 .SH EXIT STATUS

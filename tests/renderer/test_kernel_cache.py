@@ -14,6 +14,7 @@ from elvis.core.testing import grid
 from elvis.renderer import Plane, kernel_cache, render
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
+from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.kernel_cache import KernelCache
 
 COLOR = (0.25, 0.5, 0.75)
@@ -73,6 +74,22 @@ def test_kernels_are_found_again(process, compose, tmp_path):
     assert not private.parent.exists()
     assert compose() == (1, 0, [])
     assert len(kept(tmp_path)) == 1
+
+
+def test_kernels_that_are_optimised_otherwise_are_others(process, compose, tmp_path, monkeypatch):
+    process(tmp_path)
+    for number, level in enumerate(("none", "default"), 1):
+        monkeypatch.setenv("ELVIS_SLANG_OPTIMIZATION", level)
+        assert compose() == (0, 1, [])
+        assert len(kept(tmp_path)) == number
+    monkeypatch.delenv("ELVIS_SLANG_OPTIMIZATION")
+    assert compose() == (1, 0, [])
+
+
+def test_a_level_that_there_is_not_is_told(compose, monkeypatch):
+    monkeypatch.setenv("ELVIS_SLANG_OPTIMIZATION", "most")
+    with pytest.raises(DeviceError, match=r"^ELVIS_SLANG_OPTIMIZATION is 'most': expected one of none, default"):
+        compose()
 
 
 @pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else"])

@@ -28,6 +28,9 @@ SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
 #: what to install where slang's CPU target finds no compiler
 COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
+#: the variable of the environment that says how much Slang optimises kernels of Vulkan and CUDA, and what it may be
+OPTIMIZATION = "ELVIS_SLANG_OPTIMIZATION"
+LEVELS = ("none", "default", "high", "maximal")
 #: features that kernels use, as slangpy calls them -> in words
 FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
 #: what is said of bytes that kernels reach of a bound buffer, as slangpy might call it: Vulkan is asked itself
@@ -203,6 +206,24 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
             device.close()
             raise UnfitError(adapter, reason)
     return device
+
+
+def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) -> slangpy.SlangSession:
+    """A session of the Slang compiler for an open device, which finds modules in these folders.
+
+    C++ of the CPU target is always optimised: otherwise it runs longer than it compiles sooner.
+    DeviceError where the environment asks for a level that there is not.
+    """
+    import slangpy
+
+    level = os.environ.get(OPTIMIZATION, "default")
+    if level not in LEVELS:
+        raise DeviceError(f"{OPTIMIZATION} is {level!r}: expected one of {', '.join(LEVELS)}")
+    options = slangpy.SlangCompilerOptions()
+    options.include_paths = [str(folder) for folder in folders]
+    if adapter.kind != "cpu":
+        options.optimization = slangpy.SlangOptimizationLevel[level]
+    return device.create_slang_session(options)
 
 
 def _has(device: slangpy.Device, feature: str) -> bool:

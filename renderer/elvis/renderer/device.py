@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from elvis.plugins.volume import Part, Quantity, interface_folder
-from elvis.renderer.adapters import Adapter, open_device, reach_of
+from elvis.renderer.adapters import Adapter, compiler, open_device, reach_of
 from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
@@ -218,12 +218,8 @@ class Device:
 
     def _link(self, stage: str, source: str) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
-        import slangpy
-
         if self._session is None:
-            options = slangpy.SlangCompilerOptions()
-            options.include_paths = [str(folder) for folder in self._folders]
-            self._session = self._device.create_slang_session(options)
+            self._session = compiler(self._device, self.adapter, self._folders)
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
