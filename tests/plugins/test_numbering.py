@@ -10,7 +10,7 @@ from elvis.formats import Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points
 from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, conflicting_elements, ranks
-from elvis.plugins.projection.vertices import clusters, connected_labels, merge_vertices
+from elvis.plugins.projection.vertices import clusters, connected_labels, merge_vertices, merging_tolerance, neighbours
 from elvis.plugins.testing import Analytic, AnalyticField
 
 
@@ -136,3 +136,25 @@ def test_connected_meshes_of_turned_elements_are_valid():
     places, prisms, _ = crossed()
     mesh = connected(places, {Shape.PRISM: oriented(places, prisms, (1, 3, 4))})
     assert (local_vertices(mesh, Shape.PRISM) >= 0).all()
+
+
+def test_vertices_without_numbers_are_numbered_by_their_first_corner():
+    places = np.random.default_rng(2).random((20, 3))
+    which = np.random.default_rng(3).permutation(np.repeat(np.arange(20), 3))
+    corners = places[which] + 1e-10 * np.arange(60)[:, None]
+    vertex, found = merge_vertices(np.full(60, -1), corners, 1e-7)
+    first = np.unique(vertex, return_index=True)[1]
+    assert len(found) == 20
+    assert (np.diff(first) > 0).all()
+    assert np.array_equal(found, corners[first])
+    assert all(len(set(vertex[which == place].tolist())) == 1 for place in range(20))
+
+
+def test_tolerance_of_merging_is_less_than_edges_that_are_looked_for():
+    corners = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1e-6, 0]], [[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 0]]])
+    assert merging_tolerance([corners], 1e-2) == 1e-9
+    assert merging_tolerance([corners[1:], corners[:1]], 1e-2, neighbours) == 1e-9
+    diagonal = corners[:, [0, 1, 3, 2]]
+    assert merging_tolerance([diagonal], 1e-2) == 1e-9
+    assert merging_tolerance([diagonal], 1e-2, neighbours) == 1e-3
+    assert merging_tolerance([], 1e-2) == 0

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from elvis.core.arrays import Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.mesh import Mesh
@@ -24,7 +24,7 @@ from elvis.plugins.projection.projecting import Projection, at_order, at_toleran
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given_topology, topology
-from elvis.plugins.projection.traces import Skins, Traces
+from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, Maps, Tally, check, joint
 from elvis.plugins.report import Measure, Report, is_rounding
 
@@ -214,12 +214,16 @@ def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
 def _curve(sampler: Sampler, plan: Topology) -> Mesh:
     """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
     traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
-    skins, is_used, lines = Skins(traces, 3), np.zeros(3, bool), []
-    for number, rows, own in mapped(sampler, plan.blocks):
-        traces.take(skins, number, rows, own)
-        is_used |= own.any(axis=(0, 2))
-        if plan.mesh.dimension == 1:
-            lines.append((plan.blocks[number].mesh_rows[rows], own))
+    is_used, lines = np.zeros(3, bool), []
+
+    def parts() -> Iterator[tuple[int, slice | Ints, Floats]]:
+        for number, rows, own in mapped(sampler, plan.blocks):
+            np.logical_or(is_used, own.any(axis=(0, 2)), out=is_used)
+            if plan.mesh.dimension == 1:
+                lines.append((plan.blocks[number].mesh_rows[rows], own))
+            yield number, rows, own
+
+    skins = traces.taken(parts(), 3)
     space = max(plan.mesh.dimension, 1 + int(np.flatnonzero(is_used).max(initial=0)))
     return with_curves(replace(plan.mesh, space=space), skins, lines)
 

@@ -53,7 +53,7 @@ def unique_points(points: Floats) -> tuple[Floats, Ints]:
     """
     first, which = distinct_bits(points)
     distinct = np.ascontiguousarray(points[first], "<f8")
-    order = np.lexsort(distinct.view(">u8").T[::-1])
+    order = np.argsort(distinct.view("S24")[:, 0])
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     return distinct[order], place[which]

@@ -56,7 +56,7 @@ def derived_faces(hosts: Sequence[HostEvaluation]) -> Faces:
 def vertex_numbers(hosts: Sequence[HostEvaluation]) -> list[Ints]:
     """(n, v) vertex numbers for the corners of the elements of each part: those at one place are one vertex."""
     corners = [host.positions(np.arange(len(host)), host.shape.vertices) for host in hosts]
-    tolerance = min(merging_tolerance(own, np.finfo(float).eps) for own in corners)
+    tolerance = min(merging_tolerance([own], np.finfo(float).eps) for own in corners)
     numbers = clusters(np.concatenate([own.reshape(-1, 3) for own in corners]), tolerance)
     ends = np.cumsum([own.shape[0] * own.shape[1] for own in corners])[:-1]
     split = np.split(numbers, ends)

@@ -52,5 +52,5 @@ def _block(number: int, part: Hexahedra, entity: Ints) -> FaceBlock:
 
 def vertices_at(corners: Floats) -> Ints:
     """(n, v) vertex numbers for corners (n, v, 3) of elements: those at one place are one vertex."""
-    found = clusters(corners.reshape(-1, 3), merging_tolerance(corners, np.finfo(float).eps))
+    found = clusters(corners.reshape(-1, 3), merging_tolerance([corners], np.finfo(float).eps))
     return found.reshape(corners.shape[:2])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
@@ -21,7 +21,7 @@ from elvis.plugins.projection.entities import entities
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.naming import composites
 from elvis.plugins.projection.numbering import Corners, chosen_orders, conflicting_elements, ranks
-from elvis.plugins.projection.vertices import merge_vertices, merging_tolerance
+from elvis.plugins.projection.vertices import merge_vertices, merging_tolerance, neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     """
     blocks = _check(source)
     places = [_corner_places(source, block) for block in blocks]
-    tolerance = merging_tolerance(_longest_first(places), source.precision)
+    tolerance = merging_tolerance(places, source.precision, neighbours)
     numbers, which, vertices = _vertices(blocks, places, tolerance)
     is_planar = not vertices[:, 2].any()
     drafts = []
@@ -147,12 +147,6 @@ def _corner_places(source: Converter, block: Elements) -> Floats:
     places = np.zeros((*found.shape[:2], 3))
     places[:, :, : found.shape[2]] = found
     return places
-
-
-def _longest_first(places: Sequence[Floats]) -> Floats:
-    """All elements' corners as (n, 2, 3): ends of the pairs that neighbour in each element."""
-    pairs = [np.stack([p, np.roll(p, 1, axis=1)], axis=2).reshape(-1, 2, 3) for p in places]
-    return np.concatenate(pairs)
 
 
 def _vertices(
@@ -289,7 +283,7 @@ def _ids(blocks: Sequence[Elements]) -> list[Ints]:
     if all(block.ids is not None for block in blocks):
         ids = [np.asarray(block.ids, np.int64) for block in blocks]
         stacked = np.concatenate(ids)
-        if stacked.min(initial=0) >= 0 and len(np.unique(stacked)) == len(stacked):
+        if stacked.min(initial=0) >= 0 and len(distinct(stacked)) == len(stacked):
             return ids
     ends = np.cumsum([len(block) for block in blocks])
     return [np.arange(end - len(block), end) for block, end in zip(blocks, ends, strict=True)]

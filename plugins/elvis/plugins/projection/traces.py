@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,9 +27,11 @@ from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_indices
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
+from elvis.core.threads import results
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.entities import edge_places, face_grid
 
+T = TypeVar("T")
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 
 #: more modes than any element has: those of a face that none has spoken for
@@ -62,7 +66,7 @@ class Traces:
         self.mesh, self.blocks, self.modes = mesh, tuple(blocks), tuple(modes)
         self.most = max(2, *modes)
         self.faces = {kind: polygon_vertices(mesh, kind) for kind in _FACES} if mesh.dimension > 1 else {}
-        self._by_order = sorted((i for i in range(len(blocks)) if modes[i]), key=lambda i: modes[i])
+        self.by_order = sorted((i for i in range(len(blocks)) if modes[i]), key=lambda i: modes[i])
         self._face_modes = {kind: np.full(len(rows), _NEVER) for kind, rows in self.faces.items()}
         self._links = dict(self._linked())
         self.edges = {kind: self._edge_links(kind) for kind in self.faces}
@@ -72,7 +76,7 @@ class Traces:
 
     def _linked(self) -> Iterator[tuple[int, list[_Link]]]:
         """The links of each block; blocks of low order own first."""
-        for number in self._by_order:
+        for number in self.by_order:
             block = self.blocks[number]
             links: list[_Link] = []
             for local in block.shape.faces if block.shape.dimension > 1 else ():
@@ -117,17 +121,26 @@ class Traces:
 
     def gather(self, coefficients: Sequence[Floats]) -> Skins:
         """The coefficients of all vertices, edges and faces, from those (n, c, m) of each block."""
-        skins = Skins(self, next((coefficients[i].shape[1] for i in self._by_order), 1))
-        for number in self._by_order:
-            for rows in self._batches(skins, number):
-                self.take(skins, number, rows, coefficients[number][rows])
+        width = next((coefficients[i].shape[1] for i in self.by_order), 1)
+        parts = ((i, rows, coefficients[i][rows]) for i in self.by_order for rows in self.batches(width, i))
+        return self.taken(parts, width)
+
+    def batches(self, width: int, number: int) -> Iterator[slice]:
+        """Rows of a block, as many as let their faces, with ``width`` columns, fit in one batch."""
+        return chunks(len(self.blocks[number]), max(1, _BATCH // (width * self.most**2)))
+
+    def taken(self, parts: Iterable[tuple[int, slice | Ints, Floats]], width: int) -> Skins:
+        """The same, from numbers of blocks, rows of their elements and the coefficients (k, width, m) of these.
+
+        Threads share the work, for a face, an edge or a vertex is taken from one element; on lines from the last.
+        """
+        skins = Skins(self, width)
+        jobs = (partial(self._take, skins, *part) for part in parts)
+        for _ in results(jobs) if self.mesh.dimension > 1 else (job() for job in jobs):
+            pass
         return skins
 
-    def _batches(self, skins: Skins, number: int) -> Iterator[slice]:
-        """Rows of a block, as many as let their faces fit in one batch."""
-        return chunks(len(self.blocks[number]), max(1, _BATCH // (skins.width * self.most**2)))
-
-    def take(self, skins: Skins, number: int, rows: slice | Ints, own: Floats) -> None:
+    def _take(self, skins: Skins, number: int, rows: slice | Ints, own: Floats) -> None:
         """What elements ``rows`` of a block, with coefficients (k, c, m), give to the entities that they own."""
         block, modes = self.blocks[number], self.modes[number]
         if not modes:
@@ -152,22 +165,24 @@ class Traces:
         p, q = np.divmod(index[valid], modes)
         return carried, p * self.most + q, signs[valid]
 
-    def views(self, number: int, skins: Skins) -> Iterator[tuple[Ints, Ints, Floats]]:
-        """Rows of elements of a block, modes on one of their faces, and their coefficients (rows, c, modes) there."""
+    def views(self, number: int, rows: slice, skins: Skins) -> Iterator[tuple[Ints, Ints, Floats]]:
+        """Some elements (k,) of a block, modes on one of their faces, and their coefficients (k, c, modes) there.
+
+        rows  of the block, of which these are
+        """
         block, modes = self.blocks[number], self.modes[number]
         if block.shape.dimension == 1:
-            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows]
-            yield np.arange(len(block)), np.arange(2), skins.vertices[ends].transpose(0, 2, 1)
+            ends = self.mesh.of(Shape.SEGMENT).members[block.mesh_rows[rows]]
+            yield np.arange(rows.start, rows.stop), np.arange(2), skins.vertices[ends].transpose(0, 2, 1)
             return
-        for rows in self._batches(skins, number):
-            for face, link in enumerate(self._links[number]):
-                for turn, here in _by_turn(link.turns[rows], np.arange(rows.stop - rows.start)):
-                    carried, places, signs = self._view(block.shape, face, modes, turn)
-                    if block.shape.dimension == 2:  # the inside is the element's own
-                        outer = skins.outer[block.shape][places]
-                        carried, places, signs = carried[outer], places[outer], signs[outer]
-                    seen = skins.squares(link.kind, link.rows[rows][here])[:, :, places]
-                    yield rows.start + here, carried, seen * signs
+        for face, link in enumerate(self._links[number]):
+            for turn, here in _by_turn(link.turns[rows], np.arange(rows.stop - rows.start)):
+                carried, places, signs = self._view(block.shape, face, modes, turn)
+                if block.shape.dimension == 2:  # the inside is the element's own
+                    outer = skins.outer[block.shape][places]
+                    carried, places, signs = carried[outer], places[outer], signs[outer]
+                seen = skins.squares(link.kind, link.rows[rows][here])[:, :, places]
+                yield rows.start + here, carried, seen * signs
 
 
 class Skins:
@@ -214,18 +229,30 @@ class Skins:
 
     def largest_change(self, coefficients: Sequence[Floats]) -> Floats:
         """(c,) the largest difference between what the elements hold and what `apply` would give them."""
-        worst = np.zeros(self.vertices.shape[1])
-        for number in self._traces._by_order:
-            for rows, carried, seen in self._traces.views(number, self):
-                change = np.abs(coefficients[number][rows][:, :, carried] - seen)
-                worst = np.maximum(worst, change.max(axis=(0, 2), initial=0))
-        return worst
+
+        def change(number: int, rows: slice) -> Floats:
+            worst = np.zeros(self.width)
+            for here, carried, seen in self._traces.views(number, rows, self):
+                difference = np.abs(coefficients[number][here[:, None], :, carried] - seen.transpose(0, 2, 1))
+                worst = np.maximum(worst, difference.max(axis=(0, 1), initial=0))
+            return worst
+
+        return np.asarray(np.max([np.zeros(self.width), *self._of_batches(change)], axis=0))
 
     def apply(self, coefficients: Sequence[Floats]) -> None:
         """Give every element of every block (n, c, m) the coefficients of its vertices, edges and faces."""
-        for number in self._traces._by_order:
-            for rows, carried, seen in self._traces.views(number, self):
-                coefficients[number][rows[:, None], :, carried] = seen.transpose(0, 2, 1)
+
+        def put(number: int, rows: slice) -> None:
+            for here, carried, seen in self._traces.views(number, rows, self):
+                coefficients[number][here[:, None], :, carried] = seen.transpose(0, 2, 1)
+
+        for _ in self._of_batches(put):
+            pass
+
+    def _of_batches(self, work: Callable[[int, slice], T]) -> Iterator[T]:
+        """What work returns of each batch of elements, which threads share: number of the block, and its rows."""
+        traces = self._traces
+        return results(partial(work, i, rows) for i in traces.by_order for rows in traces.batches(self.width, i))
 
 
 def _signs(backwards: Bools, most: int) -> Floats:

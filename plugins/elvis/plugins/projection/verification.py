@@ -10,7 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.geometry import GeometryBlock, parts
+from elvis.core.geometry import Assembly, GeometryBlock, parts
 from elvis.core.mapping.tangents import determinants
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.shapes import Shape
@@ -196,8 +196,11 @@ class _Check:
         block, places, inside = batch.block, batch.places, self.inside
         ids = block.ids[batch.rows]
         ours, jacobians = self.maps.at(ids, points, inside)
-        distances = np.sqrt(((ours - places) ** 2).sum(axis=2))
-        low, high = places.min(axis=1), places.max(axis=1)
+        x, y, z = np.moveaxis(ours - places, 2, 0)
+        distances = np.sqrt(x * x + y * y + z * z)
+        # points first: NumPy then compares many elements at once
+        by_point = np.ascontiguousarray(places.transpose(1, 0, 2))
+        low, high = by_point.min(axis=0), by_point.max(axis=0)
         sizes = (high - low).max(axis=1)
         weights = np.abs(jacobians) * (VOLUMES[block.shape] / inside)
         findings.coordinates.add(ids, distances, weights, places.reshape(len(ids), -1))
@@ -277,12 +280,13 @@ class Maps:
             places[here], matrices[here] = found.transpose(0, 2, 1), gradients.transpose(0, 2, 1, 3)
         return places, matrices
 
-    def _parts(self, ids: Ints) -> Iterator[tuple[GeometryBlock, Ints, Floats]]:
+    def _parts(self, ids: Ints) -> Iterator[tuple[GeometryBlock | Assembly, slice | Ints, Floats]]:
         """Blocks, where in ``ids`` their elements are, and the coefficients of these."""
         place = self._order[np.searchsorted(self._ids, ids)]
         which, rows = self._block[place], self._row[place]
-        for number in np.unique(which).tolist():
-            here = np.flatnonzero(which == number)
+        numbers = np.unique(which).tolist()
+        for number in numbers:
+            here = slice(None) if len(numbers) == 1 else np.flatnonzero(which == number)
             yield self.blocks[number], here, self.blocks[number].take(rows[here])
 
     def _determinants(self, matrices: Floats) -> Floats:

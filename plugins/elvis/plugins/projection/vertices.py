@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Callable, Iterable, Sequence
+from itertools import combinations, product
 
 import numpy as np
 
@@ -20,6 +21,9 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
              meshes), those without a number are the same where they lie together
     Vertices are numbered in the order of the source's numbers, then of the first corner.
     """
+    if (numbers < 0).all():
+        vertex = clusters(corners, tolerance)
+        return vertex, corners[groups(vertex)[0]]
     first, which = groups(numbers)
     apart = np.abs(corners - corners[first][which]).max(axis=1, initial=0) > tolerance
     unsure = (numbers < 0) | np.isin(which, which[apart])
@@ -44,12 +48,13 @@ def clusters(points: Floats, tolerance: float) -> Ints:
     cell = max(4 * tolerance, np.finfo(float).tiny)
     for shift in product((0.0, 0.5), repeat=3):
         labels = _join(distinct, labels, np.floor(distinct / cell + np.array(shift)), tolerance)
-    roots: Ints = labels[which]
-    return groups(roots)[1]
+    return np.asarray(groups(labels)[1][which])
 
 
 def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:
     """The labels once neighbours in the order of cells that share one, and lie together, are joined."""
+    if len(distinct_bits(cells)[0]) == len(cells):
+        return labels
     order = np.lexsort((*points.T, *cells.T))
     same = (cells[order[1:]] == cells[order[:-1]]).all(axis=1)
     near = np.abs(points[order[1:]] - points[order[:-1]]).max(axis=1, initial=0) <= tolerance
@@ -83,21 +88,41 @@ def _compress(parents: Ints) -> Ints:
         parents = grand
 
 
-def merging_tolerance(corners: Floats, precision: float) -> float:
-    """Distance up to which corners (n, v, 3) of elements are one vertex: rounding, but never a real edge."""
-    if not corners.size:
+def every_pair(count: int) -> Iterable[tuple[int, int]]:
+    """Each two of so many corners."""
+    return combinations(range(count), 2)
+
+
+def neighbours(count: int) -> Iterable[tuple[int, int]]:
+    """Each of so many corners with the one before it, the first with the last."""
+    return ((i, i - 1) for i in range(count))
+
+
+def merging_tolerance(
+    corners: Sequence[Floats], precision: float, pairs: Callable[[int], Iterable[tuple[int, int]]] = every_pair
+) -> float:
+    """Distance up to which corners (n, v, 3) of elements are one vertex: rounding, but never a real edge.
+
+    corners  of one kind of elements after another
+    pairs    of the corners of an element with so many, between which edges are looked for
+    """
+    corners = [own for own in corners if own.size]
+    if not corners:
         return 0.0
-    rounding = 64 * precision * float(np.abs(corners).max())
-    box = np.ptp(corners.reshape(-1, 3), axis=0).max()
-    return float(min(max(rounding, 1e-10 * box), _SHARE * _shortest(corners) or rounding))
+    lows, highs = zip(*((own.min(axis=(0, 1)), own.max(axis=(0, 1))) for own in corners), strict=True)
+    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    rounding = 64 * precision * float(np.maximum(np.abs(low), np.abs(high)).max())
+    box = (high - low).max()
+    least = min(_shortest(own, pairs(own.shape[1])) for own in corners)
+    return float(min(max(rounding, 1e-10 * box), _SHARE * least if np.isfinite(least) else rounding))
 
 
-def _shortest(corners: Floats) -> float:
-    """The least distance between two corners of an element that lie apart."""
+def _shortest(corners: Floats, pairs: Iterable[tuple[int, int]]) -> float:
+    """The least distance between corners (n, v, 3) of a pair that lie apart; infinite without any."""
     least = np.inf
-    for i in range(corners.shape[1]):
-        for j in range(i):
-            distances = np.abs(corners[:, i] - corners[:, j]).max(axis=1)
-            apart: Bools = distances > 0
-            least = min(least, float(distances[apart].min(initial=np.inf)))
-    return least if np.isfinite(least) else 0.0
+    for i, j in pairs:
+        x, y, z = np.abs(corners[:, i] - corners[:, j]).T
+        distances = np.maximum(np.maximum(x, y), z)
+        apart: Bools = distances > 0
+        least = min(least, float(distances[apart].min(initial=np.inf)))
+    return least
