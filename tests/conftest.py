@@ -56,8 +56,10 @@ def keep_compiled(kernels):
 
 
 def wait_longer():
-    """Let sleeps be a millisecond longer, also those of processes that are started: while a compiler runs, slang asks for
-    its output after sleeps of no length, 20,000 times a second, which takes a fifth of its processor time."""
+    """Let sleeps be a millisecond longer, also those of processes that are started.
+
+    While a compiler runs, slang looks for its end after sleeps of no length, up to 20,000 times a second.
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1_000_000))
 
