@@ -226,7 +226,7 @@ def test_waves_of_five_pixels(cut, values):
     def waves(points):
         return np.sin(40 * points[..., 0]) * np.sin(40 * points[..., 1] + 0.3)
 
-    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 4), waves, 14), size=(40, 40))
+    lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 6), waves, 10), size=(40, 40))
     apart = np.min([distances(view, curve(view, lambda p, v=v: waves(p) - v)) for v in values], axis=0)
     near = np.isfinite(hits.depth).reshape(view.height, view.width)
     inner = (near & ~grown(~near, 2)).ravel()
