@@ -121,3 +121,16 @@ def test_bernstein_polynomials_sum_to_one_and_are_the_known_ones(order):
     assert np.abs(table.sum(axis=1) - 1).max() < 1e-14
     if order == 4:
         assert np.abs(table[:, 2] - 6 * t**2 * (1 - t) ** 2).max() < 1e-15
+
+
+def test_tables_of_a_few_points_are_kept(monkeypatch):
+    functions = unit_basis(Shape.TRIANGLE, 2, lattice(Shape.TRIANGLE, 2) / 2)
+    some, others = inside(Shape.TRIANGLE), inside(Shape.TRIANGLE, 5)
+    table = functions.at(some)
+    functions.at(others)
+    assert functions.at(np.array(some)) is table
+    assert functions.at(others) is not table
+    monkeypatch.setattr("elvis.plugins.nodal._MOST_KEPT", table.size)
+    functions.at(inside(Shape.TRIANGLE, 8))
+    assert functions.at(some) is not table
+    assert (functions.at(some) == table).all()

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.renderer import Camera, Plane, Scene, SceneError
-from elvis.scene.fitting import automatic, crossings, proportionate, surrounding
+from elvis.renderer import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, SceneError, Sphere
+from elvis.scene.fitting import automatic, crossings, is_of_elements, proportionate, surrounding
 
+CUT = CutSurface(Plane((0, 0, 0), (0, 0, 1)))
 UNIT = np.array([[0, 0, 0, 1, 1, 1]], np.float32)
 
 
@@ -99,3 +100,18 @@ def test_without_zoom_a_region_is_shown_to_the_last_bit():
     for left, right in [(0.1, 0.7), (-0.3, 0.9), (0.2, 0.9), (-0.7, 0.1), (1 / 3, 3.7)]:
         scene = Scene("u", plane=Plane((0, 0, 0), (0, 0, 1)), region=(left, right, left, right), size=(64, 64))
         assert automatic(scene, [UNIT], never).camera.height == right - left
+
+
+@pytest.mark.parametrize(
+    ("given", "stays"),
+    [
+        ({"objects": (Faces(), CUT)}, True),
+        ({"plane": Plane((0, 0, 0), (0, 0, 1)), "clip": (Clip(Sphere((0, 0, 0), 1.0)),)}, True),
+        ({"objects": (Faces(), Isosurface((1.0,)))}, False),
+        ({"objects": (Faces(), Isosurface((1.0,))), "camera": Camera((9, 0, 0), (0, 0, 0), fov=30.0)}, True),
+        ({"objects": (CutSurface(Implicit("u")),)}, False),
+        ({"objects": (Faces(),), "clip": (Clip(Implicit("u")),)}, False),
+    ],
+)
+def test_views_that_values_have_no_part_in(given, stays):
+    assert is_of_elements(Scene("u", **given)) == stays

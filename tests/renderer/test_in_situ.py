@@ -1,8 +1,12 @@
 """Pictures of a running solver: those of its data afterwards, at the steps that are asked for, and no harm to it."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elvis.core.geometry import geometry, share
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import with_field
@@ -10,7 +14,16 @@ from elvis.core.testing.meshes import grid
 from elvis.formats import Dataset, ElvisError, FormatError, from_arrays, sample
 from elvis.plugins.nodal import tensor_nodes
 from elvis.plugins.run_states import states_of
-from elvis.renderer import Session, render
+from elvis.renderer import (
+    CutSurface,
+    Faces,
+    Implicit,
+    Plane,
+    Session,
+    render,
+    rendering,
+)
+from elvis.renderer.passes.faces import faces
 from elvis.renderer.triggers import Condition, Trigger
 from elvis.scene.errors import SceneError
 
@@ -68,6 +81,55 @@ class TestPictures:
         drawn = session({"quadrilateral": places}, output=str(tmp_path / "{time:.2f}_{step}.png"))
         drawn.show(7, 0.5, {"u": values(places, 0.5)})
         assert [path.name for path in tmp_path.iterdir()] == ["0.50_7.png"]
+
+
+def bubbles():
+    """(2, 27, 3) places of nodes of two hexahedra that are bent inside, which no mesh file can hold."""
+    nodes = np.asarray(tensor_nodes(Shape.HEXAHEDRON, tuple(lobatto(3)[0].tolist())))
+    places = np.array([(0, 0, 0), (1, 0, 0)], float)[:, None] + (nodes + 1) / 2
+    places[..., 0] += 0.1 * np.prod(1 - nodes**2, axis=1)
+    return places
+
+
+class TestKept:
+    """What values have no part in is found once, and pictures are those of data that share nothing."""
+
+    @pytest.mark.parametrize(
+        ("objects", "views"),
+        [
+            ((Faces(),), 1),
+            ((CutSurface(Plane((0.9, 0.4, 0.4), (1, 2, 3))),), 1),
+            ((CutSurface(Implicit("u - 0.9")),), 3),
+        ],
+    )
+    def test_the_view_and_what_is_seen_of_faces(self, session, tmp_path, monkeypatch, objects, views):
+        places, made, seen = bubbles(), [], []
+        fit, look = rendering.automatic, faces.face_patches
+        monkeypatch.setattr(rendering, "automatic", lambda *given: made.append(1) or fit(*given))
+        monkeypatch.setattr(faces, "face_patches", lambda *given: seen.append(1) or look(*given))
+        before = []
+        with session({"hexahedron": places}, device="auto", objects=objects) as drawn:
+            for step in range(3):
+                before.append(len(seen))
+                u = places.sum(axis=2) ** (1 + step)
+                u[0] = np.nan if step == 1 else u[0]
+                assert drawn.show(step, 0.0, {"u": u}) is not None, drawn.faults
+        assert len(made) == views
+        assert views > 1 or before[1:] == [len(seen)] * 2
+        monkeypatch.undo()
+        dataset = from_arrays({"hexahedron": places}, u=u)
+        assert dataset.map_names
+        render(dataset, "u", size=(20, 20), objects=objects, output=str(tmp_path / "post.png"))
+        assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
+
+    def test_maps_that_are_fields(self):
+        places = bubbles()
+        states = states_of({"hexahedron": places})
+        first, second, third = (states.at(step, {"u": step * places[..., 0]}) for step in range(3))
+        share(first.mesh)
+        assert geometry(first) is geometry(second) is geometry(third)
+        other = replace(third, fields=tuple(map(copy, third.fields)))
+        assert geometry(other) is not geometry(third)
 
 
 class TestStates:

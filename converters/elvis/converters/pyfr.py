@@ -110,6 +110,8 @@ class PyFR(NodalConverter):
         # old ones are read with tables of PyFR's own
         self.beside = None if _is_old(mesh) else [mesh]
         self._kinds: list[str] = []
+        self._config: str | None = None
+        self._bases: dict[tuple[str, bytes], NodalBasis] = {}
         self.blocks: list[Elements] = []
         with reading(mesh) as file:
             (self._read_old_mesh if _is_old(mesh) else self._read_mesh)(file)
@@ -217,7 +219,8 @@ class PyFR(NodalConverter):
             raise FormatError(f"expected values on elements {wanted}, found those on {kinds}", file=_RUNNING)
         found = {kind: Values(kind, *own) for kind, own in state.values.items()}
         self._add_solution(state.names, found, _RUNNING)
-        self.metadata = {"Program": "PyFR", **_constants(_parsed(state.config, _RUNNING, "config"))}
+        if self._config != state.config:
+            self._config, self.metadata = state.config, _running(state.config)
 
     def _add_solution(self, names: Sequence[str], found: Mapping[str, Values], file: str) -> list[NodalValues | None]:
         """The fields of a solution; elements that have no values are left out."""
@@ -233,17 +236,23 @@ class PyFR(NodalConverter):
     def _take(self, file: str, found: Values, index: int) -> NodalValues:
         """The values on a block, which loses the elements that have none."""
         block = self.blocks[index]
-        shape, frame, _ = _KINDS[self._kinds[index]]
-        points = native_points(shape, np.array(frame, float), found.points)
         rows = np.arange(len(block)) if found.rows is None else found.rows
-        wanted = (len(rows), len(self._names), len(points))
+        wanted = (len(rows), len(self._names), len(found.points))
         if found.values.shape != wanted or rows.max(initial=-1) >= len(block):
             expected = f"{wanted} values on {len(block)} elements"
             raise FormatError(f"expected {expected}, found {found.values.shape}", file=file, place=found.place)
         if found.rows is not None:
             self._keep(index, rows)
-        order = _order(shape, len(points), file)
-        return NodalValues(np.moveaxis(found.values, 1, 2), NodalBasis(shape, order, points))
+        return NodalValues(np.moveaxis(found.values, 1, 2), self._basis(self._kinds[index], found.points, file))
+
+    def _basis(self, kind: str, places: Floats, file: str) -> NodalBasis:
+        """The functions of solution points (n, d) of a kind; kept, for a running solver has the same at each step."""
+        key = kind, places.tobytes()
+        if key not in self._bases:
+            shape, frame, _ = _KINDS[kind]
+            points = native_points(shape, np.array(frame, float), places)
+            self._bases[key] = NodalBasis(shape, _order(shape, len(points), file), points)
+        return self._bases[key]
 
     def _keep(self, index: int, rows: Ints) -> None:
         """Only the elements ``rows`` of a block."""
@@ -257,6 +266,11 @@ class PyFR(NodalConverter):
         place[rows] = np.arange(len(rows))
         self.boundaries = [_restrict(boundary, index, place) for boundary in self.boundaries]
         self.blocks[index] = replace(block.take(rows), key=NodalBlock(kept), rows=slice(None))
+
+
+def _running(config: str) -> dict[str, str]:
+    """The metadata of a running solver with a configuration."""
+    return {"Program": "PyFR", **_constants(_parsed(config, _RUNNING, "config"))}
 
 
 def _points(data: h5py.Dataset) -> Floats:

@@ -141,7 +141,7 @@ class Cell(ShapeFunctions):
         """From here on the nodes lie at Gauss-Lobatto places, and where a simplex is warped so that its edges have."""
         nodes = warped(self.shape, self.order, self.nodes)
         self._warped = unit_basis(self.shape, self.order, nodes[:, : self.shape.dimension])
-        self._last = None
+        self._tables.clear()
 
     def tabulate(self, points: Floats) -> Floats:
         """(n, nodes) values of the functions of the nodes at points (n, d), in the coordinates of the frame."""

@@ -33,6 +33,8 @@ _CHUNK = 1 << 13
 _SHARED: WeakKeyDictionary[Mesh, dict[Hashable, Any]] = WeakKeyDictionary()
 #: how much is kept for a mesh: what was used last
 _MOST_KEPT = 32
+#: the key of what follows from a mesh and from those fields that gave its map last
+_MAPPED = "mapped"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +102,31 @@ def share(mesh: Mesh) -> None:
 
 
 def kept(dataset: Dataset, key: Hashable, make: Callable[[], T]) -> T:
-    """What follows from a dataset's mesh alone; it is made once where the mesh is shared, and is its whole mapping.
+    """What follows from the mapping of a dataset alone; it is made once where the mesh is shared.
 
-    It must not refer to the mesh, which would then be kept for ever.
+    Where fields give the mapping, these must be the very same, too.  It must not refer to the mesh, which would then be
+    kept for ever.
     """
-    known = None if dataset.map_names else _SHARED.get(dataset.mesh)
+    known = _known(dataset)
     if known is None:
         return make()
     found: T = known.pop(key) if key in known else make()
     known[key] = found
     while len(known) > _MOST_KEPT:
         del known[next(iter(known))]
+    return found
+
+
+def _known(dataset: Dataset) -> dict[Hashable, Any] | None:
+    """What is kept of the mapping of a dataset; None where its mesh isn't shared."""
+    known = _SHARED.get(dataset.mesh)
+    if known is None or not dataset.map_names:
+        return known
+    maps = tuple(field for field in dataset.fields if field.name in dataset.map_names)
+    last, of_maps = known.get(_MAPPED, ((), {}))
+    if last != maps:
+        known[_MAPPED] = maps, (of_maps := {})
+    found: dict[Hashable, Any] = of_maps
     return found
 
 

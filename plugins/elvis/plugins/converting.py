@@ -27,6 +27,7 @@ from elvis.plugins.projection.topology import Topology, given_topology, topology
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, Maps, Tally, check, joint
 from elvis.plugins.report import Measure, Report, is_rounding
+from elvis.plugins.series.between import on_mesh_of
 
 GeometryChoice = Literal["auto", "curves", "map"]
 PyramidChoice = Literal["exact", "native"]
@@ -116,7 +117,8 @@ def convert_again(source: Converter, before: Conversion) -> Dataset:
     mesh, blocks = before.dataset.mesh, list(before.blocks)
     fitted = fit_joined(Sampler(source), mesh, blocks, _choose_fields(source, None))
     dataset = _dataset(source, mesh, blocks, [*fitted, *before.maps], bool(before.maps))
-    return replace(dataset, metadata={**dataset.metadata, **before.report.metadata()})
+    dataset = replace(dataset, metadata={**dataset.metadata, **before.report.metadata()})
+    return on_mesh_of(before.dataset, dataset)
 
 
 def converted_object(source: Converter, name: str) -> Dataset:

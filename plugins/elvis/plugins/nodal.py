@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import factorial
 from typing import Any
 
@@ -32,6 +32,9 @@ _XYZ = "xyz"
 
 #: interpolation that loses more digits than this is refused
 _WORST_CONDITION = 1e10
+
+#: values of functions that are kept, all points together
+_MOST_KEPT = 1 << 18
 
 _LEGENDRE = Basis.ORTHO_A
 _ORTHONORMAL = {
@@ -97,16 +100,26 @@ class ShapeFunctions(ABC):
     """
 
     order: int
-    _last: tuple[Floats, Floats] | None = None
 
     def at(self, points: Floats) -> Floats:
         """(n, n_nodes) values at reference points (n, d), so that ``nodal_values @ at(points).T`` are those there.
 
-        They are kept until other points are asked for.
+        A few tables are kept, for the steps of a solver have the same points.
         """
-        if self._last is None or self._last[0] is not points:
-            self._last = (points, frozen_floats(self.tabulate(np.asarray(points, np.float64))))
-        return self._last[1]
+        own = np.asarray(points, np.float64)
+        key = own.tobytes()
+        if key not in self._tables:
+            table = frozen_floats(self.tabulate(own))
+            room = _MOST_KEPT - table.size
+            while self._tables and sum(kept.size for kept in self._tables.values()) > room:
+                del self._tables[next(iter(self._tables))]
+            self._tables[key] = table
+        return self._tables[key]
+
+    @cached_property
+    def _tables(self) -> dict[bytes, Floats]:
+        """Tables, by points."""
+        return {}
 
     @abstractmethod
     def tabulate(self, points: Floats) -> Floats:

@@ -15,7 +15,7 @@ from elvis.core.hints import perhaps
 from elvis.plugins.arrays import Arrays, host_array
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import Conversion, convert, convert_again
-from elvis.plugins.series.between import is_one_mesh
+from elvis.plugins.series.between import on_mesh_of
 
 
 class States(Protocol):
@@ -81,8 +81,7 @@ class ModalStates:
         """The state with these coefficients, copied; or another dataset, whose mesh is known where it is the same."""
         known = self._dataset
         if isinstance(fields, Dataset):
-            mesh = known.mesh if is_one_mesh(known, fields) else fields.mesh
-            return replace(fields, mesh=mesh, time=time, rates=None)
+            return replace(on_mesh_of(known, fields), time=time, rates=None)
         given = {name: self._field(name, values) for name, values in fields.items()}
         kept = [given.pop(field.name, field) for field in known.fields]
         metadata = {**known.metadata, **({"Time": repr(time)} if "Time" in known.metadata else {})}

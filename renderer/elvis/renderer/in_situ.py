@@ -8,6 +8,7 @@ from typing import Any
 
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs, check_place
+from elvis.core.geometry import share
 from elvis.core.terminal import one_line, warn
 from elvis.plugins.run_states import states_of
 from elvis.renderer.rendering import Pictures
@@ -101,6 +102,7 @@ class Session:
         if not self._trigger.holds(data):
             return None
         if self._pictures is None:
+            share(data.mesh)
             self._pictures = Pictures(data, self._device)
         else:
             self._pictures.show(data)

@@ -42,6 +42,8 @@ class Host:
         super().__init__(intg, cfgsect, suffix)  # type: ignore[call-arg]
         self._comm, rank, self._root = get_comm_rank_root()
         self._names = list(next(iter(intg.system.ele_map.values())).convars)
+        self._points: dict[str, Floats] = {}
+        self._config = self.cfg.tostr()
         self._every = self.cfg.getint(cfgsect, "every", 1)
         self._session = self._opened(str(intg.system.mesh.fname)) if rank == self._root else None
 
@@ -70,16 +72,23 @@ class Host:
 
     def _joined(self, parts: Sequence[Mapping[str, tuple[Ints, Floats]]]) -> Any:
         """The solution on all elements, in the order of the mesh file, from the parts of all ranks."""
-        from pyfr.quadrules import get_quadrule
-
         values: dict[str, tuple[Floats, Floats]] = {}
         for kind in sorted({kind for part in parts for kind in part}):
             own = [part[kind] for part in parts if kind in part]
-            found = np.concatenate([each for _, each in own])
-            found[np.concatenate([rows for rows, _ in own])] = found.copy()
+            found = np.empty((sum(len(rows) for rows, _ in own), *own[0][1].shape[1:]), own[0][1].dtype)
+            for rows, each in own:
+                found[rows] = each
+            values[kind] = self._solution_points(kind, found.shape[2]), found
+        return self._source.state(self._names, values, self._config)
+
+    def _solution_points(self, kind: str, count: int) -> Floats:
+        """(count, d) where elements of a kind have their values; found once."""
+        from pyfr.quadrules import get_quadrule
+
+        if kind not in self._points:
             rule = self.cfg.get(f"solver-elements-{kind}", "soln-pts")
-            values[kind] = np.asarray(get_quadrule(kind, rule, found.shape[2]).pts), found
-        return self._source.state(self._names, values, self.cfg.tostr())
+            self._points[kind] = np.asarray(get_quadrule(kind, rule, count).pts)
+        return self._points[kind]
 
 
 def _part(intg: Any) -> dict[str, tuple[Ints, Floats]]:

@@ -49,7 +49,7 @@ from elvis.renderer.tiles import TILE
 from elvis.scene import Faces, Isosurface, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
 from elvis.scene.quantities import quantities, with_velocities
@@ -249,7 +249,7 @@ class Renderer:
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
         self._fitted: tuple[object, View] | None = None
-        self._is_set = False  # whether that view is the scene's own, whatever the data
+        self._stays = False  # whether that view is one of the elements, whatever the values
 
     def __enter__(self) -> Renderer:
         return self
@@ -279,7 +279,7 @@ class Renderer:
         last = self._stages
         before = None if last is None or last.dataset is None or not isinstance(made_of, Dataset) else last.loaded
         loaded = DeviceVolume(self.device, volume, before)
-        if before is None or not (self._is_set and loaded.shares_elements(before)):
+        if before is None or not (self._stays and loaded.shares_elements(before)):
             self._fitted = None
         self._stages = Stages(loaded, volume, made_of, others)
 
@@ -373,7 +373,7 @@ class Renderer:
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
             asked = automatic(scene, boxes, self._glance)
-            self._fitted, self._is_set = (key, view_of(asked)), asked is scene
+            self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]
 
     def _glance(self, scene: Scene) -> Bools:

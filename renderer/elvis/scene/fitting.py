@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
-from elvis.scene import Camera, CutSurface, Glyphs, Plane, Scene, Streamlines
+from elvis.scene import Camera, CutSurface, Faces, Glyphs, Implicit, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.view import MARGIN, fit_camera, named_camera
 
@@ -35,7 +35,7 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     camera, plane = scene.camera, faced_plane(scene)
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
-    if isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None):
+    if _is_given(camera):
         return scene if scene.size else replace(scene, size=LARGEST)
     if isinstance(camera, str):
         camera = named_camera(camera, plane)
@@ -54,6 +54,19 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
     shown = extent + (extent - extent.mean(axis=0)) * (1.0 / scene.zoom - 1.0)
     margin = 1.0 if scene.region else MARGIN
     return replace(scene, size=size, camera=fit_camera(camera, size, shown, box, margin))
+
+
+def is_of_elements(scene: Scene) -> bool:
+    """Whether the view depends on scene and elements alone: values have no part in where something is seen."""
+    surfaces = [clip.surface for clip in scene.clip]
+    surfaces += [item.surface for item in scene.every_object if isinstance(item, CutSurface)]
+    others = [item for item in scene.every_object if not isinstance(item, CutSurface | Faces)]
+    return _is_given(scene.camera) or not (others or any(isinstance(surface, Implicit) for surface in surfaces))
+
+
+def _is_given(camera: Camera | str | None) -> bool:
+    """Whether nothing of a camera is to be fitted."""
+    return isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None)
 
 
 def faced_plane(scene: Scene) -> Plane | None:

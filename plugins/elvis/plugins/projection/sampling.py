@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
-from elvis.plugins.conversion import Converter, SourceField
+from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 
 #: numbers in an array of samples of one field
@@ -20,6 +20,7 @@ class Sampler:
 
     def __init__(self, source: Converter) -> None:
         self.source = source
+        self._last: tuple[NativeBlock, slice | Ints, Elements] | None = None
 
     def batches(self, block: NativeBlock, points: Floats, size: int = BATCH) -> Iterator[tuple[slice | Ints, Floats]]:
         """Rows of the block in batches, each with the source's points for native ``points`` (n, d).
@@ -34,7 +35,7 @@ class Sampler:
 
     def positions(self, block: NativeBlock, rows: slice | Ints, points: Floats) -> Floats:
         """(k, n, 3) world coordinates at the source's points (n, d) of elements ``rows`` of the block."""
-        elements = block.take(rows)
+        elements = self._elements(block, rows)
         found = np.asarray(self.source.positions(elements, points), np.float64)
         if found.ndim != 3 or found.shape[:2] != (len(elements), len(points)) or found.shape[2] not in (1, 2, 3):
             raise self._error("positions", f"({len(elements)}, {len(points)}, 3)", found)
@@ -46,11 +47,17 @@ class Sampler:
 
     def values(self, block: NativeBlock, rows: slice | Ints, field: SourceField, points: Floats) -> Floats:
         """(k, n) values of a field at the source's points (n, d) of elements ``rows`` of the block."""
-        elements = block.take(rows)
+        elements = self._elements(block, rows)
         found = np.asarray(self.source.sample(elements, field, points), np.float64)
         if found.shape != (len(elements), len(points)):
             raise self._error(f"sample of {field.name}", f"({len(elements)}, {len(points)})", found)
         return found
+
+    def _elements(self, block: NativeBlock, rows: slice | Ints) -> Elements:
+        """The source's elements; kept until others are asked for, as fields are sampled in turn on the same ones."""
+        if self._last is None or self._last[0] is not block or self._last[1] is not rows:
+            self._last = block, rows, block.take(rows)
+        return self._last[2]
 
     def _error(self, method: str, expected: str, found: Floats) -> ElvisError:
         name = type(self.source).__name__

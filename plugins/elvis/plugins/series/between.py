@@ -102,6 +102,15 @@ def is_one_mesh(one: Dataset, other: Dataset) -> bool:
     return all(name in one and name in other and is_same(one.field(name), other.field(name)) for name in one.map_names)
 
 
+def on_mesh_of(known: Dataset, dataset: Dataset) -> Dataset:
+    """A dataset on the very mesh and map of a known one where it has the same, so that what follows is made once."""
+    if not is_one_mesh(known, dataset):
+        return dataset
+    maps = {name: known.field(name) for name in known.map_names}
+    fields = tuple(maps.get(field.name, field) for field in dataset.fields)
+    return replace(dataset, mesh=known.mesh, fields=fields)
+
+
 def is_same(one: Any, other: Any) -> bool:
     """Whether two trees of dataclasses, collections and arrays hold the same."""
     if one is other:

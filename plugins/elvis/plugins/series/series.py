@@ -29,6 +29,7 @@ from elvis.plugins.series.between import (
     combined,
     is_finite,
     is_one_mesh,
+    on_mesh_of,
     polynomial_name,
     weights,
     window,
@@ -338,10 +339,9 @@ class Series(Sequence[Dataset]):
         dataset = self._read(self.steps[number])
         if not is_finite(dataset):
             dataset = self._told_infinite(number, dataset)
-        if self._first is not None and is_one_mesh(self._first, dataset):
-            dataset = replace(dataset, mesh=self._first.mesh)
         if self._first is None:
             self._first = dataset
+        dataset = on_mesh_of(self._first, dataset)
         share(self._first.mesh)
         self._kept[number] = dataset
         while len(self._kept) > self._room:
