@@ -174,7 +174,10 @@ def test_numbers_in_text():
         numbers.ints(b"1 1.5 2")
 
 
-@pytest.mark.parametrize("ids", [[], [0, 1, 2], [5, 3, 9], [10**15, 7, 0], [400_000, 1]])
+RUNS = [*range(500, 700), *range(10**12, 10**12 + 100), *range(5, 400)]
+
+
+@pytest.mark.parametrize("ids", [[], [0, 1, 2], [5, 3, 9], [10**15, 7, 0], [400_000, 1], RUNS, RUNS[:200] + RUNS[300:]])
 def test_lookups(ids):
     lookup = Lookup(np.array(ids, np.int64), "vertex")
     assert lookup.ids.tolist() == sorted(ids)
@@ -190,5 +193,7 @@ def test_lookups(ids):
 def test_ids_are_distinct_and_not_negative(scale):
     with pytest.raises(FormatError, match=f"expected every edge once, found edge {3 * scale} twice"):
         Lookup(np.array([1, 3, 2, 3]) * scale, "edge")
+    with pytest.raises(FormatError, match=f"expected every edge once, found edge {40 + scale} twice"):
+        Lookup(np.array([*range(99, 200), *range(40, 90), 40]) + scale, "edge")
     with pytest.raises(FormatError, match="expected edge ids from 0 up, found -5"):
         Lookup(np.array([1, -5, 2]), "edge")

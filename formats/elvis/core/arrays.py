@@ -29,6 +29,13 @@ def frozen_ints(values: object) -> Ints:
     return array
 
 
+def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
+    """A read-only view of an array as it is: mapped or not, of any type."""
+    array = values.view()
+    array.flags.writeable = False
+    return array
+
+
 def distinct(numbers: Ints) -> Ints:
     """(m,) the numbers (n,), ascending, each once; the same array where they are so already.
 

@@ -1,8 +1,10 @@
-"""How much memory there is."""
+"""How much memory there is, and what becomes of what isn't needed any more."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
 from pathlib import Path
 
 #: where Linux tells of control groups: containers, jobs of a batch system, units of systemd
@@ -12,6 +14,21 @@ _FILES = {
     1: ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     2: ("memory.max", "memory.current", "inactive_file"),
 }
+#: bytes from which on an array has pages of its own, and the number of this setting in glibc's malloc.h
+_OWN_PAGES, _MMAP_THRESHOLD = 1 << 22, -3
+
+
+def give_back_at_once() -> None:
+    """Let long arrays go back to the system as soon as they are freed, for the rest of the process.
+
+    Without this glibc, once an array was freed, takes memory for others up to that size, of at most 32 MiB, from one
+    heap, where what is freed between others stays with the process.  Elsewhere nothing is changed.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        set_option(_MMAP_THRESHOLD, _OWN_PAGES)
 
 
 def free_memory() -> float:

@@ -20,7 +20,7 @@ from elvis.core.portions.portion import Portion, carriers, is_even
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite
 from elvis.formats.nektar.fields_input import time_of
-from elvis.formats.nektar.geometry_parts import part_of
+from elvis.formats.nektar.geometry_parts import RawParts
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section
@@ -183,7 +183,7 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
         whole = replace(whole, fields=fields_input.without_values(self._sections, whole.mesh))
-        part = part_of(raw, number, count, carriers(whole))
+        part = RawParts(raw, count, carriers(whole)).part(number)
         del raw
         mesh = with_remarks(assemble(part.raw, is_part=True), self._remarks)
         fields, blocks = fields_input.assemble_part(self._sections, mesh, whole.fields)

@@ -16,6 +16,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import Boxes, BoxTree
+from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import patches
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
@@ -52,6 +53,8 @@ from elvis.scene.view import named_camera
 _OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
 #: part of the greatest coordinate by which surfaces may be off
 _SLACK = 1e-9
+#: elements that are looked at together where there are many
+_AT_ONCE = 1 << 16
 
 
 class Relevance:
@@ -74,8 +77,9 @@ class Relevance:
 
     def ids(self) -> Ints:
         """(n,) ids of the elements that the picture depends on."""
+        # what needs no volume comes before there is one
+        found = [np.empty(0, np.int64), *self._first_ones(), *self._ends()]
         volume = volume_of(self.dataset, self.texts)
-        found = [np.empty(0, np.int64), *self._first_ones(volume), *self._ends()]
         masks = [np.zeros(len(part), bool) for part in volume.parts]
         for mask, part in zip(masks, volume.parts, strict=True):
             mask |= self._outermost(part)
@@ -86,7 +90,7 @@ class Relevance:
         found += [part.element_ids[mask] for part, mask in zip(volume.parts, masks, strict=True)]
         return np.unique(np.concatenate(found))
 
-    def _first_ones(self, volume: Volume) -> Iterator[Ints]:
+    def _first_ones(self) -> Iterator[Ints]:
         """The first element of each kind: kinds make the parts of a volume, and their order."""
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
         names = tuple(dict.fromkeys(name for each in expressions for name in each.fields))
@@ -116,12 +120,19 @@ class Relevance:
     def _outermost(self, part: Part) -> Bools:
         """(n,) elements at the ends of the domain, along the axes and as the camera sees it."""
         mask = np.zeros(len(part), bool)
-        finite = np.flatnonzero(np.isfinite(part.boxes).all(axis=1))
+        every = [some.start + self._ends_of(part.boxes[some]) for some in chunks(len(part), _AT_ONCE)]
+        # the ends of all are ends of those that are looked at together
+        rows = np.concatenate([np.empty(0, np.int64), *every])
+        mask[rows[self._ends_of(part.boxes[rows])]] = True
+        return mask
+
+    def _ends_of(self, boxes: Boxes) -> Ints:
+        """(m,) rows of the outermost of boxes (n, 6), the first ones where several are, ascending."""
+        finite = np.flatnonzero(np.isfinite(boxes).all(axis=1))
         if not len(finite):
-            return mask
-        boxes = part.boxes[finite].astype(np.float64)
-        for column in boxes.T:
-            mask[finite[[column.argmin(), column.argmax(), np.abs(column).argmax()]]] = True
+            return finite
+        boxes = boxes[finite].astype(np.float64)
+        rows = [row for column in boxes.T for row in (column.argmin(), column.argmax(), np.abs(column).argmax())]
         camera = self.scene.camera
         if isinstance(camera, str):
             camera = named_camera(camera, faced_plane(self.scene))
@@ -130,8 +141,8 @@ class Relevance:
             axes = np.array(camera.basis()[:2]).T
             for corner in range(8):
                 places = boxes[:, [3 * (corner >> axis & 1) + axis for axis in range(3)]] @ axes
-                mask[finite[[*places.argmin(axis=0), *places.argmax(axis=0)]]] = True
-        return mask
+                rows += [*places.argmin(axis=0), *places.argmax(axis=0)]
+        return finite[np.unique(rows)]
 
     def _seen(self, item: object, part: Part) -> Bools:
         """(n,) elements of a part that an object other than faces may show something of."""
@@ -186,17 +197,28 @@ def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
 
 
 def meets(surface: object, boxes: Boxes) -> Bools:
-    """(n,) whether a plane, a sphere, a cylinder or triangles may meet each of the boxes (n, 6).
-
-    Distances from planes, spheres and cylinders change by no more than one moves: from the middle of a box by half its
-    diagonal, along a plane's normal by half its sides together.
-    """
-    corners = boxes.astype(np.float64)
-    middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
-    finite = np.abs(corners[np.isfinite(corners).all(axis=1)])
-    slack = _SLACK * float(finite.max(initial=0.0))
+    """(n,) whether a plane, a sphere, a cylinder or triangles may meet each of the boxes (n, 6)."""
+    slack = _SLACK * max((_greatest(boxes[some]) for some in chunks(len(boxes), _AT_ONCE)), default=0.0)
     if isinstance(surface, TriangleMesh):
         return _meets_triangles(surface, boxes, slack)
+    mask = np.empty(len(boxes), bool)
+    for some in chunks(len(boxes), _AT_ONCE):
+        mask[some] = _may_meet(surface, boxes[some].astype(np.float64), slack)
+    return mask
+
+
+def _greatest(boxes: Boxes) -> float:
+    """The greatest coordinate of boxes that are finite, but for its sign."""
+    return float(np.abs(boxes[np.isfinite(boxes).all(axis=1)]).max(initial=0.0))
+
+
+def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
+    """(n,) whether a plane, a sphere or a cylinder may meet boxes with these corners (n, 6).
+
+    Distances from them change by no more than one moves: from the middle of a box by half its diagonal, along a
+    plane's normal by half its sides together.
+    """
+    middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
     reach = np.linalg.norm(half, axis=1)
     with np.errstate(invalid="ignore"):
         if isinstance(surface, Plane):

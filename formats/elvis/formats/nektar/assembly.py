@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, frozen_view
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Composite, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
@@ -60,36 +60,49 @@ class RawGeometry:
 
 #: rows that are looked at together where there may be many
 AT_ONCE = 1 << 17
-#: ids up to this many times their number are looked up in a table, sparser ones by bisection
-_DENSE = 4
+#: ids up to this many times their number are looked up in a table, unless runs have so many ids each
+_DENSE, _LONG = 4, 64
 
 
 class Lookup:
-    """Finds the row of each id in an array of distinct ids; ``what`` names the entities in messages."""
+    """Finds the row of each id in an array of distinct ids; ``what`` names the entities in messages.
+
+    Ids that go up by one from row to row are a run.  Long runs are kept and nothing else, so that ids as most files
+    have them take no memory; of others a table by id, or where that were long all runs, however short they are.
+    """
 
     def __init__(self, ids: Ints, what: str) -> None:
         self._what, self.count = what, len(ids)
         self._table: NDArray[Any] | None = None
         if len(ids) and ids.min() < 0:
             raise FormatError(f"expected {what} ids from 0 up, found {ids.min()}")
-        if len(ids) and ids.max() < _DENSE * len(ids) + AT_ONCE:
+        is_dense = len(ids) > 0 and ids.max() < _DENSE * len(ids) + AT_ONCE
+        starts = _starts_of_runs(ids, 1 + len(ids) // _LONG if is_dense else len(ids))
+        if starts is None:
             self._table, again = _rows_by_id(ids)
         else:
-            self._rows = np.argsort(ids, kind="stable")
-            self._sorted = ids[self._rows]
-            again = self._sorted[1:][self._sorted[1:] == self._sorted[:-1]]
+            firsts = ids[starts].astype(np.int64)
+            order = np.argsort(firsts, kind="stable")
+            self._starts, self._firsts = starts[order], firsts[order]
+            self._ends = self._firsts + np.diff(starts, append=len(ids))[order]
+            again = self._firsts[1:][self._firsts[1:] < self._ends[:-1]]
         if len(again):
             raise FormatError(f"expected every {what} once, found {what} {again[0]} twice")
 
     @property
     def ids(self) -> Ints:
         """The ids, ascending."""
-        return self._sorted if self._table is None else np.flatnonzero(self._table >= 0)
+        if self._table is not None:
+            return np.flatnonzero(self._table >= 0)
+        counts = self._ends - self._firsts
+        return np.repeat(self._ends - np.cumsum(counts), counts) + np.arange(self.count)
 
     def present(self, ids: Ints) -> Bools:
         """Whether each id (n,) is there."""
-        parts = [self._find_rows(ids[start : start + AT_ONCE])[1] for start in range(0, len(ids), AT_ONCE)]
-        return np.concatenate([np.empty(0, bool), *parts])
+        found = np.empty(len(ids), bool)
+        for start in range(0, len(ids), AT_ONCE):
+            found[start : start + AT_ONCE] = self._find_rows(ids[start : start + AT_ONCE])[1]
+        return found
 
     def rows(self, ids: Ints, user: str) -> Ints:
         """Rows of the ids, in their shape; FormatError where one is unknown, ``user`` says who names it."""
@@ -113,10 +126,26 @@ class Lookup:
         if self._table is not None:
             rows = self._table[np.clip(ids, 0, len(self._table) - 1)]
             return rows, (rows >= 0) & (ids >= 0) & (ids < len(self._table))
-        if not len(self._sorted):
+        if not len(self._firsts):
             return np.zeros_like(ids), np.zeros(ids.shape, bool)
-        places = np.minimum(np.searchsorted(self._sorted, ids), len(self._sorted) - 1)
-        return self._rows[places], self._sorted[places] == ids
+        run: Any = 0
+        if len(self._firsts) > 1:
+            run = np.maximum(np.searchsorted(self._firsts, ids, side="right") - 1, 0)
+        rows = ids + (self._starts - self._firsts)[run]
+        return rows, (ids >= self._firsts[run]) & (ids < self._ends[run])
+
+
+def _starts_of_runs(ids: Ints, most: int) -> Ints | None:
+    """(m,) rows where an id is not one more than before, first of all 0; None where these are more than ``most``."""
+    found = [np.arange(min(len(ids), 1))]
+    count = 1
+    for start in range(1, len(ids), AT_ONCE):
+        some = ids[start - 1 : start + AT_ONCE].astype(np.int64)
+        found.append(start + np.flatnonzero(np.diff(some) != 1))
+        count += len(found[-1])
+        if count > most:
+            return None
+    return np.concatenate(found)
 
 
 def _rows_by_id(ids: Ints) -> tuple[NDArray[Any], Ints]:
@@ -161,8 +190,6 @@ def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
 
 def first_rows(ids: Ints) -> Ints:
     """(n,) rows where an id appears for the first time, ascending."""
-    if (ids[1:] > ids[:-1]).all():
-        return np.arange(len(ids))
     return np.sort(np.unique(ids, return_index=True)[1])
 
 
@@ -221,9 +248,9 @@ def _unite_lists(lists: list[IdList]) -> IdList:
 
 
 def mesh_of_ids(raw: RawGeometry) -> Mesh:
-    """Of a mesh the ids of the elements alone."""
+    """Of a mesh the ids of the elements alone, which are those of ``raw`` and of their type."""
     ids = {
-        shape: frozen_ints(raw.tables[shape][0]) for shape in Shape.of_dimension(raw.dimension) if shape in raw.tables
+        shape: frozen_view(raw.tables[shape][0]) for shape in Shape.of_dimension(raw.dimension) if shape in raw.tables
     }
     entities = {shape: Entities(own, frozen_ints(np.empty((len(own), 0)))) for shape, own in ids.items()}
     return Mesh(raw.dimension, raw.space, frozen_ints(np.empty(0)), frozen_floats(np.empty((0, 3))), entities)
@@ -275,7 +302,7 @@ def lookups_of(raw: RawGeometry) -> list[Lookup]:
     names = ["vertex", "edge", "face", "element"]
     names[raw.dimension] = "element"
     tables = [[raw.tables[shape][0] for shape in Shape.of_dimension(d) if shape in raw.tables] for d in (1, 2, 3)]
-    ids = [np.concatenate(own) if own else np.empty(0, np.int64) for own in tables]
+    ids = [own[0] if len(own) == 1 else np.concatenate([np.empty(0, np.int64), *own]) for own in tables]
     return [Lookup(numbers, name) for numbers, name in zip([raw.vertex_ids, *ids], names, strict=True)]
 
 

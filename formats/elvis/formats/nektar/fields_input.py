@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct, frozen_floats, frozen_ints, frozen_view
 from elvis.core.dataset import Block, Expansion, Field
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
@@ -39,7 +39,6 @@ from elvis.formats.nektar.xml import Element, format_errors_at
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
-
 
 _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 
@@ -264,21 +263,24 @@ def _metadata_text(group: h5py.Group, key: str) -> str:
 _SAME = 1e-9
 
 
-def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
+def assemble(
+    sections: Sequence[Section], mesh: Mesh, frozen: Callable[[NDArray[Any]], Ints] = frozen_ints
+) -> tuple[Field, ...]:
     """One field a name, one block an expansion; elements that the mesh lacks are left out.
 
+    frozen  what makes ids of blocks
     FormatError where an element has another shape in the mesh, where data of one element contradict each other, and
     where no element is in the mesh.
     """
-    fields = _fields(sections, mesh)
+    fields = _fields(sections, mesh, frozen)
     if sections and not fields:
         raise FormatError("expected fields on elements of the mesh, found none of its elements", file=sections[0].file)
     return fields
 
 
 def without_values(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
-    """The fields that `assemble` makes, with blocks of elements that have no coefficients."""
-    return assemble([replace(section, values=None) for section in sections], mesh)
+    """The fields that `assemble` makes, with blocks that have no coefficients, and ids of the type of the sections."""
+    return assemble([replace(section, values=None) for section in sections], mesh, frozen_view)
 
 
 def assemble_part(
@@ -311,7 +313,9 @@ def _block_with_ids(found: Block | None, wanted: Block) -> Block:
     return found.of(Lookup(found.element_ids, "element").rows(wanted.element_ids, "field"))
 
 
-def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
+def _fields(
+    sections: Sequence[Section], mesh: Mesh, frozen: Callable[[NDArray[Any]], Ints] = frozen_ints
+) -> tuple[Field, ...]:
     """See `assemble`; none where no element is in the mesh."""
     on_mesh = _OnMesh(mesh)
     groups: dict[tuple[tuple[str, ...], Expansion], list[Piece]] = {}
@@ -321,8 +325,9 @@ def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     united = _unite_planes([_concatenate(group) for group in groups.values()])
     blocks: dict[str, list[Block]] = {}
     for piece in united:
+        ids = frozen(piece.element_ids)
         for name, coefficients in zip(piece.names, piece.coefficients, strict=True):
-            blocks.setdefault(name, []).append(Block(piece.expansion, piece.element_ids, coefficients))
+            blocks.setdefault(name, []).append(Block(piece.expansion, ids, coefficients))
     return tuple(Field(name, _distinct_blocks(name, parts)) for name, parts in blocks.items())
 
 
@@ -373,12 +378,12 @@ def _concatenate(group: list[Piece]) -> Piece:
     coefficients = first.coefficients
     if len(group) > 1:
         coefficients = np.concatenate([piece.coefficients for piece in group], axis=1)
-    rows = first_rows(ids)
-    if len(rows) < len(ids):
+    if len(distinct(ids)) < len(ids):
         for name, values in zip(first.names, coefficients, strict=True):
             _check_repeats(name, ids, values)
+        rows = first_rows(ids)
         ids, coefficients = ids[rows], coefficients[:, rows]
-    return Piece(first.names, first.expansion, frozen_ints(ids), frozen_floats(coefficients))
+    return Piece(first.names, first.expansion, frozen_view(ids), frozen_floats(coefficients))
 
 
 def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
@@ -399,13 +404,11 @@ def _unite_planes(parts: list[Piece]) -> list[Piece]:
     """Parts of runs that were split along the homogeneous direction, put together plane after plane."""
     found: dict[object, Piece] = {}
     for piece in parts:
-        key: object = (piece.names, _without_planes(piece.expansion), piece.element_ids.tobytes())
         if piece.expansion.homogeneous is None or piece.expansion.homogeneous.strips:
             found[id(piece)] = piece
-        elif key in found:
-            found[key] = _with_planes(found[key], piece)
-        else:
-            found[key] = piece
+            continue
+        key: object = (piece.names, _without_planes(piece.expansion), piece.element_ids.tobytes())
+        found[key] = _with_planes(found[key], piece) if key in found else piece
     return list(found.values())
 
 

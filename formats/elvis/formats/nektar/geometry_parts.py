@@ -1,12 +1,13 @@
 """A part of a mesh, taken out of what files hold before a mesh is made of it.
 
-Tables of the whole are looked at and not copied, so they may be mapped; of all their rows no more is kept than the
-row of an id, the first vertex, and whether one is chosen.
+Tables of the whole are looked at and not copied, so they may be mapped; of all their rows no more is kept than in
+which part an element is, and, where ids are no long runs, the row of each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Ints, distinct
 from elvis.core.errors import FormatError
+from elvis.core.mapping.orientation import chunks
 from elvis.core.portions.partition import cut_curve
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.assembly import (
@@ -44,30 +46,37 @@ class RawPart:
     triangles: int
 
 
-def part_of(raw: RawGeometry, number: int, count: int, carriers: Ints | None) -> RawPart:
-    """One of ``count`` parts of a mesh, which are ranges along a curve.
+class RawParts:
+    """A mesh as files hold it, cut into parts, which are ranges along a curve; see `RawParts.part`.
 
     carriers  ids of the elements between which sides are inner ones, None for all
-    FormatError where what a part needs of the whole can't be.
+    FormatError where there are no elements, or what parts need of the whole can't be.
     """
-    try:
-        return _Whole(raw).part(number, count, carriers)
-    except FormatError as error:
-        raise error.within(raw.file, "GEOMETRY") from error
 
+    def __init__(self, raw: RawGeometry, count: int, carriers: Ints | None) -> None:
+        self.raw, self._carriers = raw, carriers
+        with self._errors():
+            check_elements(raw)
+            self._lookups = lookups_of(raw)
+            self._vertices = coordinates(raw.vertices, raw.space, "vertices")
+            self._parts = self._cut(count)
 
-class _Whole:
-    """A mesh as files hold it, with the rows of all ids."""
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Errors of the block name the file."""
+        try:
+            yield
+        except FormatError as error:
+            raise error.within(self.raw.file, "GEOMETRY") from error
 
-    def __init__(self, raw: RawGeometry) -> None:
-        check_elements(raw)
-        self.raw, self._lookups = raw, lookups_of(raw)
-        self._vertices = coordinates(raw.vertices, raw.space, "vertices")
+    def part(self, number: int) -> RawPart:
+        """One of the parts; FormatError where what it is made of can't be."""
+        with self._errors():
+            return self._part(number)
 
-    def part(self, number: int, count: int, carriers: Ints | None) -> RawPart:
-        """See `part_of`."""
+    def _part(self, number: int) -> RawPart:
         raw, top = self.raw, self.raw.dimension
-        rows = self._elements(number, count)
+        rows: dict[Shape | None, Ints] = {shape: np.flatnonzero(own == number) for shape, own in self._parts.items()}
         used = {top: self._numbers(rows, top)}
         for dimension in range(top - 1, -1, -1):
             used[dimension] = self._used(rows, dimension + 1)
@@ -81,26 +90,36 @@ class _Whole:
             edge_curves=_some_curves(raw.edge_curves, edges),
             face_curves=_some_curves(raw.face_curves, faces),
         )
-        sides = self._inner_sides(used[top - 1], carriers) if top > 1 else _NONE
+        sides = self._inner_sides(used[top - 1]) if top > 1 else _NONE
         triangles = len(raw.tables[Shape.TRIANGLE][0]) if Shape.TRIANGLE in raw.tables else 0
         return RawPart(own, rows, edges, faces, sides, self._lookups[top].count, triangles)
 
     def _shapes(self, dimension: int) -> list[Shape]:
         return [shape for shape in Shape.of_dimension(dimension) if shape in self.raw.tables]
 
-    def _elements(self, number: int, count: int) -> dict[Shape | None, Ints]:
-        """(n,) rows of the elements of a part, by shape."""
+    def _cut(self, count: int) -> dict[Shape, NDArray[Any]]:
+        """(n,) which of ``count`` parts each element is in, by shape: that of its first vertex."""
         total = len(self._vertices)
-        first: list[NDArray[Any]] = [np.arange(total, dtype=np.min_scalar_type(-total))]
-        for dimension in range(1, self.raw.dimension + 1):
-            below = np.concatenate(first)
-            first = [below[self._members(shape, np.s_[:, 0])] for shape in self._shapes(dimension)]
-        held = np.sum([np.bincount(own, minlength=total) for own in first], axis=0)
-        is_own = cut_curve(self._vertices, held, count) == number
-        return {
-            shape: np.flatnonzero(is_own[own])
-            for shape, own in zip(self._shapes(self.raw.dimension), first, strict=True)
-        }
+        held = np.zeros(total, np.int64)
+        first = {}
+        for shape in self._shapes(self.raw.dimension):
+            first[shape] = own = np.empty(len(self.raw.tables[shape][0]), np.min_scalar_type(-total))
+            for some in chunks(len(own), AT_ONCE):
+                own[some] = self._first_vertices(shape, some)
+                np.add.at(held, own[some], 1)
+        parts = cut_curve(self._vertices, held, count).astype(np.min_scalar_type(count))
+        return {shape: parts[own] for shape, own in first.items()}
+
+    def _first_vertices(self, shape: Shape, which: Any) -> Ints:
+        """(n,) of some entities the first vertex: that of their first edge, of their first face."""
+        numbers = self._members(shape, (which, 0))
+        if shape.dimension == 1:
+            return numbers
+        found = np.empty(len(numbers), np.int64)
+        for own, start in self._starts(shape.dimension - 1):
+            chosen = np.flatnonzero((numbers >= start) & (numbers < start + len(self.raw.tables[own][0])))
+            found[chosen] = self._first_vertices(own, numbers[chosen] - start)
+        return found
 
     def _members(self, shape: Shape, which: Any) -> Ints:
         """Numbers of what some entities are made of: rows, of faces triangles first."""
@@ -109,7 +128,7 @@ class _Whole:
     def _used(self, rows: Mapping[Shape | None, Ints], dimension: int) -> Ints:
         """(n,) numbers of what entities of a dimension with these rows are made of, ascending."""
         every = [self._members(shape, rows[shape]).reshape(-1) for shape in self._shapes(dimension)]
-        return distinct(np.sort(np.concatenate([_NONE, *every])))
+        return distinct(np.concatenate([_NONE, *every]))
 
     def _starts(self, dimension: int) -> list[tuple[Shape, int]]:
         """The shapes of a dimension, and the number of the first entity of each."""
@@ -134,25 +153,21 @@ class _Whole:
         """(n,) numbers of the curves of entities of a dimension that are used."""
         if not len(curves.entities):
             return _NONE
-        lookup = self._lookups[dimension]
-        is_used = np.zeros(lookup.count, bool)
-        is_used[used.get(dimension, _NONE)] = True
-        return np.flatnonzero(is_used[lookup.rows(curves.entities, "curves")])
+        numbers = self._lookups[dimension].rows(curves.entities, "curves")
+        return np.flatnonzero(np.isin(numbers, used.get(dimension, _NONE)))
 
-    def _inner_sides(self, own: Ints, carriers: Ints | None) -> Ints:
+    def _inner_sides(self, own: Ints) -> Ints:
         """Those of the own sides (n,) that have elements on both sides."""
         dimension = self.raw.dimension
         is_own = np.zeros(self._lookups[dimension - 1].count, bool)
         is_own[own] = True
-        carrier = None if carriers is None else Lookup(carriers, "element")
+        carrier = None if self._carriers is None else Lookup(self._carriers, "element")
         counts = np.zeros(len(own), np.int64)
         for shape in self._shapes(dimension):
             ids = self.raw.tables[shape][0]
-            for start in range(0, len(ids), AT_ONCE):
-                some: Any = slice(start, start + AT_ONCE)
-                if carrier is not None:
-                    some = start + np.flatnonzero(carrier.present(ids[some]))
-                sides = self._members(shape, some)
+            for span in chunks(len(ids), AT_ONCE):
+                chosen = span if carrier is None else span.start + np.flatnonzero(carrier.present(ids[span]))
+                sides = self._members(shape, chosen)
                 np.add.at(counts, np.searchsorted(own, sides[is_own[sides]]), 1)
         return own[counts > 1]
 

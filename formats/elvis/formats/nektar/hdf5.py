@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.memory import give_back_at_once
 from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings, is_plain
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
 #: bytes beyond which an array is worth being mapped, and whether they are
 _LONG = 1 << 20
-_SIGNED = (np.dtype("<i4"), np.dtype("<i8"))
+#: types of tables that can be mapped as they are
+_OF_TABLES = (np.dtype("<i4"), np.dtype("<u4"), np.dtype("<i8"))
 _IS_MAPPED = ContextVar("mapped", default=False)
 
 
@@ -56,8 +58,10 @@ def reading(path: Path) -> Iterator[h5py.File]:
 def mapped(*, if_so: bool = True) -> Iterator[None]:
     """In the block long arrays of floats, and tables, are mapped, not read: what nobody looks at is never in memory.
 
-    The files must stay as they are while the arrays are used.
+    The files must stay as they are while the arrays are used.  What is freed goes back to the system at once then.
     """
+    if if_so:
+        give_back_at_once()
     token = _IS_MAPPED.set(if_so)
     try:
         yield
@@ -222,7 +226,7 @@ def _array(
         if found.dtype.kind not in kinds or found.dtype.itemsize > 8 or found.shape != shape or not shape:
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
             raise FormatError(f"expected {expected}, found {_kind(found)}", place=_place(parent, name))
-        is_wanted = found.dtype in _SIGNED if is_table else found.dtype == np.dtype("<f8") == dtype
+        is_wanted = found.dtype in _OF_TABLES if is_table else found.dtype == np.dtype("<f8") == dtype
         if _IS_MAPPED.get() and found.nbytes > _LONG and is_wanted:
             place = found.id.get_offset()
             if place is not None and not found.file.userblock_size:
