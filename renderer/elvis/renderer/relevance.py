@@ -142,7 +142,7 @@ class Relevance:
             for corner in range(8):
                 places = boxes[:, [3 * (corner >> axis & 1) + axis for axis in range(3)]] @ axes
                 rows += [*places.argmin(axis=0), *places.argmax(axis=0)]
-        return finite[np.unique(rows)]
+        return np.asarray(finite[np.unique(rows)])
 
     def _seen(self, item: object, part: Part) -> Bools:
         """(n,) elements of a part that an object other than faces may show something of."""
