@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -263,16 +263,13 @@ def _metadata_text(group: h5py.Group, key: str) -> str:
 _SAME = 1e-9
 
 
-def assemble(
-    sections: Sequence[Section], mesh: Mesh, frozen: Callable[[NDArray[Any]], Ints] = frozen_ints
-) -> tuple[Field, ...]:
+def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     """One field a name, one block an expansion; elements that the mesh lacks are left out.
 
-    frozen  what makes ids of blocks
     FormatError where an element has another shape in the mesh, where data of one element contradict each other, and
     where no element is in the mesh.
     """
-    fields = _fields(sections, mesh, frozen)
+    fields = _fields(sections, mesh)
     if sections and not fields:
         raise FormatError("expected fields on elements of the mesh, found none of its elements", file=sections[0].file)
     return fields
@@ -280,7 +277,7 @@ def assemble(
 
 def without_values(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     """The fields that `assemble` makes, with blocks that have no coefficients, and ids of the type of the sections."""
-    return assemble([replace(section, values=None) for section in sections], mesh, frozen_view)
+    return assemble([replace(section, values=None) for section in sections], mesh)
 
 
 def assemble_part(
@@ -313,11 +310,10 @@ def _block_with_ids(found: Block | None, wanted: Block) -> Block:
     return found.of(Lookup(found.element_ids, "element").rows(wanted.element_ids, "field"))
 
 
-def _fields(
-    sections: Sequence[Section], mesh: Mesh, frozen: Callable[[NDArray[Any]], Ints] = frozen_ints
-) -> tuple[Field, ...]:
+def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     """See `assemble`; none where no element is in the mesh."""
     on_mesh = _OnMesh(mesh)
+    frozen = frozen_ints if any(section.values is not None for section in sections) else frozen_view
     groups: dict[tuple[tuple[str, ...], Expansion], list[Piece]] = {}
     for section in sections:
         for piece in on_mesh.pieces(section):
