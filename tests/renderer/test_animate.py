@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +20,7 @@ from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins import workers
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Scene, render, series_range
+from elvis.renderer import Camera, Scene, film_workers, render, series_range
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.scene.errors import SceneError
 
@@ -230,6 +231,44 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
 
     with pytest.raises(ElvisError, match=r"a worker was ended .*: frames stay"):
         workers.results(Ended(), [], "frames stay")
+
+
+@pytest.mark.parametrize("is_kept", [False, True])
+def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, monkeypatch, is_kept):
+    """Where kernels are to be compiled, the first one that draws goes before all others."""
+    pytest.importorskip("distributed")
+    asked = []
+
+    class Done:
+        status, done = "finished", lambda self: True
+
+        def __init__(self, found):
+            self.found = found
+
+    class Here:
+        def submit(self, into, folder, work, base, items, *more, pure):
+            asked.append((work.__name__, len(items)))
+            return Done(into(folder, work, base, items, *more))
+
+        def gather(self, futures):
+            return [future.found for future in futures]
+
+    monkeypatch.setattr(film_workers, "is_any_kept", lambda: is_kept)
+    monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)
+    monkeypatch.setattr(workers.Workers, "client", lambda self: nullcontext(Here()))
+    arguments = ["animate", *files[:2], *FAST, "--camera", "iso", "--orbit", "40", "--frames", "5"]
+    run(*arguments, "--workers", "2", "-o", tmp_path / "two")
+    run(*arguments, "-o", tmp_path / "one")
+    assert pictures(tmp_path / "two") == pictures(tmp_path / "one")
+    assert asked == [("camera_of_first", 5)] * (1 + is_kept) + [("draw_block", 1)] * 5
+
+
+def test_blocks_of_frames_get_smaller():
+    blocks = [*film_workers.blocks(range(200), 2)]
+    assert [len(block) for block in blocks[:5]] == [50, 37, 28, 21, 16]
+    assert [number for block in blocks for number in block] == [*range(200)]
+    assert len(blocks[-1]) == 1
+    assert [*film_workers.blocks([], 2)] == []
 
 
 def test_keys_of_the_scene_move(files, tmp_path, drawn):

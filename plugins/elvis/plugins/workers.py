@@ -17,9 +17,11 @@ from elvis.core.needing import require_module
 T = TypeVar("T")
 #: how processes begin: where a system can, as copies of one that has loaded modules and holds no device
 _METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-#: of Dask: the work of a worker that was ended is not given to another, and none is watched by threads of its own
+#: of Dask: the work of a worker that was ended is not given to another, none has work that waits for it while others
+#: are idle, and none is watched by threads of its own
 _CONFIGURATION = {
     "distributed.scheduler.allowed-failures": 0,
+    "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.multiprocessing-method": _METHOD,
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",

@@ -154,6 +154,10 @@ class Film:
                 return frame
         raise FormatError(f"expected a step that can be read, found none among {len(scenes)}", file=self.files[0])
 
+    def first_camera(self, scenes: Sequence[Scene]) -> Camera:
+        """The camera of that picture."""
+        return self.draw_first(scenes).view.camera
+
     def _expect(self, following: Scene | None) -> None:
         """Begin to read the data of the following scene, unless that is done."""
         if self.series is None or following is None or following.moment == self._moment:

@@ -5,19 +5,19 @@ Each worker opens the data once and draws frames that follow one another, so tha
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from time import sleep
-from typing import Any
-
-import numpy as np
+from typing import Any, TypeVar
 
 from elvis.plugins.workers import Workers, begun, results
 from elvis.renderer.animation import Film, Shot
-from elvis.scene import Scene
+from elvis.renderer.kernel_cache import is_any_kept
+from elvis.scene import Camera, Scene
 
-#: blocks of frames for each worker, so that all end at about one time
-_BLOCKS = 4
+T = TypeVar("T")
 #: seconds between looks at what is done
 _LOOK = 0.1
 #: what is left where a worker was ended
@@ -26,34 +26,105 @@ _KEPT = "frames that are drawn are kept, the same command goes on from there"
 _OPEN: dict[object, Film] = {}
 
 
-def draw_by(workers: Workers, base: Scene, shots: Sequence[Shot], is_kept: bool, told: list[str]) -> Iterator[Path]:
-    """Draw frames of a film; their files, as they come to be.
+class Team:
+    """Workers that draw a film; they start when they are first needed, or once they are told to begin.
 
-    base     the scene that the film was opened with
+    base     the scene that the film is opened with
     is_kept  whether conversions are kept
-    told     gets what the series tells of its steps
-
-    Raises what drawing raises, and ElvisError where a worker was ended.
     """
-    with workers.client() as client:
-        blocks = np.array_split(np.arange(len(shots)), _BLOCKS * workers.number(client))
-        works = [(base, [shots[number] for number in block.tolist()], is_kept) for block in blocks if len(block)]
+
+    def __init__(self, workers: Workers, base: Scene, is_kept: bool) -> None:
+        self._workers, self._base, self._is_kept = workers, base, is_kept
+        self._until_end, self._starter = ExitStack(), ThreadPoolExecutor(1, "elvis-workers")
+        self._client: Future[Any] | None = None
+        self._opening: list[Any] = []
+
+    def __enter__(self) -> Team:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        # Dask wants its clients closed where they were opened
+        with self._starter:
+            self._starter.submit(self._until_end.close).result()
+
+    def begin(self) -> None:
+        """Let workers start while something else goes on here; a scheduler's have started."""
+        if not self._workers.scheduler:
+            self._start()
+
+    def first_camera(self, scenes: Sequence[Scene]) -> Camera:
+        """The camera of the first scene whose step can be read, as `Film.draw_first` has it.
+
+        All workers draw it, for all need what it is drawn with; only the first where kernels are to be compiled.
+        """
+        client = self._connected()
+        count = self._workers.number(client) if is_any_kept() else 1
+        self._opening = begun(client, camera_of_first, [(self._base, scenes, self._is_kept)] * count)
+        camera: Camera = results(client, self._opening[:1], _KEPT)[0]
+        return camera
+
+    def write(self, shots: Sequence[Shot], told: list[str]) -> Iterator[Path]:
+        """Draw frames; their files, as they come to be.
+
+        told  gets what the series tells of its steps
+
+        Raises what drawing raises, and ElvisError where a worker was ended.
+        """
+        client = self._connected()
+        if not is_any_kept():
+            # kernels are compiled for the first frame, others find them
+            yield from self._drawn(client, [shots[:1]], told)
+            shots = shots[1:]
+        yield from self._drawn(client, blocks(shots, self._workers.number(client)), told)
+
+    def _drawn(self, client: Any, blocks: Iterable[Sequence[Shot]], told: list[str]) -> Iterator[Path]:
+        works = [(self._base, block, self._is_kept) for block in blocks]
         futures = begun(client, draw_block, works)
-        yield from _written([path for _, path in shots], futures)
+        yield from _written([path for _, block, _ in works for _, path in block], futures)
         told += [sentence for own in results(client, futures, _KEPT) for sentence in own]
+
+    def _connected(self) -> Any:
+        return self._start().result()
+
+    def _start(self) -> Future[Any]:
+        if self._client is None:
+            self._client = self._starter.submit(self._until_end.enter_context, self._workers.client())
+        return self._client
+
+
+def blocks(shots: Sequence[T], workers: int) -> Iterator[Sequence[T]]:
+    """Frames that follow one another: a share of those that are left each time, so that all workers end together.
+
+    Polychronopoulos & Kuck, Guided self-scheduling, IEEE Transactions on Computers 36, 1987.
+    """
+    first = 0
+    while first < len(shots):
+        count = max(1, (len(shots) - first) // (2 * workers))
+        yield shots[first : first + count]
+        first += count
 
 
 def draw_block(base: Scene, shots: Sequence[Shot], is_kept: bool) -> tuple[str, ...]:
     """Draw frames in a worker; what the series tells."""
+    film = _film(base, is_kept)
+    for _ in film.write(shots):
+        pass
+    return film.told
+
+
+def camera_of_first(base: Scene, scenes: Sequence[Scene], is_kept: bool) -> Camera:
+    """The camera of the first scene whose step can be read, found in a worker."""
+    return _film(base, is_kept).first_camera(scenes)
+
+
+def _film(base: Scene, is_kept: bool) -> Film:
+    """The film of this worker, which is opened once."""
     key = repr(base), Path.cwd(), is_kept
     if key not in _OPEN:
         while _OPEN:
             _OPEN.popitem()[1].close()
         _OPEN[key] = Film(base, is_kept)
-    film = _OPEN[key]
-    for _ in film.write(shots):
-        pass
-    return film.told
+    return _OPEN[key]
 
 
 def _written(paths: Sequence[Path], futures: Sequence[Any]) -> Iterator[Path]:

@@ -31,7 +31,7 @@ class KernelCache:
 
     def __init__(self, kept_in: Path | None) -> None:
         """Bring what was kept to a private folder."""
-        self._store = None if kept_in is None else Store(kept_in, "kernel", MOST_BYTES)
+        self._store = None if kept_in is None else _store(kept_in)
         self._until_exit = ExitStack()
         self.remarks: list[str] = []
         self._known: dict[bytes, Path] = {}
@@ -113,6 +113,16 @@ class KernelCache:
             self.remarks.append(
                 f"compiled kernels in {store.folder} that were damaged, set aside and made again when needed: {damaged}"
             )
+
+
+def is_any_kept() -> bool:
+    """Whether kernels of earlier processes are there; without any, whatever is needed must be compiled."""
+    folder = cache_folder("kernels")
+    return folder is not None and any(True for _ in _store(folder).files())
+
+
+def _store(folder: Path) -> Store:
+    return Store(folder, "kernel", MOST_BYTES)
 
 
 _caches: dict[tuple[int, Path | None], KernelCache] = {}

@@ -19,10 +19,12 @@ from elvis.core.errors import ElvisError
 from elvis.scene.commandline.command import SceneCommand, setting_option, text_type
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from elvis.core.moments import Moment
-    from elvis.plugins.workers import Workers
     from elvis.renderer.animation import Film
     from elvis.renderer.film_files import FrameFolder
+    from elvis.renderer.film_workers import Team
     from elvis.scene import Camera, Scene
 
 #: frames of a film whose number nothing says
@@ -104,10 +106,13 @@ def animate(
     Frames follow the steps of a series, or --times; with --orbit, --path and --key alone the data stand still. Frames
     that are there, newer than the data and of the same scene are kept: a run that was killed goes on where it was.
     """
+    from contextlib import ExitStack
+
     from elvis.core.terminal import say
     from elvis.plugins.workers import Workers
     from elvis.renderer.animation import Film, Key, scenes_of
     from elvis.renderer.film_files import FrameFolder, write_film
+    from elvis.renderer.film_workers import Team
     from elvis.scene.commandline.composing import composed
     from elvis.scene.tables import table_of
 
@@ -117,14 +122,19 @@ def animate(
     crew = Workers.of(workers, scheduler)
     moving = [Key.of(*key) for key in keys]
     folder, films = _places(outputs, data, overwrite)
-    if crew is not None and not any(folder.glob("frame-*.png")):
-        crew.prepare("elvis.renderer.film_workers")
-    with Film(scene, not no_cache) as film:
+    is_new = not any(folder.glob("frame-*.png"))
+    with ExitStack() as until_end:
+        team = None if crew is None else until_end.enter_context(Team(crew, scene, not no_cache))
+        if crew is not None and team is not None and is_new:
+            crew.prepare("elvis.renderer.film_workers")
+            team.begin()
+        film = until_end.enter_context(Film(scene, not no_cache))
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene, coloured = _coloured(film, scene, folder, not no_cache)
-        scenes = _filmed(film, scenes_of(scene, moments, moving), orbit, path)
+        camera_of = team.first_camera if team is not None and is_new else film.first_camera
+        scenes = _filmed(camera_of, scenes_of(scene, moments, moving), orbit, path)
         place = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files, coloured)
-        found = _draw(film, scenes, place, crew, not no_cache)
+        found = _draw(film, scenes, place, team)
     for path_of_film in films:
         write_film(found, path_of_film, rate)
     say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
@@ -171,8 +181,16 @@ def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | N
     return [Moment()] * (frames or FRAMES)
 
 
-def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Camera | str, ...]) -> list[Scene]:
-    """The scenes, seen by a camera that goes around, or along a path through others; fitted ones are of the first."""
+def _filmed(
+    camera_of: Callable[[list[Scene]], Camera],
+    scenes: list[Scene],
+    orbit: float | None,
+    path: tuple[Camera | str, ...],
+) -> list[Scene]:
+    """The scenes, seen by a camera that goes around, or along a path through others; fitted ones are of the first.
+
+    camera_of  the camera of the first of some scenes that can be drawn
+    """
     from dataclasses import replace
 
     from elvis.renderer.animation import orbited
@@ -180,7 +198,7 @@ def _filmed(film: Film, scenes: list[Scene], orbit: float | None, path: tuple[Ca
 
     def fitted(camera: Camera | str) -> Camera:
         if isinstance(camera, str) or (camera.fov is None and camera.height is None):
-            return film.draw_first([replace(scene, camera=camera) for scene in scenes]).view.camera
+            return camera_of([replace(scene, camera=camera) for scene in scenes])
         return camera
 
     count = len(scenes)
@@ -212,17 +230,16 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     return found, {"of": of, "range": found.range}
 
 
-def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, crew: Workers | None, is_kept: bool) -> FrameFolder:
+def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | None) -> FrameFolder:
     """Draw the frames that are missing, and tell what the series told."""
     from dataclasses import replace
 
     from elvis.core.terminal import note, track
-    from elvis.renderer.film_workers import draw_by
 
     missing = frames.begin()
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
-    drawn = film.write(shots) if crew is None or not shots else draw_by(crew, film.scene, shots, is_kept, told)
+    drawn = film.write(shots) if team is None or not shots else team.write(shots, told)
     for _ in track(drawn, f"drawing {len(missing)} of {len(scenes)} frames", len(missing)):
         pass
     for remark in dict.fromkeys([*film.told, *told]):
