@@ -9,6 +9,7 @@ from elvis.core.norms import norms, quantity_norms
 from elvis.core.quantities import Expression
 from elvis.core.ranks import Turns, started_together
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
+from elvis.core.testing.played_ranks import played
 from elvis.formats import Dataset, write
 
 TARGETS = (
@@ -21,26 +22,9 @@ TARGETS = (
 )
 
 
-class Played:
-    """Ranks of one process that come one after the other, the first one last."""
-
-    def __init__(self, size):
-        self.size, self.rank, self._found = size, size, []
-
-    def __iter__(self):
-        while self.rank:
-            self.rank -= 1
-            yield self
-
-    def gather(self, value, task):
-        self._found.insert(0, (value, task))
-        assert len({own for _, own in self._found}) == 1
-        return [] if self.rank else [found for found, _ in self._found]
-
-
 def shared(size, work):
     """What the first rank makes of work that all take part in."""
-    *others, first = [work(ranks) for ranks in Played(size)]
+    first, *others = played(size, work)
     assert not any(map(len, others))
     return first
 
@@ -71,7 +55,7 @@ def test_processes_that_know_of_each_other_are_counted(environment, count):
 @pytest.mark.parametrize("size", [1, 2, 5])
 def test_every_piece_has_one_turn(count, size):
     pieces = "abcdefg"[:count]
-    taken = [list(Turns(ranks).of(pieces)) for ranks in Played(size)]
+    taken = played(size, lambda ranks: list(Turns(ranks).of(pieces)))
     assert sorted(pair for own in taken for pair in own) == list(enumerate(pieces))
     assert max(map(len, taken)) - min(map(len, taken)) <= 1
 
@@ -155,3 +139,57 @@ def test_what_a_rank_starts_is_none(started, tmp_path):
     )
     ranks = started.processes(tmp_path, (2, sys.executable, "-c", start))
     assert (ranks.returncode, ranks.stdout, ranks.stderr) == (0, "1\n1\n", "")
+
+
+#: a rank that sends each other one what is large enough not to be there before it is asked for
+SENDS = """
+import os, numpy as np
+from elvis.core.errors import ElvisError
+from elvis.core.ranks import ranks_of_run
+
+ranks = ranks_of_run()
+values = [np.full(1 << 20, 10 * ranks.rank + to) if (ranks.rank + to) % 2 else None for to in range(ranks.size)]
+status, reason = 0, ""
+try:
+    {fault}
+    found = ranks.alltoall(values, "numbers")
+    told = ranks.gather([None if own is None else int(own.min()) for own in found], "what they got")
+    if not ranks.rank:
+        print(told)
+except Exception as error:
+    status, reason = 1, str(error)
+    if not ranks.rank:
+        print(reason)
+raise SystemExit(ranks.end(status, reason))
+"""
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("pass", "[[None, 10, None], [1, None, 21], [None, 12, None]]"),
+        ("if ranks.rank == 1: raise ElvisError('there is none')", "part 2 of 3: there is none"),
+        ("if ranks.rank == 2: values[1] = lambda: 0", "part 3 of 3: Can't "),
+    ],
+    ids=["none", "before", "while messages are made"],
+)
+def test_each_rank_gets_what_the_others_have_for_it(started, tmp_path, fault, told):
+    ranks = started.processes(tmp_path, (3, sys.executable, "-c", SENDS.format(fault=fault)))
+    assert (ranks.returncode, ranks.stderr) == (int(fault != "pass"), "")
+    assert ranks.stdout.startswith(told)
+
+
+def test_a_rank_that_is_killed_among_messages_ends_all(started, tmp_path):
+    """It has told that it has its messages, and sends none."""
+    fault = "ranks._world = Killed(ranks._world) if ranks.rank == 1 else ranks._world"
+    killed = """
+class Killed:
+    def __init__(self, world): self._world = world
+    def __getattr__(self, name): return getattr(self._world, name)
+    def isend(self, value, dest, tag):
+        if tag == 5: os.kill(os.getpid(), 9)
+        return self._world.isend(value, dest=dest, tag=tag)
+"""
+    ranks = started.processes(tmp_path, (3, sys.executable, "-c", killed + SENDS.format(fault=fault)))
+    assert ranks.returncode != 0
+    assert "[[None" not in ranks.stdout

@@ -1,7 +1,6 @@
 """Pictures of data in parts are those of the whole, to the byte, however the data are cut."""
 
 import sys
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +8,20 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
-from elvis.core.ranks import ALONE
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated, with_field
 from elvis.core.testing.meshes import grid, mixed_volume
+from elvis.core.testing.played_ranks import played
 from elvis.formats import write
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.renderer import rendering
 from elvis.renderer.completing import completed
-from elvis.renderer.parts import drawable, in_parts
+from elvis.renderer.parts import RankPart, drawable, in_parts, what_matters
 from elvis.renderer.rendering import Pictures
 from elvis.scene import (
+    Camera,
     Clip,
     Contours,
     CutSurface,
@@ -112,11 +112,11 @@ def metis(dataset, count):
     return [np.sort(ids[part == number]) for number in range(count)]
 
 
-def written(renderer, dataset, scene, folder, ranks=1):
+def written(renderer, dataset, scene, folder):
     """The bytes of a picture and of its record, what is told of pixels, and how many elements were drawn."""
     whole = completed(dataset, scene)
     renderer.load(dataset, *quantities(whole))
-    frame = renderer.render(whole) if ranks == 1 else drawn_by_ranks(renderer, ranks, whole)
+    frame = renderer.render(whole)
     for name in ("a.png", "a.npz"):
         frame.save(folder / name)
     told = frame.counts(), frame.remarks, frame.stats["elements"], frame.stats.get("contours")
@@ -149,47 +149,82 @@ def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monk
         assert written(drawn, bent, scene, tmp_path) == expected
 
 
-class Played:
-    """Ranks of one process that draw in turn: up to what they tell each other, and then again to the end."""
-
-    def __init__(self, size):
-        self.size, self.rank, self.told, self.found = size, 0, [], []
-
-    def exchange(self, value, task):
-        if len(self.told) < self.size:
-            self.told.append(value)
-            raise ToldError
-        return self.told
-
-    def gather(self, value, task):
-        self.found.insert(0, value)
-        return [] if self.rank else self.found
+def noted(frame, folder):
+    """The bytes of a frame's picture and record, and what is told of pixels."""
+    for name in ("a.png", "a.npz"):
+        frame.save(folder / name)
+    told = (
+        frame.counts(),
+        frame.remarks,
+        frame.stats["elements"],
+        frame.stats.get("contours"),
+        frame.stats.get("volume"),
+    )
+    return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), told
 
 
-class ToldError(Exception):
-    """A rank waits for the others."""
+def by_one_process(dataset, scene, folder):
+    """What one process makes of all."""
+    with Pictures(dataset, "vulkan") as pictures:
+        return noted(pictures.draw(scene), folder)
 
 
-def drawn_by_ranks(renderer, size, scene):
-    """The frame that the first rank has."""
-    renderer.ranks = ranks = Played(size)
-    for ranks.rank in () if scene.is_plain else range(size):
-        with suppress(ToldError):
-            renderer.render(scene)
-    for ranks.rank in reversed(range(size)):
-        frame = renderer.render(scene)
-    renderer.ranks = ALONE
-    return frame
+def by_ranks(dataset, scene, parts, folder):
+    """What ranks make of a scene, each of which has a part; and how many elements each draws of."""
+
+    def draw(ranks):
+        own = RankPart(what_matters(portions(dataset, parts)[ranks.rank], [scene]), ranks, {})
+        with Pictures(own, "vulkan", ranks=ranks) as pictures:
+            frame = pictures.draw(scene)
+            return frame, sum(map(len, pictures._renderer.stages.volume.parts))
+
+    drawn = played(len(parts), draw)
+    return noted(drawn[0][0], folder), [count for _, count in drawn]
 
 
-@pytest.mark.sampled(least=3, free=("name",))
-@pytest.mark.parametrize("name", SCENES)
-def test_pictures_of_ranks_are_those_of_one_process(renderer, bent, name, tmp_path):
-    """Of two, and of more than there are tiles from the top to the bottom."""
-    scene = replace(SCENES[name], field="u", size=(96, 75), stats="counts.json")
-    drawn = renderer("vulkan")
-    expected = written(drawn, bent, scene, tmp_path)
-    assert all(written(drawn, bent, scene, tmp_path, ranks) == expected for ranks in (2, 12))
+INSIDE = Camera((0.5, 0.5, 0.5), (1.0, 0.9, 0.7), (0.0, 0.0, 1.0), fov=70.0)
+NEAR = Camera((-0.3, -0.4, 0.8), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), fov=50.0)
+HAZE = VolumeRendering(Transfer((0.0, 0.5, 1.0), (0.0, 3.0, 1.0)))
+BALL = Clip(Sphere((0.5, 0.5, 0.6), 0.3))
+OF_RANKS = SCENES | {
+    "volume from inside": Scene(objects=(HAZE,), camera=INSIDE),
+    "volume with a plane": Scene(objects=(HAZE, CutSurface(TILTED, Style(opacity=0.5))), camera=NEAR, clip=(BALL,)),
+    "volume of all": Scene(objects=(HAZE,), camera="iso", range="all", clip=(Clip(Implicit("x + 0.3*y*y - 0.6")),)),
+}
+
+
+@pytest.mark.sampled(least=3, free=("name", "cut"))
+@pytest.mark.parametrize("cut", range(4))
+@pytest.mark.parametrize("name", OF_RANKS)
+def test_pictures_of_ranks_are_those_of_one_process(bent, name, cut, tmp_path):
+    """Of two, three and eight ranks, whose parts are compact, at random or like combs."""
+    scene = replace(OF_RANKS[name], field="u", size=(48, 150), stats="counts.json")
+    expected = by_one_process(bent, scene, tmp_path)
+    assert by_ranks(bent, scene, cuts(bent)[cut], tmp_path)[0] == expected
+
+
+@pytest.mark.parametrize("name", ["volume", "isosurface"])
+def test_ranks_draw_the_elements_of_their_rows(name, tmp_path):
+    """Of straight ones, of which there are many; boxes of neighbours reach in."""
+    dataset = with_field(grid(Shape.TETRAHEDRON, 5), function, 2)
+    scene = replace(SCENES[name], field="u", size=(96, 480), camera="-x")
+    drawn, counts = by_ranks(dataset, scene, along_curve(dataset, 5), tmp_path)
+    assert drawn == by_one_process(dataset, scene, tmp_path)
+    assert max(counts) < 0.65 * len(dataset.mesh.of(Shape.TETRAHEDRON))
+
+
+def test_what_is_counted_is_that_of_all(tmp_path):
+    """Elements without numbers, and inverted ones, are told of though few ranks draw them."""
+    dataset = with_field(grid(Shape.TETRAHEDRON, 4), function, 2)
+    (block,) = dataset["u"].blocks
+    coefficients = block.coefficients.copy()
+    coefficients[[3, 200]] = np.nan
+    wrong = replace(block, coefficients=coefficients)
+    dataset = Dataset(dataset.mesh, (replace(dataset["u"], blocks=(wrong,)),))
+    scene = Scene(field="u", objects=(HAZE, Isosurface((0.6,))), camera="-x", size=(48, 240), range=(0.0, 1.0))
+    expected = by_one_process(dataset, scene, tmp_path)
+    assert by_ranks(dataset, scene, along_curve(dataset, 4), tmp_path)[0] == expected
+    assert any("not a number: 2" in remark for remark in expected[2][1])
 
 
 def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):

@@ -68,7 +68,9 @@ def deciding(blocks: Sequence[Block]) -> Ints:
             bounds = _bounds(block.expansion, own)
             is_summed = block.expansion.homogeneous is not None
             beyond = bounds == bounds.max() if is_summed else bounds > attained
-            found.append(block.element_ids[rows][beyond | (value == attained)])
+            # of those that attain it one will do
+            beyond[np.flatnonzero(value == attained)[:1]] = True
+            found.append(block.element_ids[rows][beyond])
     return np.unique(np.concatenate(found))
 
 

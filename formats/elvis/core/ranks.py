@@ -1,15 +1,18 @@
 """The processes that run one command together: alone, or the ranks of a run under mpiexec.
 
-Four operations are enough: who am I, what have all found, for the first one (`gather`) or for all (`exchange`), how
-did it end (`end`).  Waiting takes no processor time, which those that are not done yet may need.
+Five operations are enough: who am I, what have all found, for the first one (`gather`) or for all (`exchange`), what
+has each for each (`alltoall`), how did it end (`end`).  Waiting takes no processor time, which those that are not done
+yet may need.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from time import sleep
 from typing import Any, Protocol, TypeVar
 
@@ -24,8 +27,8 @@ _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "P
 _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
-#: tags of messages: what a rank has found; its last word; what all have found; how the run ended
-_FOUND, _LAST, _ALL, _END = 1, 2, 3, 4
+#: tags of messages: what a rank has found; its last word; what all have found; how the run ended; from one to another
+_FOUND, _LAST, _ALL, _END, _DIRECT = 1, 2, 3, 4, 5
 #: what is wrong with a rank that has another task
 _OTHER = (
     "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
@@ -54,6 +57,13 @@ class Ranks(Protocol):
     def exchange(self, value: T, task: str) -> list[T]:
         """The same for all of them; ElvisError where rank 0 has failed, too."""
 
+    def alltoall(self, values: Sequence[T | None], task: str) -> list[T | None]:
+        """What each of them has for this one, in order; to be called by each.  None takes no message.
+
+        values  for each rank what this one has for it
+        ElvisError as of exchange.
+        """
+
 
 class Alone:
     """One process."""
@@ -67,6 +77,10 @@ class Alone:
     def exchange(self, value: T, task: str) -> list[T]:
         """Its own."""
         return [value]
+
+    def alltoall(self, values: Sequence[T | None], task: str) -> list[T | None]:
+        """Its own."""
+        return list(values)
 
     def end(self, status: int, reason: str) -> int:
         """Its own status."""
@@ -101,32 +115,47 @@ class MpiRanks:
         self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
         self._ended: set[int] = set()  # ranks that have said their last word
         self._status: int | None = None  # how the run ended, where that is known
+        self._sent: list[Any] = []  # messages to others that are on their way
 
     def gather(self, value: T, task: str) -> list[T]:
         """See Ranks."""
         if self.rank:
-            self._send((value, task, None), 0, _FOUND)
+            self._send((value, task), 0, _FOUND)
             return []
-        every = [(value, task, None), *(self._found(rank) for rank in range(1, self.size))]
-        reasons = [reason if reason or own == task else _OTHER for _, own, reason in every]
-        failed = [number for number, reason in enumerate(reasons) if reason]
-        if failed:
-            others = f" ({len(failed)} parts failed)" if len(failed) > 1 else ""
-            raise ElvisError(f"part {failed[0] + 1} of {self.size}: {reasons[failed[0]]}{others}")
-        return [found for found, _, _ in every]
+        every = [(value, task), *(self._received(rank, _FOUND) for rank in range(1, self.size))]
+        others = [number for number, (_, own) in enumerate(every) if own != task]
+        if others:
+            raise ElvisError(f"part {others[0] + 1} of {self.size}: {_OTHER}")
+        return [found for found, _ in every]
 
     def exchange(self, value: T, task: str) -> list[T]:
         """See Ranks."""
         found = self.gather(value, task)
         for rank in range(1, self.size if not self.rank else 0):
             self._send(found, rank, _ALL)
-        if not self.rank:
-            return found
-        tag, every = self._receive(0, _ALL, _END)
-        if tag == _END:
-            self._status = int(every)
-            raise ElvisError(f"part 1 of {self.size} has ended")
-        return list(every)
+        return list(self._received(0, _ALL)) if self.rank else found
+
+    def alltoall(self, values: Sequence[T | None], task: str) -> list[T | None]:
+        """See Ranks.
+
+        Messages are made before all are told that all have theirs, so that none waits for one that can't make them.
+        """
+        packed = [None if value is None else pickle.dumps(value, pickle.HIGHEST_PROTOCOL) for value in values]
+        has_any = self.exchange([own is not None for own in packed], task)
+        for shift in range(1, self.size):
+            to = (self.rank + shift) % self.size
+            if packed[to] is not None:
+                self._sent.append(self._world.isend(packed[to], dest=to, tag=_DIRECT))
+                packed[to] = None
+        for source in range(self.size):
+            if source != self.rank and has_any[source][self.rank]:
+                packed[source] = self._received(source, _DIRECT)
+        while self._sent:
+            if not self._sent[-1].test()[0]:
+                self._wait()
+                continue
+            self._sent.pop()
+        return [None if own is None else pickle.loads(own) for own in packed]
 
     def end(self, status: int, reason: str) -> int:
         """How the run ended: told by rank 0, and waited for by all others.
@@ -134,39 +163,59 @@ class MpiRanks:
         status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
         """
         if self.rank:
-            self._send((None, None, reason), 0, _LAST)
-            return int(self._receive(0, _END)[1]) if self._status is None else self._status
-        for rank in range(1, self.size):
-            self._send(status, rank, _END)
-        for rank in range(1, self.size):
-            while rank not in self._ended:
-                self._found(rank)
-        return status
+            self._send(reason, 0, _LAST)
+            while self._status is None:
+                with suppress(ElvisError):
+                    self._wait()
+        else:
+            for rank in range(1, self.size):
+                self._send(status, rank, _END)
+            while len(self._ended) < self.size - 1:
+                # what they have found meanwhile is of no use any more
+                for rank in range(1, self.size):
+                    self._next(rank, _FOUND)
+                with suppress(ElvisError):
+                    self._wait()
+            self._status = status
+        if self._sent:
+            # who was to take these is gone
+            self.abort(self._status)
+        return self._status
 
     def abort(self, status: int) -> None:
         """End all at once."""
         self._world.Abort(status)
-
-    def _found(self, rank: int) -> Any:
-        """What a rank has found, or its last word: a value, its task, and a reason where it has failed."""
-        tag, found = self._receive(rank, _FOUND, _LAST) if rank not in self._ended else (_LAST, (None, None, ""))
-        if tag == _LAST:
-            self._ended.add(rank)
-        return found
 
     def _send(self, value: object, to: int, tag: int) -> None:
         request = self._world.isend(value, dest=to, tag=tag)
         while not request.test()[0]:
             sleep(_PAUSE)
 
-    def _receive(self, source: int, *tags: int) -> tuple[int, Any]:
-        """The next message with one of the tags, and its tag."""
-        while True:
-            for tag in tags:
-                message = self._world.improbe(source=source, tag=tag)
-                if message is not None:
-                    return tag, message.recv()
-            sleep(_PAUSE)
+    def _next(self, source: int, tag: int) -> Any:
+        """The message with the tag that is there, None without."""
+        message = self._world.improbe(source=source, tag=tag)
+        return None if message is None else message.recv()
+
+    def _received(self, source: int, tag: int) -> Any:
+        """The next message with the tag."""
+        while (found := self._next(source, tag)) is None:
+            if source in self._ended:
+                raise ElvisError(f"part {source + 1} of {self.size}: {_OTHER}")
+            self._wait()
+        return found
+
+    def _wait(self) -> None:
+        """Wait a little; ElvisError where the run has ended, or, for rank 0, where another one has failed."""
+        if self.rank and (status := self._next(0, _END)) is not None:
+            self._status = int(status)
+            raise ElvisError(f"part 1 of {self.size} has ended")
+        for rank in range(1, self.size if not self.rank else 0):
+            reason = None if rank in self._ended else self._next(rank, _LAST)
+            if reason is not None:
+                self._ended.add(rank)
+            if reason:
+                raise ElvisError(f"part {rank + 1} of {self.size}: {reason}")
+        sleep(_PAUSE)
 
 
 def started_together(environment: Mapping[str, str] = os.environ) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.boxes import Boxes
 from elvis.plugins.volume import Part, Quantity, Volume
 from elvis.renderer.device import Device
 from elvis.renderer.memory import Buffer
@@ -46,7 +47,7 @@ class DeviceVolume:
         self.buffers = [self._bring(part.buffers) for part in self.parts]
         self.first = np.cumsum([0, *map(len, self.parts)])
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
-        self.extent = self.once("extent", lambda: max(map(_extent, self.parts), default=0.0))
+        self.extent = self.once("extent", lambda: max((greatest_of(part.boxes) for part in self.parts), default=0.0))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
         """What follows from the elements and their maps alone, made once for all volumes of the same elements."""
@@ -171,6 +172,6 @@ def _outward(ends: Floats) -> NDArray[np.float32]:
         return np.nextafter(ends.astype(np.float32), np.array([-np.inf, np.inf], np.float32))
 
 
-def _extent(part: Part) -> float:
-    """The greatest finite coordinate of the part's boxes, in magnitude."""
-    return float(np.abs(part.boxes).max(initial=0.0, where=np.isfinite(part.boxes)))
+def greatest_of(boxes: Boxes) -> float:
+    """The greatest finite coordinate of boxes (n, 6), in magnitude."""
+    return float(np.abs(boxes).max(initial=0.0, where=np.isfinite(boxes)))

@@ -8,7 +8,8 @@ are the same to the byte, whatever the parts are.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from elvis.core.portions.portion import Portion, is_even, unite
 from elvis.core.ranks import Ranks
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
-from elvis.renderer.relevance import Relevance
+from elvis.renderer.relevance import Relevance, has_volumes
 from elvis.scene import Scene
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
@@ -31,7 +32,7 @@ _TIMES = 4
 
 def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
     """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
-    if not _is_local(dataset, is_even(dataset), scenes):
+    if any(has_volumes(scene) for scene in scenes) or not _is_local(dataset, is_even(dataset), scenes):
         return dataset
     whole = Portion.whole(dataset)
     return replace(drawable(unite([what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
@@ -59,27 +60,54 @@ def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginDa
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class RankPart:
+    """What one of several ranks has of data: elements of its part, of which each picture needs some.
+
+    portion  those that pictures depend on
+    beside   what the data have beside elements and what portions have
+    """
+
+    portion: Portion
+    ranks: Ranks
+    beside: Mapping[str, Any]
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """Its elements alone."""
+        return self.united([self.portion])
+
+    def united(self, some: Sequence[Portion]) -> Dataset:
+        """The elements of portions."""
+        return replace(drawable(unite(some)), **self.beside)
+
+
 def of_ranks(
     opened: dict[object, Dataset | PluginData | Portion], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
-) -> dict[object, Dataset | PluginData]:
-    """For each of several ranks, the elements of data that scenes depend on; each looks for them in its part.
+) -> dict[object, Dataset | RankPart]:
+    """For each of several ranks, the elements of its part of data that scenes depend on; where they may depend on any,
+    all that there are.
 
     opened  what each rank has opened, its part or all; emptied, so that what is all takes no memory any longer
     Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
     """
-    found, beside = {}, {}
+    found: dict[object, RankPart] = {}
+    whole: dict[object, Portion] = {}
     for key in list(opened):
         data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
         own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
         dataset = data.dataset if isinstance(data, Portion) else data
-        is_local, beside[key] = _is_local(dataset, own.is_even, scenes[key]), _beside(dataset)
+        is_local, beside = _is_local(dataset, own.is_even, scenes[key]), _beside(dataset)
         del data, dataset
-        found[key] = what_matters(own, scenes[key]) if is_local else own
+        own = what_matters(own, scenes[key]) if is_local else own
+        found[key] = RankPart(own, ranks, beside)
+        if not is_local:
+            whole[key] = own
         del own
-    every = ranks.exchange(found, repr(scenes))
-    return {key: replace(drawable(unite([some[key] for some in every])), **beside[key]) for key in beside}
+    every = ranks.exchange(whole, repr(scenes))
+    return {key: part.united([some[key] for some in every]) if key in whole else part for key, part in found.items()}
 
 
 def _beside(dataset: Dataset) -> dict[str, Any]:
@@ -96,6 +124,8 @@ def _is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
 
 def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
     """The elements of a portion that scenes of the whole depend on."""
+    if any(has_volumes(scene) for scene in scenes):
+        return portion
     dataset = drawable(portion)
     found = [Relevance(dataset, _whole_scene(dataset, scene)).ids() for scene in scenes]
     return portion.of(np.unique(np.concatenate(found)))

@@ -9,9 +9,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Ints
 from elvis.core.ranks import ALONE, Ranks
-from elvis.renderer.tiles import TILE
-from elvis.scene.view import View
+from elvis.renderer.bands import Bands
+from elvis.renderer.hit_buffer import HitBuffer
+from elvis.scene.view import Shown, View
 
 T = TypeVar("T")
 
@@ -25,6 +27,7 @@ class RankRows:
     """
 
     ranks: Ranks = ALONE
+    bands: Bands | None = None  # of as many rows each where that isn't said
     _told: list[Any] = field(default_factory=list)
 
     @property
@@ -33,14 +36,16 @@ class RankRows:
         return self.ranks.size == 1
 
     def of(self, view: View) -> tuple[int, int]:
-        """This rank's rows of a picture, from one to before another; where there are more ranks than tiles, the last
-        ones have none."""
-        if self.is_alone:
-            return 0, view.height
-        tiles = -(-view.height // TILE)
-        count = min(tiles, self.ranks.size)
-        first, last = (tiles * min(number, count) // count for number in (self.ranks.rank, self.ranks.rank + 1))
-        return min(TILE * first, view.height), min(TILE * last, view.height)
+        """This rank's rows of a picture, from one to before another; some have none."""
+        bands = self.bands or Bands.even(view, self.ranks.size)
+        first, last = bands.borders[self.ranks.rank : self.ranks.rank + 2].tolist()
+        return first, last
+
+    def window(self, view: Shown, around: int) -> tuple[Shown, slice]:
+        """A view of this rank's rows, one at least, and some around; which rows of that are its own."""
+        first, last = self.of(view)
+        window = view.rows(min(first, view.height - 1) - around, max(last, first + 1) + around)
+        return window, slice(first - window.top, last - window.top)
 
     def together(self, found: T) -> list[T]:
         """What all ranks have found of the picture before it is coloured, for each of them."""
@@ -56,3 +61,15 @@ class RankRows:
 def joined(parts: list[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     """Channels by name, of rows from the top that come one part after the other."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def channels(pixels: HitBuffer, view: View, ids: Ints, references: bool) -> dict[str, NDArray[Any]]:
+    """Channels by name of a picture that records nothing else: owners become element ids (n,), pixels rows."""
+    shape = view.height, view.width
+    flat: dict[str, NDArray[Any]] = {
+        "field": pixels.field,
+        "element": ids.take(pixels.owner, mode="clip"),
+        "status": pixels.status,
+    }
+    found: dict[str, NDArray[Any]] = {name: np.reshape(array, shape) for name, array in flat.items()}
+    return found | ({"reference": pixels.reference.reshape(*shape, 3)} if references else {})

@@ -7,8 +7,9 @@ altogether, such as its view or ranges over all data, those elements count that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import deciding_elements
 from elvis.core.quantities.element_sides import SIDES
+from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import by_affinity
 from elvis.plugins.serving import volume_of
@@ -55,6 +57,8 @@ _OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *
 _SLACK = 1e-9
 #: elements that are looked at together where there are many
 _AT_ONCE = 1 << 16
+#: times the rounding of a Jacobian up to which it may be none at all
+_FLAT = 1e3
 
 
 class Relevance:
@@ -66,29 +70,57 @@ class Relevance:
 
     @property
     def is_local(self) -> bool:
-        """Whether less than all may do: no light or line goes through all elements, no expression looks beyond one."""
+        """Whether less than all may do: no line goes through all elements, no expression looks beyond one."""
         scene = self.scene
-        goes_through = any(isinstance(item, VolumeRendering | Streamlines | Glyphs) for item in scene.every_object)
+        goes_through = any(isinstance(item, Streamlines | Glyphs) for item in scene.every_object)
         cones = any(isinstance(item, CutSurface) and isinstance(item.surface, Cone) for item in scene.every_object)
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
         beyond = any(name not in _OWN for each in expressions for name in each.attributes)
         is_line = Kind.of(self.dataset) is Kind.LINE
         return not (goes_through or cones or beyond or is_line or self.dataset.others)
 
+    @cached_property
+    def _volume(self) -> Volume:
+        return volume_of(self.dataset, self.texts)
+
     def ids(self) -> Ints:
         """(n,) ids of the elements that the picture depends on."""
-        # what needs no volume comes before there is one
-        found = [np.empty(0, np.int64), *self._first_ones(), *self._ends()]
-        volume = volume_of(self.dataset, self.texts)
-        masks = [np.zeros(len(part), bool) for part in volume.parts]
-        for mask, part in zip(masks, volume.parts, strict=True):
-            mask |= self._outermost(part)
+        return np.union1d(self.deciding(), self.shown()[0])
+
+    def shown(self) -> tuple[Ints, Boxes]:
+        """(n,) ids of the elements of which something may be seen, and (n, 6) their boxes.
+
+        What a pixel shows depends on those alone whose boxes are seen near it, and on those that decide.
+        """
+        masks = [np.zeros(len(part), bool) for part in self._volume.parts]
+        for mask, part in zip(masks, self._volume.parts, strict=True):
             for item in self.scene.every_object:
                 mask |= self._seen(item, part)
-        for mask, chosen in zip(masks, self._of_faces(volume), strict=True):
-            mask |= chosen
-        found += [part.element_ids[mask] for part, mask in zip(volume.parts, masks, strict=True)]
-        return np.unique(np.concatenate(found))
+        for chosen in self._of_faces.values():
+            for mask, own in zip(masks, chosen, strict=True):
+                mask |= own
+        return self._ids_of(masks), np.concatenate([np.empty((0, 6), np.float32), *self.boxes(masks)])
+
+    def boxes(self, masks: Sequence[Bools] | None = None) -> list[Boxes]:
+        """For each part of the volume (n, 6) boxes of all its elements, or of those in masks."""
+        parts = self._volume.parts
+        return [part.boxes if masks is None else part.boxes[masks[number]] for number, part in enumerate(parts)]
+
+    def deciding(self) -> Ints:
+        """(n,) ids of the elements that decide what holds for the picture altogether, or that are counted."""
+        # what needs no volume comes before there is one
+        found = [*self._first_ones(), *self._ends(), self._inverted()]
+        masks = [self._outermost(part) | self._counted(part) for part in self._volume.parts]
+        for chosen in self._of_faces.values():
+            # that there is one: a word that names nothing is an error
+            for mask, own in zip(masks, chosen, strict=True):
+                mask[np.flatnonzero(own)[:1]] = True
+        return np.unique(np.concatenate([*found, self._ids_of(masks)]))
+
+    def _ids_of(self, masks: Sequence[Bools]) -> Ints:
+        """(n,) ids of elements in masks of the volume's parts."""
+        own = [part.element_ids[mask] for part, mask in zip(self._volume.parts, masks, strict=True)]
+        return np.concatenate([np.empty(0, np.int64), *own])
 
     def _first_ones(self) -> Iterator[Ints]:
         """The first element of each kind: kinds make the parts of a volume, and their order."""
@@ -104,6 +136,7 @@ class Relevance:
         scene, names = self.scene, list[str]()
         if scene.range == "all":
             names += [scene.field, *(item.style.quantity or scene.field for item in _surfaces(scene))]
+            names += [item.quantity or scene.field for item in _volumes(scene)]
         names += [item.quantity or scene.field for item in scene.every_object if isinstance(item, Isosurface)]
         for item in _surfaces(scene):
             style = item.style
@@ -144,8 +177,53 @@ class Relevance:
                 rows += [*places.argmin(axis=0), *places.argmax(axis=0)]
         return np.asarray(finite[np.unique(rows)])
 
+    def _counted(self, part: Part) -> Bools:
+        """(n,) elements that are counted though they aren't drawn, as their quantity is not a number, or is an
+        isosurface's value all over them; those whose rounding isosurfaces' values are compared with; and those of
+        isosurfaces that are halved until they are too many, of which there must be as many wherever they are drawn."""
+        mask = np.zeros(len(part), bool)
+        for item in self.scene.every_object:
+            if not isinstance(item, Isosurface | VolumeRendering):
+                continue
+            own = self._quantity(part, item.quantity or self.scene.field)
+            if own.bounds is None or not len(part):
+                continue
+            (low, high), rounding = own.bounds(), _rounding(own, 0.0)
+            mask |= np.isnan(low) | np.isnan(high)
+            for value in item.values if isinstance(item, Isosurface) else ():
+                mask |= np.maximum(np.abs(high - value), np.abs(value - low)) <= 8.0 * rounding
+                mask[np.nan_to_num(_rounding(own, value)).argmax()] = True
+        for name, value in self._levels():
+            own = self._quantity(part, name)
+            stand_in = own.level(value) if own.level is not None else None
+            if not (own if stand_in is None else stand_in[0]).degree:
+                mask |= self._level(part, name, value)
+        return mask
+
+    def _levels(self) -> Iterator[tuple[str, float]]:
+        """Quantities and their values on surfaces that are found by these."""
+        for item in self.scene.every_object:
+            if isinstance(item, Isosurface):
+                yield from ((item.quantity or self.scene.field, value) for value in item.values)
+            if isinstance(item, CutSurface) and isinstance(item.surface, Implicit):
+                yield item.surface.expression, 0.0
+
+    def _inverted(self) -> Ints:
+        """(n,) ids of elements whose Jacobian isn't certainly positive, which are counted where there are volumes."""
+        if not _volumes(self.scene):
+            return np.empty(0, np.int64)
+        found = validity(self.dataset)
+        # that of a straight tetrahedron may be computed in another way, which has other rounding
+        is_doubtful = (found.status != ValidityStatus.POSITIVE) | (found.least <= _FLAT * found.error)
+        return np.asarray(found.element_ids[is_doubtful])
+
+    def _quantity(self, part: Part, name: str) -> Part | Quantity:
+        return part if name == self.scene.field else part.quantities[name]
+
     def _seen(self, item: object, part: Part) -> Bools:
         """(n,) elements of a part that an object other than faces may show something of."""
+        if isinstance(item, VolumeRendering):
+            return np.ones(len(part), bool)
         if isinstance(item, Isosurface):
             every = [self._level(part, item.quantity or self.scene.field, value) for value in item.values]
             return np.asarray(np.any(every, axis=0))
@@ -157,24 +235,36 @@ class Relevance:
 
     def _level(self, part: Part, name: str, value: float) -> Bools:
         """(n,) elements that may have a value, or don't know it: their own bounds, and what is drawn in their place."""
-        own: Part | Quantity = part if name == self.scene.field else part.quantities[name]
+        own = self._quantity(part, name)
         mask = _may_have(own, len(part), value)
         stand_in = own.level(value) if own.level is not None else None
         return mask if stand_in is None else mask | _may_have(stand_in[0], len(part), stand_in[1])
 
-    def _of_faces(self, volume: Volume) -> list[Bools]:
-        """For each part (n,) elements that have faces which are drawn."""
-        masks = [np.zeros(len(part), bool) for part in volume.parts]
-        chosen = [word for item in self.scene.every_object if isinstance(item, Faces) for word in item.select]
-        if not chosen or not sum(map(len, masks)):
-            return masks
-        faces = faces_of(self.dataset, volume)
-        for word in chosen:
+    @cached_property
+    def _of_faces(self) -> dict[str, list[Bools]]:
+        """For each word that chooses faces, and each part, (n,) elements that have such faces."""
+        parts = self._volume.parts
+        words = [word for item in self.scene.every_object if isinstance(item, Faces) for word in item.select]
+        if not words or not sum(map(len, parts)):
+            return {}
+        chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in words}
+        faces = faces_of(self.dataset, self._volume)
+        for word, masks in chosen.items():
             # what no part has is missed where all are together
             with suppress(ElvisError):
                 for block, rows in zip(faces.blocks, faces.select((word,)), strict=True):
                     masks[block.part][block.element[rows]] = True
-        return masks
+        return chosen
+
+
+def has_volumes(scene: Scene) -> bool:
+    """Whether a scene has volumes, which show all elements."""
+    return bool(_volumes(scene))
+
+
+def _volumes(scene: Scene) -> list[VolumeRendering]:
+    """The objects of a scene that are volumes."""
+    return [item for item in scene.every_object if isinstance(item, VolumeRendering)]
 
 
 def _surfaces(scene: Scene) -> list[CutSurface | Faces | Isosurface]:
@@ -182,18 +272,21 @@ def _surfaces(scene: Scene) -> list[CutSurface | Faces | Isosurface]:
     return [item for item in scene.every_object if isinstance(item, CutSurface | Faces | Isosurface)]
 
 
+def _rounding(own: Part | Quantity, value: float) -> Floats:
+    """(n,) how far computed values may be from the true ones."""
+    assert own.bounds is not None
+    low, high = own.bounds()
+    greatest = np.nan_to_num(np.maximum(np.abs(low), np.abs(high)), posinf=abs(value))
+    return ROUNDING * greatest if own.rounding is None else own.rounding()
+
+
 def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
     """(n,) elements whose bounds don't leave a value out, by far more than rounding, or aren't numbers."""
     if own.bounds is None:
         return np.ones(count, bool)
     low, high = own.bounds()
-    greatest = np.nan_to_num(np.maximum(np.abs(low), np.abs(high)), posinf=abs(value))
-    rounding = ROUNDING * greatest if own.rounding is None else own.rounding()
-    mask = ~(low - 8.0 * rounding > value) & ~(high + 8.0 * rounding < value)
-    # what is beyond all by less than rounding is drawn nonetheless
-    if count:
-        mask[np.nan_to_num(rounding).argmax()] = True
-    return np.asarray(mask)
+    rounding = _rounding(own, value)
+    return np.asarray(~(low - 8.0 * rounding > value) & ~(high + 8.0 * rounding < value))
 
 
 def meets(surface: object, boxes: Boxes) -> Bools:

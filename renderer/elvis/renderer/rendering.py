@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
@@ -26,6 +26,7 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
+from elvis.renderer.bands import Bands
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
@@ -35,12 +36,12 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
-from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.other_data import OtherData
-from elvis.renderer.parts import in_bricks
+from elvis.renderer.parts import RankPart, in_bricks
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
-from elvis.renderer.rank_rows import RankRows, joined
+from elvis.renderer.rank_pictures import RankPicture
+from elvis.renderer.rank_rows import RankRows, channels, joined
 from elvis.renderer.request import Request, reading_for
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
@@ -145,17 +146,19 @@ class Pictures:
 
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
     progress  called with how much of how much of a picture is done
-    ranks     that draw rows of the pictures, all of the same data; but for the first one these are incomplete
+    ranks     that draw rows of the pictures, each of its part of the data or of all; but for the first one these are
+              incomplete
     """
 
     def __init__(
         self,
-        data: Dataset | PluginData,
+        data: Dataset | PluginData | RankPart,
         device: str = "auto",
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
     ) -> None:
-        self.data, self.device, self.ranks = data, device, ranks
+        self._part, self.device, self.ranks = data if isinstance(data, RankPart) else None, device, ranks
+        self.data = data.dataset if isinstance(data, RankPart) else data
         self._progress = progress
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
@@ -205,6 +208,8 @@ class Pictures:
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
         other = other_device(self.device)
         remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *_rates(data, scene))
+        if self._part is not None:
+            data = self._of_ranks(self._part, scene)
         if scene.memory is not None:
             data, self._quantities = in_bricks(data, scene), ()
         if other is not None:
@@ -215,24 +220,40 @@ class Pictures:
         frame = renderer.render(scene, references=_is_exact(scene))
         return _note(frame, asked, data, (*remarks, *self._remarks))
 
+    def _opened(self) -> Renderer:
+        """The renderer, whose device is opened when it is first asked for."""
+        if self._renderer is None:
+            self._renderer = Renderer(self.device, self._progress, self.ranks)
+        return self._renderer
+
+    def _of_ranks(self, part: RankPart, scene: Scene) -> Dataset:
+        """The elements that this rank's rows of a picture depend on; the renderer knows which rows."""
+        renderer, wanted, self._quantities = self._opened(), quantities(scene), ()
+
+        def glance(data: Dataset, small: Scene, bands: Bands) -> Bools:
+            renderer.load(data, *wanted)
+            return renderer.glance(small, RankRows(part.ranks, bands))
+
+        with limited(scene.timeout):
+            data, renderer.bands = RankPicture(part, scene, glance).elements()
+        return data
+
     def _with_volume(self, data: Dataset | PluginData, scene: Scene) -> Renderer:
         """The renderer with all that a scene evaluates; elements are those that have its field."""
         wanted = quantities(scene)
-        known = self._quantities
-        if self._renderer is None:
-            self._renderer = Renderer(self.device, self._progress, self.ranks)
-        elif known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
-            return self._renderer
+        known, renderer = self._quantities, self._opened()
+        if known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
+            return renderer
         self._quantities = ()
         if isinstance(data, Dataset):
-            self._renderer.load(data, *wanted)
+            renderer.load(data, *wanted)
         else:
             volume = volume_of(data, wanted)
-            self._renderer.show(volume, data)
+            renderer.show(volume, data)
             # a runtime plugin's elements are tried first
-            self._remarks = check_volume(data.name, volume, self._renderer)
+            self._remarks = check_volume(data.name, volume, renderer)
         self._quantities, self._time = wanted, scene.time
-        return self._renderer
+        return renderer
 
 
 class Renderer:
@@ -240,11 +261,13 @@ class Renderer:
 
     progress  called with how many of how many bands of a picture are done
     ranks     as of Pictures
+    bands     the view of the next picture and who draws which rows, where ranks have found them
     """
 
     def __init__(self, device: str = "auto", progress: Progress | None = None, ranks: Ranks = ALONE) -> None:
         """Open a device (see render)."""
         self.device, self.ranks = Device(device), ranks
+        self.bands: Bands | None = None
         self.progress = progress or (lambda done, total: None)
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
@@ -339,7 +362,7 @@ class Renderer:
 
     def _persistent(self, scene: Scene, references: bool) -> Frame:
         """A frame, fewer pixels at a time where the device fails."""
-        most, rows = BAND, RankRows(self.ranks)
+        most, rows = BAND, RankRows(self.ranks, self.bands)
         while True:
             try:
                 return self._draw(scene, references, most, rows)
@@ -368,17 +391,19 @@ class Renderer:
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene: that of the last scene where it shows the same from the same camera."""
+        if self.bands is not None:
+            return self.bands.view
         part = scene.region, scene.zoom, scene.box, scene.axes
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
             boxes = [part.boxes for part in self.stages.loaded.parts]
-            asked = automatic(scene, boxes, self._glance)
+            asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]
 
-    def _glance(self, scene: Scene) -> Bools:
-        """(h, w) where something is seen."""
-        view = view_of(scene)
+    def glance(self, scene: Scene, rows: RankRows) -> Bools:
+        """(h, w) where something is seen, in this rank's rows."""
+        view, own = rows.window(view_of(scene), self._around)
         hit = np.zeros(view.count, bool)
         if isinstance(view, PlaneView) and scene.is_plain:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY
@@ -390,34 +415,25 @@ class Renderer:
             painter = Painter(scene, self.stages)
             painter.paint([], view)
             hit |= painter.volume_status > 0
-        return np.asarray(hit.reshape(view.height, view.width))
+        return np.asarray(hit.reshape(view.height, view.width)[own])
+
+    @property
+    def _around(self) -> int:
+        """Rows around a rank's own: far from the origin a pixel beside what is seen is in doubt (see
+        `passes.plane.cut`)."""
+        return TILE * self.stages.loaded.is_far
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool, rows: RankRows) -> Frame:
         """A frame of the plane alone."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
-        first, last = rows.of(view)
-        # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
-        around = TILE * loaded.is_far
-        window = view.rows(min(first, view.height - 1) - around, max(last, first + 1) + around)
-        own = _channels(self.stages.plain_cut(scene, window, references), window, loaded.ids, references)
-        own = {name: array[first - window.top : last - window.top] for name, array in own.items()}
-        channels = joined(rows.gathered(own) or [own])
+        window, inner = rows.window(view, self._around)
+        own = channels(self.stages.plain_cut(scene, window, references), window, loaded.ids, references)
+        own = {name: array[inner] for name, array in own.items()}
+        every = joined(rows.gathered(own) or [own])
         if scene.range == "all":
             scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
-        shown = channels["field"], channels["element"], channels.get("reference"), channels["status"]
+        shown = every["field"], every["element"], every.get("reference"), every["status"]
         frame = Frame(scene, view, *shown)
         sizes = {"volume": loaded.bytes, "image": 12 * view.count}
         frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame
-
-
-def _channels(pixels: HitBuffer, view: View, ids: Ints, references: bool) -> dict[str, NDArray[Any]]:
-    """Indices of elements become element ids; pixels become rows."""
-    shape = view.height, view.width
-    flat: dict[str, NDArray[Any]] = {
-        "field": pixels.field,
-        "element": ids.take(pixels.owner, mode="clip"),
-        "status": pixels.status,
-    }
-    found: dict[str, NDArray[Any]] = {name: np.reshape(array, shape) for name, array in flat.items()}
-    return found | ({"reference": pixels.reference.reshape(*shape, 3)} if references else {})

@@ -98,6 +98,16 @@ def _uncertain(hits: HitBuffer, view: View, pixel: Ints, extent: float) -> Float
     return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
 
 
+def radius_of_lines(scene: Scene, is_far: bool) -> int:
+    """Pixels around one that its lines and streaks depend on, in each direction; see DeviceVolume.is_far."""
+    styles = [item.style for item in scene.every_object if not isinstance(item, VolumeRendering)]
+    lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
+    reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
+    # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
+    least = max(4 if scene.is_traced else 0, int(np.ceil(reach)) + 1, int(is_far))
+    return max([least, *(int(np.ceil(0.5 * line.width)) + 2 for line in lines)])
+
+
 @lru_cache(maxsize=16)
 def _with_colors(transfer: Transfer, colors: tuple[Vector, ...]) -> Transfer:
     """A transfer function with colours; frame after frame has the same, whose checks take their time."""
@@ -310,13 +320,8 @@ class Painter:
 
     @property
     def radius(self) -> int:
-        """Pixels around one that its lines and streaks depend on, in each direction."""
-        styles = [item.style for item in self.scene.every_object if not isinstance(item, VolumeRendering)]
-        lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
-        reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
-        # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
-        least = max(4 if self.scene.is_traced else 0, int(np.ceil(reach)) + 1, int(self.stages.loaded.is_far))
-        return max([least, *(int(np.ceil(0.5 * line.width)) + 2 for line in lines)])
+        """See `radius_of_lines`."""
+        return radius_of_lines(self.scene, self.stages.loaded.is_far)
 
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
         """What a user should know: objects that aren't there, contours of values that the data don't take."""

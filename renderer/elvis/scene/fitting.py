@@ -23,11 +23,18 @@ GLANCES = 4
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
 
-def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bools]) -> Scene:
+def automatic(
+    scene: Scene,
+    boxes: Sequence[Boxes],
+    glance: Callable[[Scene], Bools],
+    together: Callable[[Floats], Floats] = lambda own: own,
+) -> Scene:
     """The scene with a size, and with a camera of known field of view or height; one that has neither is fitted.
 
     boxes   (n, 6) arrays: low and high corners of boxes that hold the elements
     glance  draws a small picture: (h, w) where something is seen.  Boxes promise more than there is.
+    together  of the extent (2, 2) of what is seen of these boxes that of all, where others have more of them: least
+            coordinates, then greatest ones, infinite where nothing is seen
     Raises SceneError where there is no box, and where the view must be fitted but a plane misses every box.
     """
     if not sum(map(len, boxes)):
@@ -42,7 +49,9 @@ def automatic(scene: Scene, boxes: Sequence[Boxes], glance: Callable[[Scene], Bo
 
     box = surrounding(boxes)
     is_framed = bool(scene.box or (scene.axes and plane is None))
-    extent = _extent_of_boxes(scene, camera, [box.reshape(1, 6).astype(np.float32)] if is_framed else boxes, box)
+    extent = together(_extent_of_boxes(scene, camera, [box.reshape(1, 6).astype(np.float32)] if is_framed else boxes))
+    if not np.isfinite(extent).all():
+        raise SceneError(empty_picture_remark(scene.only_plane, box))
     if scene.region is not None:
         left, right, low, high = scene.region
         extent = np.array([[left, low], [right, high]])
@@ -79,22 +88,17 @@ def faced_plane(scene: Scene) -> Plane | None:
     return first if isinstance(first, Plane) and all(own == first for own in surfaces) else None
 
 
-def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes], box: Floats) -> Floats:
-    """(2, 2) least and greatest coordinates, along the camera's right and up axes, of what is seen of boxes.
-
-    box  (2, 3) around the domain, for the sentence where nothing is seen
-    """
+def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Floats:
+    """(2, 2) least and greatest coordinates, along the camera's right and up axes, of what is seen of boxes; infinite
+    where that is nothing."""
     plane = scene.only_plane
     if plane and not scene.box:
         points = np.concatenate([crossings(some, plane) for some in boxes])
     else:
         points = np.concatenate([_corners(some) for some in boxes])
-    if not len(points):
-        assert plane is not None
-        raise SceneError(empty_picture_remark(plane, box))
     finite = points[np.isfinite(points).all(axis=1)]
     places = finite @ np.array(camera.basis()[:2]).T
-    return np.array([places.min(axis=0), places.max(axis=0)])
+    return np.array([places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)])
 
 
 def _extent_by_glances(

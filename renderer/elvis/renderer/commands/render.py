@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 
@@ -20,8 +20,12 @@ if TYPE_CHECKING:
     from elvis.core.ranks import Ranks
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
+    from elvis.renderer.parts import RankPart
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
+
+    #: what scenes are drawn of
+    Opened: TypeAlias = Dataset | PluginData | RankPart
 
 T = TypeVar("T")
 #: part of what is seen beyond which ambiguous pixels are reported
@@ -135,7 +139,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 
 
-def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Dataset | PluginData]:
+def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
     """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on."""
     from functools import partial
 
@@ -150,12 +154,10 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
         if ranks.size == 1:
             return {key: _open(some, open_data, is_kept) for key, some in alike.items()}
         share = partial(open_part, number=ranks.rank, count=ranks.size)
-        return of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks)
+        return dict(of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks))
 
 
-def _frames(
-    scenes: tuple[Scene, ...], opened: dict[object, Dataset | PluginData], ranks: Ranks
-) -> tuple[list[Frame], list[str]]:
+def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:
     """The pictures of scenes, and what is noted of their data; for the first rank, the others have their own rows.
 
     Those that have their colours from one field are drawn in one range, so that a bar tells all.
@@ -164,6 +166,7 @@ def _frames(
 
     from elvis.plugins.opening import PluginData
     from elvis.renderer.completing import other_device
+    from elvis.renderer.parts import RankPart
     from elvis.scene.commandline.composing import in_one_range
 
     is_several = len(scenes) > 1
@@ -178,7 +181,8 @@ def _frames(
         if shared is not None:
             scenes = tuple(replace(scene, range=shared) for scene in scenes)
             frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
-    datasets = [own for own in opened.values() if not isinstance(own, PluginData)]
+    every = [own.dataset if isinstance(own, RankPart) else own for own in opened.values()]
+    datasets = [own for own in every if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
     return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]
 
@@ -202,7 +206,7 @@ def _open(
     return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
-def _frame(opened: Dataset | PluginData, scene: Scene, ranks: Ranks) -> Frame:
+def _frame(opened: Opened, scene: Scene, ranks: Ranks) -> Frame:
     """A picture of the data."""
     from elvis.core.terminal import progress
     from elvis.renderer.rendering import Pictures

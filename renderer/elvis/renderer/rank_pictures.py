@@ -1,0 +1,85 @@
+"""Pictures of which each of several ranks draws a band of rows.
+
+Of its part of the data each rank sends the elements that may be seen in a band to the rank that draws it: none has more
+than its part and its band's elements.
+
+Three steps: elements that decide what holds for the picture altogether go to all; the view is found, by small pictures
+that are drawn in bands, too; all count how many of their elements reach into which rows, which tells where bands are to
+end, and send them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.boxes import Boxes
+from elvis.core.portions.portion import unite
+from elvis.renderer.bands import Bands, counts_by_row, rows_reached
+from elvis.renderer.device_volume import greatest_of
+from elvis.renderer.parts import RankPart, drawable
+from elvis.renderer.relevance import Relevance
+from elvis.renderer.shading import radius_of_lines
+from elvis.renderer.tiles import TILE
+from elvis.scene import Scene
+from elvis.scene.fitting import automatic
+from elvis.scene.view import view_of
+
+#: draws a rank's rows of a small picture: a dataset, its scene and the bands to (h, w) where something is seen
+Glance: TypeAlias = Callable[[Dataset, Scene, Bands], Bools]
+
+
+class RankPicture:
+    """One picture, before it is drawn."""
+
+    def __init__(self, part: RankPart, scene: Scene, glance: Glance) -> None:
+        self._part, self._ranks, self._scene, self._glance = part, part.ranks, scene, glance
+        relevance = Relevance(drawable(part.portion), scene)
+        deciding = relevance.deciding()
+        every = self._ranks.exchange(part.portion.of(deciding), "the elements that decide a picture's view and ranges")
+        self._deciding = unite(every)
+        boxes_of_all = Relevance(drawable(self._deciding), scene).boxes()
+        self._greatest = max(greatest_of(some) for some in boxes_of_all)
+        ids, boxes = relevance.shown()
+        own = ~np.isin(ids, deciding)
+        self._ids, self._of_ids = ids[own], boxes[own]
+
+    def elements(self) -> tuple[Dataset, Bands]:
+        """The elements that this rank's rows depend on, and who draws which rows; raises SceneError as `automatic`."""
+        asked = automatic(self._scene, self._boxes(), self._seen, self._extent)
+        return self._dealt(asked)
+
+    def _boxes(self) -> list[Boxes]:
+        """Those of elements that decide, by the volume's parts; and where a plane alone is shown, of what it meets."""
+        plane = self._scene.only_plane
+        some = [self._deciding, self._part.portion.of(self._ids)] if plane else [self._deciding]
+        return Relevance(drawable(unite(some)), self._scene).boxes()
+
+    def _extent(self, own: Floats) -> Floats:
+        """The extent of what all see, of those that each sees."""
+        every = np.array(self._ranks.exchange(own, "what is seen of boxes"))
+        return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
+
+    def _seen(self, small: Scene) -> Bools:
+        """(h, w) where something is seen in a small picture."""
+        dataset, bands = self._dealt(small)
+        rows = self._glance(dataset, small, bands)
+        return np.concatenate(self._ranks.exchange(rows, "a glance's rows"))
+
+    def _dealt(self, scene: Scene) -> tuple[Dataset, Bands]:
+        """The elements that this rank's rows of a picture depend on, sent by all, and who draws which rows."""
+        view, size = view_of(scene), self._ranks.size
+        # far from the origin or not: a pixel more or less
+        around = -(-radius_of_lines(scene, is_far=True) // TILE) * TILE
+        rows = rows_reached(view, self._of_ids, around, self._greatest)
+        every = self._ranks.exchange(counts_by_row(view, rows), "how many elements reach into rows")
+        bands = Bands.sharing(view, np.sum(every, axis=0), size)
+        portion = self._part.portion
+        held = [bands.reached(rows, number) for number in range(size)]
+        sent = [portion.of(self._ids[own]) if own.any() else None for own in held]
+        found = self._ranks.alltoall(sent, "the elements of rows")
+        return self._part.united([self._deciding, *(some for some in found if some is not None)]), bands
