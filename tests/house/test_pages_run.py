@@ -22,7 +22,7 @@ WITH_PYTHON = [page for page in PAGES if blocks(ROOT, page, "python")]
 
 @pytest.fixture
 def run_commands(page_folder, monkeypatch):
-    """Small pictures will do, viewers end at once; commands that read files of solvers are left out without these."""
+    """Small pictures and coarse lines will do, viewers end at once; what reads absent files of solvers is left out."""
     from elvis.plugins.command import elvis
 
     monkeypatch.syspath_prepend(ROOT / "examples")
@@ -32,6 +32,8 @@ def run_commands(page_folder, monkeypatch):
         for words in commands(page):
             if words[0] == "render":
                 words += ["--size", "160x120", "--samples", "1"]
+            if words[0] == "trace" and "--cores" not in words:
+                words += ["--tolerance", "1e-6"]
             if words[0] == "view":
                 words += ["--no-browser", "--idle", "0.1"]
             if not absent.intersection(words):
