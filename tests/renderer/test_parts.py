@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from elvis.core.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
@@ -14,11 +15,14 @@ from elvis.core.testing.fields import approximated, with_field
 from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.core.testing.played_ranks import played
 from elvis.formats import write
+from elvis.formats.nektar.dataset_parts import DatasetParts
+from elvis.formats.reading import read_parts
+from elvis.plugins.command import elvis
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.renderer import rendering
 from elvis.renderer.completing import completed
-from elvis.renderer.parts import RankPart, drawable, in_parts, what_matters
+from elvis.renderer.parts import RankPart, drawable, in_parts, of_bricks, what_matters
 from elvis.renderer.rendering import Pictures
 from elvis.scene import (
     Camera,
@@ -247,6 +251,36 @@ def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
             assert ((tmp_path / "a.png").read_bytes(), (tmp_path / "a.npz").read_bytes()) == expected
         with pytest.raises(SceneError, match=r"^memory: expected .* bytes at least, .*, found 1e\+03"):
             pictures.draw(replace(scene, memory=1000.0))
+
+
+def test_bricks_of_files_are_drawn_as_all(bent, tmp_path, monkeypatch):
+    """One is read after the other, the whole never; where all elements count nothing is found."""
+    files = write(bent, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
+    read = [path for path in files if path.suffix != ".nekg"]
+    names = [str(path) for path in read]
+    whole = 4 * Portion.whole(bent).bytes
+    command = ["render", *names, "--size", "96x72", "--plane", "0.5,0.45,0.52:0.3,0.2,1", "--overwrite"]
+    expected = drawn_by_command(command, tmp_path)
+    parts = read_parts(*read)
+    assert 4 * parts.bytes == whole
+    asked = []
+    part = DatasetParts.part
+    monkeypatch.setattr(DatasetParts, "part", lambda own, *numbers: asked.append(numbers) or part(own, *numbers))
+    monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
+    assert drawn_by_command([*command, "--memory", str(int(0.72 * whole))], tmp_path) == expected
+    assert asked == [(0, 2), (1, 2)]
+    light = [SCENES["volume"]]
+    assert of_bricks(parts, light, 0.3 * whole) is None
+    assert of_bricks(parts, light, 2.0 * whole) is None
+
+
+def drawn_by_command(command, folder):
+    """The bytes of a picture and of its record."""
+    names = [folder / name for name in ("b.png", "b.npz")]
+    outputs = [text for name in names for text in ("-o", str(name))]
+    result = CliRunner().invoke(elvis, [*command, *outputs], standalone_mode=False)
+    assert result.exit_code == 0, result.exception
+    return [name.read_bytes() for name in names]
 
 
 def test_a_cut_asks_for_few_elements(bent):

@@ -16,11 +16,11 @@ from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
-from elvis.core.portions.portion import Portion, carriers, is_even
+from elvis.core.portions.portion import Portion
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite
+from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.fields_input import time_of
-from elvis.formats.nektar.geometry_parts import RawParts
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section
@@ -70,11 +70,7 @@ def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) 
 
 def read_data(paths: Iterable[str | Path]) -> Dataset:
     """The dataset in these files, read with a word on the terminal."""
-    from elvis.core.terminal import stage
-
-    files = tuple(map(Path, paths))
-    with stage(f"reading {', '.join(file.name for file in files)}"):
-        return read(*files)
+    return _staged(paths, lambda reader, names: reader.dataset(names))
 
 
 def read_part(number: int, count: int, *paths: str | Path) -> Portion:
@@ -83,10 +79,28 @@ def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     Of HDF5 that is mapped (`elvis.formats.nektar.hdf5.mapped`) little more than this part is in memory at any time.
     Raises as `read`, and for what is wrong with other parts not always.
     """
+    return _staged(paths, lambda reader, names: _part(reader.parts(names), number, count))
+
+
+def _part(parts: DatasetParts | Dataset, number: int, count: int) -> Portion:
+    """See `read_part`."""
+    if isinstance(parts, Dataset):
+        return Portion.of_whole(parts, number, count)
+    return parts.part(number, count, is_last=True)
+
+
+def read_parts(*paths: str | Path) -> DatasetParts | Dataset:
+    """The same for one part after another; all at once where there are Fourier directions.  Raises as `read`."""
+    return _staged(paths, lambda reader, names: reader.parts(names))
+
+
+def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) -> T:
+    """As `_read`, with a word on the terminal."""
     from elvis.core.terminal import stage
 
-    with stage(f"reading {', '.join(Path(path).name for path in paths)}"):
-        return _read(paths, lambda reader, names: reader.part(names, number, count))
+    files = tuple(map(Path, paths))
+    with stage(f"reading {', '.join(file.name for file in files)}"):
+        return _read(files, make)
 
 
 def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
@@ -173,23 +187,17 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
 
-    def part(self, names: list[str], number: int, count: int) -> Portion:
-        """One of ``count`` parts of all that was taken in; FormatError where there is no mesh."""
+    def parts(self, names: list[str]) -> DatasetParts | Dataset:
+        """All that was taken in, to be read by parts, where it can be; FormatError where there is no mesh."""
         if any(section.space.homogeneous for section in self._sections):
             # which planes belong together depends on all elements
-            return Portion.of_whole(self.dataset(names), number, count)
+            return self.dataset(names)
         rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
         whole = replace(whole, fields=fields_input.without_values(self._sections, whole.mesh))
-        part = RawParts(raw, count, carriers(whole)).part(number)
-        del raw
-        mesh = with_remarks(assemble(part.raw, is_part=True), self._remarks)
-        fields, blocks = fields_input.assemble_part(self._sections, mesh, whole.fields)
-        dataset = replace(whole, mesh=mesh, fields=fields, expansions=expansions.resolve(rules, mesh))
-        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.elements, part.triangles)
-        return Portion(dataset, *numbers, is_even(whole)).with_sides(part.sides)
+        return DatasetParts(raw, whole, self._sections, rules, self._remarks)
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""

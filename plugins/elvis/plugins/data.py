@@ -12,13 +12,14 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
 from elvis.core.terminal import stage
-from elvis.formats.reading import is_native, read_data, read_part
+from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
     from elvis.core.portions.portion import Portion
+    from elvis.formats.nektar.dataset_parts import DatasetParts
     from elvis.plugins.series.series import Series
 
 T = TypeVar("T")
@@ -103,6 +104,13 @@ def open_part(
     return _open(paths, reading, report, lambda files, how: _part_of(files, how, number, count))
 
 
+def open_parts(
+    paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
+) -> Dataset | PluginData | DatasetParts:
+    """What `open_data` opens, to be read part by part if the files are native and one state; else the whole."""
+    return _open(paths, reading, report, _parts_of)
+
+
 def _open(
     paths: Sequence[Path],
     reading: Reading,
@@ -137,11 +145,19 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
 
 def _part_of(paths: Sequence[Path], reading: Reading, number: int, count: int) -> Dataset | Portion:
     """As `dataset_of`, of native files that are one state a part."""
+    parts = _parts_of(paths, reading)
+    return parts if isinstance(parts, Dataset) else parts.part(number, count, is_last=True)
+
+
+def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
+    """As `dataset_of`, of native files that are one state what gives one part after another."""
     paths, series = _series_of(paths, reading)
     if series is not None or reading.options or reading.others or not all(map(is_native, paths)):
         return dataset_of(paths, reading)
-    portion = read_part(number, count, *paths)
-    return replace(portion, dataset=reading.moment.of_one_state(portion.dataset))
+    parts = read_parts(*paths)
+    if isinstance(parts, Dataset):
+        return reading.moment.of_one_state(parts)
+    return replace(parts, whole=reading.moment.of_one_state(parts.whole))
 
 
 def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path], Series | None]:

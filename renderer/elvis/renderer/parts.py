@@ -19,6 +19,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.portions.partition import along_curve
 from elvis.core.portions.portion import Portion, is_even, unite
 from elvis.core.ranks import Ranks
+from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance, has_volumes
@@ -32,7 +33,7 @@ _TIMES = 4
 
 def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
     """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
-    if any(has_volumes(scene) for scene in scenes) or not _is_local(dataset, is_even(dataset), scenes):
+    if not _are_few(dataset, is_even(dataset), scenes):
         return dataset
     whole = Portion.whole(dataset)
     return replace(drawable(unite([what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
@@ -58,6 +59,24 @@ def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginDa
         )
         raise SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {scene.memory:.3g}")
     return found
+
+
+def of_bricks(parts: DatasetParts, scenes: Sequence[Scene], memory: float) -> Dataset | None:
+    """The elements of data in files that scenes depend on, read and found brick by brick; None where that is no use.
+
+    It isn't where all elements take no more than ``memory`` in bytes, or all of them count.
+    """
+    count = int(np.ceil(_TIMES * parts.bytes / memory))
+    if count < 2:
+        return None
+    first = parts.part(0, count)
+    beside = _beside(first.dataset)
+    if not _are_few(first.dataset, first.is_even, scenes):
+        return None
+    found = [what_matters(first, scenes)]
+    del first
+    found += [what_matters(parts.part(number, count), scenes) for number in range(1, count)]
+    return replace(drawable(unite(found)), **beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +132,11 @@ def of_ranks(
 def _beside(dataset: Dataset) -> dict[str, Any]:
     """What a dataset has beside elements and what portions have."""
     return {"others": dataset.others, "shared": dataset.shared, "rates": dataset.rates}
+
+
+def _are_few(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
+    """Whether scenes depend on less than all elements; ``even``: see `_is_local`."""
+    return not any(has_volumes(scene) for scene in scenes) and _is_local(dataset, even, scenes)
 
 
 def _is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:

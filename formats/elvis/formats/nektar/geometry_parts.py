@@ -54,7 +54,7 @@ class RawParts:
     """
 
     def __init__(self, raw: RawGeometry, count: int, carriers: Ints | None) -> None:
-        self.raw, self._carriers = raw, carriers
+        self.raw, self.count, self._carriers = raw, count, carriers
         with self._errors():
             check_elements(raw)
             self._lookups = lookups_of(raw)

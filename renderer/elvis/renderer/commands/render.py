@@ -144,7 +144,7 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
     from functools import partial
 
     from elvis.formats.nektar.hdf5 import mapped
-    from elvis.plugins.data import open_data, open_part
+    from elvis.plugins.data import open_part
     from elvis.renderer.parts import of_ranks
 
     alike: dict[object, list[Scene]] = {}
@@ -152,9 +152,26 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
         alike.setdefault(_key(scene), []).append(scene)
     with mapped(if_so=ranks.size > 1 or any(scene.memory for scene in scenes)):
         if ranks.size == 1:
-            return {key: _open(some, open_data, is_kept) for key, some in alike.items()}
+            return {key: _in_memory(some, is_kept) for key, some in alike.items()}
         share = partial(open_part, number=ranks.rank, count=ranks.size)
         return dict(of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks))
+
+
+def _in_memory(scenes: list[Scene], is_kept: bool) -> Dataset | PluginData:
+    """The data of scenes, which are the same; with a limit of memory what the pictures depend on, where it can be."""
+    from elvis.formats.nektar.dataset_parts import DatasetParts
+    from elvis.plugins.data import open_data, open_parts
+    from elvis.renderer.parts import of_bricks
+
+    limits = [scene.memory for scene in scenes if scene.memory is not None]
+    if len(limits) == len(scenes):
+        opened = _open(scenes, open_parts, is_kept)
+        if not isinstance(opened, DatasetParts):
+            return opened
+        found = of_bricks(opened, scenes, min(limits))
+        if found is not None:
+            return found
+    return _open(scenes, open_data, is_kept)
 
 
 def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:

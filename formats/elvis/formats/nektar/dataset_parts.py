@@ -1,0 +1,62 @@
+"""A dataset in files of which one part after another is made, with its numbers in the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from elvis.core.dataset import Dataset
+from elvis.core.portions.portion import Portion, carriers, is_even
+from elvis.formats.nektar import expansions, fields_input
+from elvis.formats.nektar.assembly import RawGeometry, assemble
+from elvis.formats.nektar.expansions import RawRule
+from elvis.formats.nektar.geometry_parts import RawParts
+from elvis.formats.nektar.remarks import Remark, with_remarks
+from elvis.formats.nektar.sections import Section
+
+#: bytes of an id or a row in memory
+_OF_ID = 8
+
+
+@dataclass(eq=False)
+class DatasetParts:
+    """The parts of a dataset as files hold it, which may be mapped.
+
+    raw    its mesh, None where nothing is read any more
+    whole  of the dataset the ids of elements alone, and its fields without values
+    """
+
+    raw: RawGeometry | None
+    whole: Dataset
+    sections: Sequence[Section]
+    rules: list[RawRule]
+    remarks: Sequence[Remark]
+    _cut: RawParts | None = field(default=None, init=False)
+
+    @property
+    def bytes(self) -> int:
+        """How much memory the arrays of the whole dataset take."""
+        assert self.raw is not None
+        raw = self.raw
+        tables = sum(_OF_ID * (ids.size + members.size) for ids, members in raw.tables.values())
+        points = raw.vertices.nbytes + raw.edge_curves.points.nbytes + raw.face_curves.points.nbytes
+        values = (section.values for section in self.sections)
+        return tables + points + sum(own.nbytes for own in values if own is not None)
+
+    def part(self, number: int, count: int, *, is_last: bool = False) -> Portion:
+        """One of ``count`` parts, a range of elements along a curve; where that is found once for all of them.
+
+        is_last  whether no other is asked for, so that what the mesh is in files takes no memory any longer
+        FormatError where the part is wrong.
+        """
+        if self._cut is None or self._cut.count != count:
+            assert self.raw is not None
+            self._cut = RawParts(self.raw, count, carriers(self.whole))
+        part = self._cut.part(number)
+        if is_last:
+            self.raw = self._cut = None
+        mesh = with_remarks(assemble(part.raw, is_part=True), self.remarks)
+        fields, blocks = fields_input.assemble_part(self.sections, mesh, self.whole.fields)
+        dataset = replace(self.whole, mesh=mesh, fields=fields, expansions=expansions.resolve(self.rules, mesh))
+        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.elements, part.triangles)
+        return Portion(dataset, *numbers, is_even(self.whole)).with_sides(part.sides)
