@@ -30,7 +30,7 @@ class DatasetParts:
     whole: Dataset
     sections: Sequence[Section]
     rules: list[RawRule]
-    remarks: Sequence[Remark]
+    remarks: list[Remark]
     _cut: RawParts | None = field(default=None, init=False)
 
     @property
