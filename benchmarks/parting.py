@@ -1,81 +1,114 @@
 """What several processes tell one another for one picture, for 2 to 64 of them: messages and bytes, counted here.
 
-python benchmarks/parting.py [--cells 28] [--ranks 64]      one process that works in place of all
+python benchmarks/parting.py [--cells 28] [--ranks 2,8,64]      one process that works in place of all
 
-Each rank sends the elements of its part that a scene depends on to the first one, and that one sends all of them to
-each (`elvis.renderer.parts`); ranges go the same way, and rows to the first one (`elvis.renderer.rank_rows`).  Sizes
-are those of what is sent, pickled.
+Each rank finds the elements of its part that a scene depends on (`elvis.renderer.parts`); those that decide go by way
+of the first one to all, those of a band of rows to the rank that draws it (`elvis.renderer.rank_pictures`).  Sizes are
+those of messages.  The camera is given: each small picture that finds one sends about as much again.
 """
 
 from __future__ import annotations
 
 import argparse
-import pickle
+from dataclasses import dataclass
+from time import thread_time
 
 from cases import FIELD, million
-from measuring import once
 from tables import Table, mebibytes, seconds
 
 from elvis.core.dataset import Dataset
-from elvis.core.portions import Portion, along_curve, unite
-from elvis.renderer.parts import what_matters
-from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene
+from elvis.core.portions import Portion, along_curve
+from elvis.core.testing.played_ranks import PlayedRanks, played
+from elvis.renderer.completing import completed
+from elvis.renderer.parts import RankPart, what_matters
+from elvis.renderer.rank_pictures import RankPicture
+from elvis.scene import Camera, CutSurface, Faces, Isosurface, Plane, Scene, Transfer, VolumeRendering
 
-SCENES = {
-    "plane": Scene(FIELD, objects=(CutSurface(Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))),)),
-    "outer faces": Scene(FIELD, objects=(Faces(("all",)),)),
-    "isosurface": Scene(FIELD, objects=(Isosurface((1.0,)),)),
+CAMERA = Camera((2.5, -1.5, 2.0), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
+OBJECTS = {
+    "plane": CutSurface(Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))),
+    "outer faces": Faces(("all",)),
+    "isosurface": Isosurface((1.0,)),
+    "volume": VolumeRendering(Transfer((0.0, 1.0), (0.0, 3.0))),
 }
 #: bytes of a pixel of a picture alone: three colours, a status
-OF_PIXEL, PIXELS = 4, 1_000_000
+OF_PIXEL, SIZE = 4, (1000, 1000)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What one rank has sent and got.
+
+    elements  that it draws of
+    finding, dealing  processor seconds: for those that matter of its part, and for those of its rows
+    """
+
+    sent: list[int]
+    messages: int
+    elements: int
+    finding: float
+    dealing: float
 
 
 def counted(dataset: Dataset, scene: Scene, count: int) -> list[str]:
     """A row of the table: a scene drawn by so many ranks."""
     whole = Portion.whole(dataset)
     parts = [whole.of(ids) for ids in along_curve(dataset, count)]
-    works = [once(lambda part=part: what_matters(part, [scene])) for part in parts]
-    found = [portion for portion, _ in works]
-    sizes = [len(pickle.dumps(portion)) for portion in found]
-    united, uniting = once(lambda: unite(found))
-    elements = sum(map(len, united.dataset.mesh.elements.values()))
-    rows = OF_PIXEL * PIXELS * (count - 1) // count
+
+    def work(ranks: PlayedRanks) -> Told:
+        start = thread_time()
+        own, parts[ranks.rank] = what_matters(parts[ranks.rank], [scene]), None
+        found = thread_time()
+        drawn, _ = RankPicture(RankPart(own, ranks, {}), completed(dataset, scene), _never).elements()
+        elements = sum(map(len, drawn.mesh.elements.values()))
+        return Told(ranks.sent, ranks.messages, elements, found - start, thread_time() - found)
+
+    every = played(count, work)
+    received = [sum(told.sent[rank] for told in every) for rank in range(count)]
     return [
         str(count),
-        f"{elements:,}",
-        mebibytes(sum(sizes[1:])),
-        mebibytes((count - 1) * sum(sizes)),
-        mebibytes(rows),
-        str(5 * (count - 1)),
-        seconds(max(timing.effort for _, timing in works)),
-        seconds(uniting.effort),
+        f"{min(told.elements for told in every):,} to {max(told.elements for told in every):,}",
+        mebibytes(received[0]),
+        mebibytes(sum(every[0].sent)),
+        mebibytes(max(sum(told.sent) for told in every[1:])) if count > 1 else "",
+        mebibytes(max(received[1:])) if count > 1 else "",
+        mebibytes(OF_PIXEL * SIZE[0] * SIZE[1] * (count - 1) // count),
+        str(sum(told.messages for told in every)),
+        seconds(max(told.finding for told in every)),
+        seconds(max(told.dealing for told in every)),
     ]
+
+
+def _never(*_: object) -> None:
+    """No small picture is drawn, as the camera is given."""
+    raise AssertionError
 
 
 def main() -> None:
     """Print a table for each scene."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=28, help="along each side of a cube, six tetrahedra each (28)")
-    parser.add_argument("--ranks", type=int, default=64, help="the most processes (64)")
+    parser.add_argument("--ranks", default="1,2,8,32,64", help="numbers of processes, with commas between (1 to 64)")
+    parser.add_argument("--scenes", default=",".join(OBJECTS), help="some of them, with commas between (all)")
     asked = parser.parse_args()
     case = million(cells=asked.cells)
     dataset = case.dataset()
     columns = [
         "ranks",
-        "elements",
+        "elements of a rank",
         "to the first, MiB",
         "from it, MiB",
+        "from another, MiB",
+        "to another, MiB",
         "rows, MiB",
         "messages",
         "to find, CPU s",
-        "to unite",
+        "to send, CPU s",
     ]
-    for name, scene in SCENES.items():
+    for name in asked.scenes.split(","):
+        scene = Scene(FIELD, objects=(OBJECTS[name],), camera=CAMERA, size=SIZE)
         table = Table(f"{name}, {case.label}", columns)
-        count = 1
-        while count <= asked.ranks:
-            table.rows.append(counted(dataset, scene, count))
-            count *= 2
+        table.rows += [counted(dataset, scene, int(count)) for count in asked.ranks.split(",")]
         print(table.text(), flush=True)
 
 
