@@ -1,14 +1,28 @@
 """Work that ranks share comes to what one process finds: norms and points to the bit, integrals to their errors."""
 
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from elvis.core.integrals import integrate
+from elvis.core.dataset import Block, Field, Homogeneous
+from elvis.core.exact_sums import parts_of_sum, rounded_sum
+from elvis.core.integrals import comes_apart, integrate
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Location
+from elvis.core.mesh import Composite
 from elvis.core.norms import norms, quantity_norms
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.portions import Portion
 from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Sampler
 from elvis.core.ranks import Turns, started_together
-from elvis.core.testing import approximated, curved, mixed_volume, ripple
+from elvis.core.sampling import Samples, by_elements, columns_of_parts
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
 from elvis.formats import Dataset, write
 
@@ -22,10 +36,10 @@ TARGETS = (
 )
 
 
-def shared(size, work):
-    """What the first rank makes of work that all take part in."""
+def shared(size, work, len_of=len):
+    """What the first rank makes of work that all take part in; ``len_of``: how much of it that is."""
     first, *others = played(size, work)
-    assert not any(map(len, others))
+    assert not any(map(len_of, others))
     return first
 
 
@@ -56,7 +70,7 @@ def test_processes_that_know_of_each_other_are_counted(environment, count):
 def test_every_piece_has_one_turn(count, size):
     pieces = "abcdefg"[:count]
     taken = played(size, lambda ranks: list(Turns(ranks).of(pieces)))
-    assert sorted(pair for own in taken for pair in own) == list(enumerate(pieces))
+    assert sorted(piece for own in taken for piece in own) == list(pieces)
     assert max(map(len, taken)) - min(map(len, taken)) <= 1
 
 
@@ -66,6 +80,85 @@ def test_norms_are_the_same_to_the_bit(bent, size, monkeypatch):
     assert shared(size, lambda ranks: norms(bent, ranks)) == norms(bent)
     wanted = [Expression.of(bent, text) for text in ("u", "d(u,x)/(2+u)")]
     assert shared(size, lambda ranks: quantity_norms(bent, wanted, ranks)) == quantity_norms(bent, wanted)
+
+
+def own(dataset, ranks):
+    """The part of a dataset that a rank has."""
+    return Portion.of_whole(dataset, ranks.rank, ranks.size).dataset
+
+
+@pytest.mark.parametrize("size", [2, 7, 100])
+def test_norms_of_parts_are_the_same_to_the_bit(bent, size):
+    """Of few elements and many, and of none."""
+    assert shared(size, lambda ranks: norms(own(bent, ranks), ranks)) == norms(bent)
+    wanted = [Expression.of(bent, text) for text in ("u", "d(u,x)/(2+u)")]
+    assert shared(size, lambda ranks: quantity_norms(own(bent, ranks), wanted, ranks)) == quantity_norms(bent, wanted)
+    alone = Dataset(bent.mesh)
+    assert shared(size, lambda ranks: norms(own(alone, ranks), ranks)) == norms(alone)
+
+
+def test_norms_of_parts_have_fourier_directions():
+    expansion = replace(
+        modified(Shape.TRIANGLE, (4, 4)), homogeneous=Homogeneous((Basis.FOURIER,), (2.5,), (0, 1, 2, 3))
+    )
+    mesh = grid(Shape.TRIANGLE, 3)
+    (ids,) = (entities.ids for entities in mesh.elements.values())
+    coefficients = np.random.default_rng(0).normal(size=(len(ids), mode_count(expansion)))
+    dataset = Dataset(mesh, (Field("u", (Block(expansion, ids, coefficients),)),))
+    assert list(norms(dataset)) == ["x", "y", "z", "u"]
+    assert shared(30, lambda ranks: norms(own(dataset, ranks), ranks)) == norms(dataset)
+
+
+@pytest.mark.parametrize("size", [3, 100])
+@pytest.mark.parametrize("every", [False, True], ids=["one", "every"])
+def test_points_between_parts_are_in_the_elements_that_one_process_finds(bent, size, every):
+    """In corners and on edges, where many elements hold a point to rounding, inside and outside."""
+    vertices = bent.mesh.vertices
+    middles = vertices[bent.mesh.of(Shape.SEGMENT).members].mean(axis=1)
+    points = np.concatenate([vertices, middles, np.random.default_rng(0).uniform(-0.2, 1.2, (200, 3))])
+    wanted = [Expression.of(bent, text) for text in ("u", "d(u,x)")]
+
+    def probed(dataset):
+        return Sampler(dataset, wanted).sample(points, all=every)
+
+    alone = probed(bent).columns()
+    found = shared(size, lambda ranks: by_elements(probed(own(bent, ranks)), points, every, ranks), len_of=rows)
+    assert {name: column.tobytes() for name, column in found.items()} == {
+        name: column.tobytes() for name, column in alone.items()
+    }
+    assert set(alone["status"]) == {0, 1}
+
+
+def test_what_was_in_doubt_counts_for_points_that_nothing_else_holds():
+    """As in one process, which doesn't search elements in doubt for others; each part is asked for points 0 to 3."""
+
+    def found(point, element, margin, status, is_late):
+        none = np.full(len(point), -1)
+        where = Location(np.array(point), none, none, np.array(element), none, np.array(margin), status, is_late)
+        return Samples(("u",), np.zeros((len(point), 3)), where, np.array(element, float)[:, None])
+
+    inside, failed = int(Status.INSIDE), int(Status.FAILED)
+    one = found([0, 1, 2], [7, 7, -1], [0.1, 0.2, np.nan], np.array([inside, inside, failed]), np.zeros(3, bool))
+    other = found([0, 1], [4, 5], [0.3, 0.2], np.array([inside, inside]), np.array([True, False]))
+    for parts in ([one, other], [other, one]):
+        table = columns_of_parts(parts, np.zeros((4, 3)), all=False)
+        assert table["element"].tolist() == [7, 5, -1, -1]
+        assert table["status"].tolist() == [inside, inside, failed, int(Status.OUTSIDE)]
+        assert repr(table["u"].tolist()) == "[7.0, 5.0, nan, nan]"
+        every = columns_of_parts(parts, np.zeros((4, 3)), all=True)
+        assert every["element"].tolist() == [4, 7, 5, 7, -1, -1]
+
+
+def rows(columns):
+    """How many rows a table has."""
+    return len(columns["point"])
+
+
+@pytest.mark.parametrize("numbers", [[1e16, 1, 1e-16, 1], [], [1e308, 1e308], [1, np.inf], [1, np.nan]], ids=str)
+def test_few_numbers_stand_for_many(numbers):
+    halves = [parts_of_sum(np.array(some, float)) for some in (numbers[:1], numbers[1:])]
+    assert repr(rounded_sum([*halves[0], *halves[1]])) == repr(rounded_sum(numbers))
+    assert max(map(len, halves)) <= 3
 
 
 def test_integrals_differ_by_their_errors(bent):
@@ -78,10 +171,74 @@ def test_integrals_differ_by_their_errors(bent):
         assert other.measure == pytest.approx(one.measure, rel=1e-12 if one.exact else 1e-7)
 
 
+@pytest.fixture(scope="module")
+def walled():
+    """All shapes, bent, with a field, boundaries, one of them inside, a region, and a second one without elements."""
+    mesh = curved(mixed_volume(), ripple(0.05), 2)
+    faces = np.concatenate([mesh.of(shape).members.reshape(-1) for shape in mesh.elements])
+    ids = np.concatenate([mesh.of(shape).ids for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL)])
+    outer, inner = (ids[np.flatnonzero(np.bincount(faces) == count)] for count in (1, 2))
+    parts = [(shape.tag, own.ids) for shape, own in mesh.elements.items()]
+    composites = (
+        *(Composite(number, (part,), "most" if number else None) for number, part in enumerate(parts)),
+        *(
+            Composite(10 + number, (("F", some),), name)
+            for number, (name, some) in enumerate({"wall": outer[::3], "one": outer[1:2], "within": inner[:4]}.items())
+        ),
+    )
+    mesh = replace(mesh, composites=composites, domains={0: tuple(range(len(parts)))})
+    return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0] - p[:, 1] * p[:, 2], 2),))
+
+
+@pytest.mark.parametrize(
+    ("size", "over", "clip"),
+    [
+        (50, ("domain", "region:most"), None),
+        (50, ("all",), None),
+        (20, ("wall", "one"), None),
+        (3, ("one", "domain"), None),
+        (2, ("plane:0.1,0.2,0.3:1,0.3,0.2", "plane:0.5,0,0:1,0,0"), None),
+        (2, ("domain",), "plane:0.4,0,0:1,0,0"),
+    ],
+    ids=str,
+)
+def test_integrals_over_parts_are_those_of_the_whole(walled, size, over, clip):
+    """Rows and their names are the same, whatever parts have elements or sides there; faces between parts are inner."""
+    fields = ("u", "average(u)", "nx" if over in (("all",), ("wall", "one")) else "x")
+    alone = integrate(walled, fields, over, 1e-4, clip=clip)
+
+    def work(ranks):
+        part = own(walled, ranks)
+        assert comes_apart(part, fields, over, clip=clip, ranks=ranks)
+        return integrate(part, fields, over, 1e-4, clip=clip, ranks=ranks)
+
+    found = shared(size, work)
+    assert [(one.over, one.integrand, one.exact) for one in alone] == [(o.over, o.integrand, o.exact) for o in found]
+    for one, other in zip(alone, found, strict=True):
+        assert abs(one.value - other.value) <= one.error + other.error + 1e-14 * abs(one.value)
+        assert other.measure == pytest.approx(one.measure, rel=1e-12 if one.exact else 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("field", "over"),
+    [("u", "within"), ("u", "u=0.2"), ("jump(u)", "domain"), ("u", "line:0.1,0.1,0.1:0.8,0.7,0.9"), ("u", "element:1")],
+    ids=str,
+)
+def test_what_needs_more_than_parts_is_told(walled, field, over):
+    assert played(3, lambda ranks: comes_apart(own(walled, ranks), [field], [over], ranks=ranks)) == [False] * 3
+
+
+def test_a_field_on_some_elements_makes_no_sides(walled):
+    """Sides are inner ones of the elements that have it, not of all."""
+    (field,) = walled.fields
+    some = replace(walled, fields=(replace(field, blocks=field.blocks[:1]),))
+    assert played(2, lambda ranks: comes_apart(own(some, ranks), ["1"], ["all"], ranks=ranks)) == [False] * 2
+
+
 def test_what_is_clipped_is_shared(bent):
     clip = "sphere:0.5,0.5,0.5:0.3"
-    alone = integrate(bent, "u", error=1e-5, clip=clip)
-    found = shared(2, lambda ranks: integrate(bent, "u", error=1e-5, clip=clip, ranks=ranks))
+    alone = integrate(bent, "u", error=1e-4, clip=clip)
+    found = shared(2, lambda ranks: integrate(bent, "u", error=1e-4, clip=clip, ranks=ranks))
     assert abs(alone.value - found.value) <= alone[0].error + found[0].error
 
 
@@ -138,7 +295,8 @@ def test_what_a_rank_starts_is_none(started, tmp_path):
         f"ranks_of_run(); subprocess.run([sys.executable, '-c', {count!r}], pass_fds=[channel], check=True)"
     )
     ranks = started.processes(tmp_path, (2, sys.executable, "-c", start))
-    assert (ranks.returncode, ranks.stdout, ranks.stderr) == (0, "1\n1\n", "")
+    # lines of processes may come between those of others
+    assert (ranks.returncode, "".join(ranks.stdout.split()), ranks.stderr) == (0, "11", "")
 
 
 #: a rank that sends each other one what is large enough not to be there before it is asked for

@@ -131,6 +131,11 @@ class Mesh:
         return self.entities.get(shape, Entities.none(MEMBERS[shape]))
 
     @property
+    def count(self) -> int:
+        """How many elements there are, in the whole where this is a part of it."""
+        return sum(map(len, self.elements.values())) if self.excerpt is None else self.excerpt.elements
+
+    @property
     def elements(self) -> dict[Shape, Entities]:
         """The elements (entities of the top dimension) by shape, in the order of the format; no empty shapes."""
         return {s: self.of(s) for s in Shape.of_dimension(self.dimension) if len(self.of(s))}

@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
 from elvis.core.errors import ElvisError
+from elvis.core.exact_sums import parts_of_sum, rounded_sum
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.cubature import Cubature, field_cubature, rule_cubature
@@ -46,7 +47,8 @@ class Norm:
 def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
     """Norms over the domain: of the coordinates first, then of the fields, in the order of the file.
 
-    ranks  share the work, to the same bits; all but the first have nothing in the end
+    ranks  share the work, to the same bits: of a part of a mesh (`elvis.core.portions`) each takes the elements that
+           it has; all but the first have nothing in the end
 
     Fields are integrated by the rule of their own orders, coordinates by that of the first field, or for a mesh alone
     by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous directions add
@@ -57,7 +59,7 @@ def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
     names, axes = [one.name for one in dataset.solution or dataset.fields], _axes(dataset)
     space = dataset.mesh.space
     fields = {name: _Sum() for name in names}
-    coordinates, turns = [_Sum() for _ in axes], Turns(ranks)
+    coordinates, turns = [_Sum() for _ in axes], _turns(dataset, ranks)
     for patch in patches(dataset, names):
         for expansion in dict.fromkeys(own for own in patch.fields if own is not None):
             _add_fields(list(fields.values()), patch, expansion, turns)
@@ -76,20 +78,25 @@ def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: R
     """
     sums = {each.text: _Sum() for each in expressions}
     for each in expressions:
-        for number, values, measure in _quadrature(dataset, each, np.inf, Turns(ranks)):
-            sums[each.text].add(number, values, measure)
+        for values, measure in _quadrature(dataset, each, np.inf, _turns(dataset, ranks)):
+            sums[each.text].add(values, measure)
     return _gathered(sums, dataset, ranks)
+
+
+def _turns(dataset: Dataset, ranks: Ranks) -> Turns:
+    """The batches of elements that a rank takes: all where it has a part of them."""
+    return Turns(ranks if dataset.mesh.excerpt is None else ALONE)
 
 
 def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks) -> dict[str, Norm]:
     """The norms of functions by name, of what all ranks know; nothing elsewhere than at the first one."""
-    elements = sum(map(len, dataset.mesh.elements.values()))
-    every = ranks.gather(sums, f"norms of {', '.join(sums)} on {elements} elements")
-    whole = {name: _Sum.of([own[name] for own in every]) for name in sums} if every else {}
-    empty = [name for name, total in whole.items() if not total.count]
+    found = {name: total.found() for name, total in sums.items()}
+    every = ranks.gather(found, f"norms of {', '.join(sums)} on {dataset.mesh.count} elements")
+    whole = {name: [own[name] for own in every] for name in sums} if every else {}
+    empty = [name for name, parts in whole.items() if not any(own.count for own in parts)]
     if empty:
         raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
-    return {name: total.norm() for name, total in whole.items()}
+    return {name: _norm(parts) for name, parts in whole.items()}
 
 
 def integration_points(
@@ -99,13 +106,11 @@ def integration_points(
 
     most  where there are more points than this, only each n-th element of every patch is taken
     """
-    return ((values, measure) for _, values, measure in _quadrature(dataset, expression, most, Turns(ALONE)))
+    return _quadrature(dataset, expression, most, Turns(ALONE))
 
 
-def _quadrature(
-    dataset: Dataset, expression: Expression, most: float, turns: Turns
-) -> Iterator[tuple[int, Floats, Floats]]:
-    """The same with numbers of the batches, those that a rank takes in turn."""
+def _quadrature(dataset: Dataset, expression: Expression, most: float, turns: Turns) -> Iterator[tuple[Floats, Floats]]:
+    """The same, of the batches that a rank takes in turn."""
     evaluator = Evaluator(dataset, [expression])
     rules = []
     for patch in evaluator.patches:
@@ -117,44 +122,57 @@ def _quadrature(
     for patch, rule in rules:
         points = rule.points()
         members = np.arange(0, len(patch), every)
-        for number, batch in turns.of(_batches(len(members), len(points))):
+        for batch in turns.of(_batches(len(members), len(points))):
             rows = members[batch]
             places = np.tile(points, (len(rows), 1))
             values = evaluator.values(expression, patch, np.repeat(rows, len(points)), places)
             measure = _map_points(patch, rule, patch.geometry_coefficients[rows])[1]
-            yield number, values.reshape(len(rows), len(points)), measure
+            yield values.reshape(len(rows), len(points)), measure
 
 
 @dataclass
 class _Sum:
     """What is known of a function after some elements.
 
-    squares  number of a batch -> the integral of the square over it
+    squares  (n,) integrals of the square over these, in batches
     """
 
     count: int = 0
-    squares: dict[int, float] = field(default_factory=dict)
+    squares: list[Floats] = field(default_factory=list)
     least: float = field(default=np.inf)
     greatest: float = field(default=-np.inf)
 
-    @staticmethod
-    def of(some: Sequence[_Sum]) -> _Sum:
-        """What several know of different batches together."""
-        squares = {number: square for own in some for number, square in own.squares.items()}
-        ends = min(own.least for own in some), max(own.greatest for own in some)
-        return _Sum(sum(own.count for own in some), squares, *ends)
-
-    def add(self, number: int, values: Floats, measure: Floats) -> None:
-        """Take in a batch: values at points and the measure that each stands for, of one shape."""
+    def add(self, values: Floats, measure: Floats) -> None:
+        """Take in elements: values at points (n, q), and the measure (n, q) that each stands for."""
         self.count += values.size
-        self.squares[number] = float(np.vdot(values * values, measure))
+        self.squares.append((values * values * measure).sum(axis=1))
         self.least = min(self.least, float(values.min()))
         self.greatest = max(self.greatest, float(values.max()))
 
-    def norm(self) -> Norm:
-        """The norms of what was taken in; squares are added in the order of their batches, whoever has found them."""
-        square = sum(self.squares[number] for number in sorted(self.squares))
-        return Norm(float(np.sqrt(square)), max(abs(self.least), abs(self.greatest)), self.greatest)
+    def found(self) -> _Found:
+        """What others have to know of it."""
+        squares = np.concatenate([np.empty(0), *self.squares])
+        return _Found(self.count, parts_of_sum(squares), self.least, self.greatest)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """How many values a function has at points, numbers whose exact sum is that of its squares, and its ends."""
+
+    count: int
+    squares: list[float]
+    least: float
+    greatest: float
+
+
+def _norm(parts: Sequence[_Found]) -> Norm:
+    """The norms of what several know of different elements.
+
+    Squares are added up exactly and rounded once, so that the sum doesn't depend on who knows which.
+    """
+    square = rounded_sum([number for own in parts for number in own.squares])
+    least, greatest = min(own.least for own in parts), max(own.greatest for own in parts)
+    return Norm(float(np.sqrt(square)), max(abs(least), abs(greatest)), greatest)
 
 
 def _planes(dataset: Dataset) -> Homogeneous | None:
@@ -242,23 +260,23 @@ def _add_fields(sums: Sequence[_Sum], patch: Patch, expansion: Expansion, turns:
     """Take in the fields that have this expansion, on all elements of a patch."""
     rule = _Rule(field_cubature(expansion), expansion.shape, expansion.homogeneous)
     points = rule.points()
-    for number, batch in turns.of(_batches(len(patch), len(points))):
+    for batch in turns.of(_batches(len(patch), len(points))):
         measure = _map_points(patch, rule, patch.geometry_coefficients[batch])[1]
         for total, own, coefficients in zip(sums, patch.fields, patch.coefficients, strict=True):
             if own == expansion and coefficients is not None:
-                total.add(number, evaluate(expansion, coefficients[batch], points), measure)
+                total.add(evaluate(expansion, coefficients[batch], points), measure)
 
 
 def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule, members: Bools, turns: Turns) -> None:
     """Take in the coordinates, ``space`` of them and the homogeneous ones, on the elements ``members`` (n,)."""
     coefficients, planes = patch.geometry_coefficients[members], rule.zeta
-    for number, batch in turns.of(_batches(len(coefficients), len(rule.points()))):
+    for batch in turns.of(_batches(len(coefficients), len(rule.points()))):
         places, measure = _map_points(patch, rule, coefficients[batch])
         for axis, total in enumerate(sums[:space]):
-            total.add(number, np.tile(places[:, axis], (1, len(planes))), measure)
+            total.add(np.tile(places[:, axis], (1, len(planes))), measure)
         for axis, total in enumerate(sums[space:]):
             along = rule.length(axis) * (1 + planes[:, axis]) / 2
-            total.add(number, np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
+            total.add(np.broadcast_to(np.repeat(along, len(rule.flat.points)), measure.shape), measure)
 
 
 def _map_points(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:

@@ -94,17 +94,17 @@ ALONE = Alone()
 
 
 class Turns:
-    """Pieces of work that ranks take in turn, by their numbers in the order in which one process would do them."""
+    """Pieces of work that ranks take in turn, in the order in which one process would do them."""
 
     def __init__(self, ranks: Ranks) -> None:
         self._ranks, self._count = ranks, 0
 
-    def of(self, pieces: Iterable[T]) -> Iterator[tuple[int, T]]:
-        """Those of this rank among the next pieces, with their numbers."""
+    def of(self, pieces: Iterable[T]) -> Iterator[T]:
+        """Those of this rank among the next pieces."""
         for piece in pieces:
             number, self._count = self._count, self._count + 1
             if number % self._ranks.size == self._ranks.rank:
-                yield number, piece
+                yield piece
 
 
 class MpiRanks:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from elvis.core.mapping.pointwise import gradients, values
 from elvis.core.needing import require_module
 from elvis.core.patch import patches
 from elvis.core.queries import points_on_line
+from elvis.core.ranks import Ranks
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,11 @@ class Samples:
         places = dict(zip("xyz", self.points.T, strict=True))
         where = {"element": self.location.element_id, "status": self.location.status.astype(int)}
         return {"point": self.location.point, **places, **where, **dict(zip(self.names, self.values.T, strict=True))}
+
+    def known(self) -> Samples:
+        """Without the points that are outside."""
+        here = self.location.status != Status.OUTSIDE
+        return Samples(self.names, self.points[here], self.location.part(here), self.values[here])
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
@@ -120,6 +126,51 @@ def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any
     texts = names.fields if quantities is None else [quantities] if isinstance(quantities, str) else quantities
     wanted = [Expression.parse(text, names) for text in texts]
     return evaluator.Sampler(dataset, wanted).sample(world_points(points, names.dimension), all)
+
+
+def by_points(probe: Callable[[Floats], Columns], points: Floats, names: Sequence[str], ranks: Ranks) -> Columns:
+    """The columns of quantities at points (n, 3), which ranks share; without rows but at the first rank."""
+    first, end = (number * len(points) // ranks.size for number in (ranks.rank, ranks.rank + 1))
+    own = dict(probe(points[first:end]))
+    own["point"] = own["point"] + first
+    every = ranks.gather(own, f"{names} at {len(points)} points")
+    if not every:
+        return {name: column[:0] for name, column in own.items()}
+    return {name: np.concatenate([part[name] for part in every]) for name in own}
+
+
+def by_elements(own: Samples, points: Floats, all: bool, ranks: Ranks) -> Columns:
+    """The same of what each rank has found at all of them in its elements; ``all`` as in `sample`."""
+    some = ranks.gather(own.known(), f"{own.names} at {len(points)} points")
+    return columns_of_parts(some, points, all) if some else {name: x[:0] for name, x in own.columns().items()}
+
+
+def columns_of_parts(some: Sequence[Samples], points: Floats, all: bool) -> Columns:
+    """The columns of samples at points (n, 3) in all elements, from those in parts of them, where these are `known`.
+
+    all  as in `sample`
+    """
+    locations = [own.location for own in some]
+    names = ("point", "element_id", "margin", "status", "is_late")
+    point, element, margin, status, is_late = (np.concatenate([getattr(x, n) for x in locations]) for n in names)
+
+    # the order of `locate`, where what was in doubt counts only for points that nothing else holds
+    hits = np.flatnonzero(status == Status.INSIDE)
+    hits = hits[np.lexsort((element[hits], -margin[hits], is_late[hits] & (not all), point[hits]))]
+    if not all and len(hits):
+        hits = hits[np.diff(point[hits], prepend=-1) != 0]
+    missed = np.setdiff1d(np.arange(len(points)), point[hits])
+    is_failed = np.isin(missed, point[status == Status.FAILED])
+    asked = np.concatenate([point[hits], missed])
+    order = np.argsort(asked, kind="stable")
+
+    values = np.full((len(asked), len(some[0].names)), np.nan)
+    values[: len(hits)] = np.concatenate([own.values for own in some])[hits]
+    places = dict(zip("xyz", points[asked[order]].T, strict=True))
+    elements = np.concatenate([element[hits], np.full(len(missed), -1)])
+    statuses = np.concatenate([status[hits], np.where(is_failed, Status.FAILED, Status.OUTSIDE)])
+    where = {"element": elements[order], "status": statuses[order].astype(int)}
+    return {"point": asked[order], **places, **where, **dict(zip(some[0].names, values[order].T, strict=True))}
 
 
 def line(

@@ -182,14 +182,14 @@ class HostLocator(Locator):
         """(k,) nothing is known of pairs of a point and an element."""
         return np.zeros(len(point), bool)
 
-    def _invert(self, world: Floats, point: Ints, element: Ints, every: bool) -> Roots:
-        """Roots for all pairs."""
+    def _invert(self, world: Floats, point: Ints, element: Ints, every: bool) -> tuple[Roots, Bools]:
+        """Roots for all pairs, none of which was in doubt."""
         patch = np.searchsorted(self._starts, element, side="right") - 1
         roots = Roots.none(len(point), self._dimension)
         for number in np.unique(patch):
             here = np.flatnonzero(patch == number)
             roots.put(here, self.invert(int(number), element[here] - self._starts[number], world[point[here]]))
-        return roots
+        return roots, np.zeros(len(point), bool)
 
 
 def _side_numbers(shapes: Sequence[Shape], vertices: Sequence[Ints]) -> list[Ints]:

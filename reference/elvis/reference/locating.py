@@ -130,6 +130,7 @@ class Locator:
             np.concatenate([where, np.tile(nan, where.shape[1])]),
             np.concatenate([margin[hits], nan[:, 0]]),
             np.concatenate([status[hits], _statuses(doubtful)]),
+            np.zeros(len(hits) + len(missed), bool),
         ]
         order = np.argsort(columns[0], kind="stable")
         return Location(*(column[order] for column in columns))

@@ -25,6 +25,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.core.sampling import by_points
 from elvis.core.streamlines import Streamlines, trace
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
@@ -76,7 +77,15 @@ class Evaluation:
             check_volume(self.opened.name, volume, device)
             yield volume, device
 
-    def probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
+    def probe(self, points: Floats, expressions: Sequence[Expression], every: bool, ranks: Ranks = ALONE) -> Columns:
+        """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element.
+
+        ranks  share the points; all but the first have no rows in the end
+        """
+        names = [each.text for each in expressions]
+        return by_points(lambda some: self._probe(some, expressions, every), points, names, ranks)
+
+    def _probe(self, points: Floats, expressions: Sequence[Expression], every: bool) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
         with self._load(expressions) as (volume, device):
             row, part, local, reference, status = _places(points, volume, device, every)

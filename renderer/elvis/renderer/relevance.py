@@ -22,7 +22,6 @@ from elvis.core.patch import patches
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import deciding_elements
-from elvis.core.quantities.element_sides import SIDES
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import by_affinity
@@ -51,8 +50,6 @@ from elvis.scene.fitting import faced_plane
 from elvis.scene.quantities import quantities
 from elvis.scene.view import named_camera
 
-#: attributes that an element has by itself
-_OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
 #: part of the greatest coordinate by which surfaces may be off
 _SLACK = 1e-9
 #: elements that are looked at together where there are many
@@ -75,7 +72,7 @@ class Relevance:
         goes_through = any(isinstance(item, Streamlines | Glyphs) for item in scene.every_object)
         cones = any(isinstance(item, CutSurface) and isinstance(item.surface, Cone) for item in scene.every_object)
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
-        beyond = any(name not in _OWN for each in expressions for name in each.attributes)
+        beyond = not all(each.is_local for each in expressions)
         is_line = Kind.of(self.dataset) is Kind.LINE
         return not (goes_through or cones or beyond or is_line or self.dataset.others)
 

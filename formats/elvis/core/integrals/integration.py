@@ -12,11 +12,11 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.integrals.coefficients import Coefficients
-from elvis.core.integrals.curves import Curve
+from elvis.core.integrals.curves import KINDS, Curve
 from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.integrals.refinement import Summation, Sums
-from elvis.core.integrals.targets import DOMAIN, Places, Targets, overlap, shared
+from elvis.core.integrals.targets import DOMAIN, ELEMENT, Places, Targets, has_outer_boundaries, overlap
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
@@ -105,6 +105,31 @@ def _error(row: Integral) -> str:
     return f"{row.error:.2g}" + (" (rounding)" if row.exact else "")
 
 
+def comes_apart(
+    dataset: Dataset,
+    field: Sequence[str],
+    over: Sequence[str],
+    coefficients: str | None = None,
+    clip: str | None = None,
+    ranks: Ranks = ALONE,
+) -> bool:
+    """Whether integrals are sums of those over the parts of a dataset that ranks have.
+
+    They aren't where quantities look beyond an element, as isosurfaces do, which are moved by as much as fields jump,
+    along curves, and where one of two elements stands for a side of both: on boundaries inside of the data.
+    dataset  what a rank has; the answer is that of all together.  All else as in `integrate`
+    """
+    if any(name.partition(":")[0] in (*KINDS, ELEMENT.removesuffix(":")) for name in over):
+        return False
+    wanted = integrands(dataset, field)
+    wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset)) if coefficients is not None else []
+    levels = [level for name in over if (level := Level.parse(dataset, name)) is not None]
+    levels += [] if clip is None else [Level.clip(dataset, clip)]
+    is_local = all(each.expression.is_local for each in wanted)
+    is_local = is_local and all(own.expression.is_local and not own.expression.fields for own in levels)
+    return all(ranks.exchange(is_local and has_outer_boundaries(dataset, over), repr((field, over))))
+
+
 def integrate(
     dataset: Dataset,
     field: str | Sequence[str],
@@ -128,8 +153,8 @@ def integrate(
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
            outside
     progress  is told how many points have been taken, and how many are planned
-    ranks  share the elements, so that sums differ by rounding, and errors asked for are those of each share; all ranks
-           but the first have no rows in the end
+    ranks  share the elements, or have parts of them, of which `comes_apart` is true; so sums differ by rounding, and
+           errors asked for are those of each share; all ranks but the first have no rows in the end
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
@@ -146,11 +171,14 @@ def integrate(
     part = None if clip is None else Level.clip(dataset, clip)
     further = [*_span(dataset), *(level.expression for level in [*levels.values(), *([part] if part else [])])]
     evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
-    places = Places(dataset, evaluator.patches, levels, curves)
+    task = repr(([each.text for each in wanted], names, error, clip))
+    parts = ALONE if dataset.mesh.excerpt is None else ranks
+    levels = {name: level.known(evaluator, parts) for name, level in levels.items()}
+    part = part and part.known(evaluator, parts)
+    places = Places(dataset, evaluator.patches, levels, curves, parts)
     summation = Summation(dataset, evaluator, [each.expression for each in wanted], error, progress=progress)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
-    task = repr(([each.text for each in wanted], names, error, clip))
-    rows = list(_sums(targets, wanted, summation, ranks, task))
+    rows = list(_sums(targets, places, wanted, summation, ranks, task))
     found = [each for name, sums in rows for each in _rows(name, wanted, sums)]
     return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error)])
 
@@ -162,16 +190,21 @@ def _span(dataset: Dataset) -> list[Expression]:
 
 
 def _sums(
-    targets: Targets, wanted: Sequence[Integrand], summation: Summation, ranks: Ranks, task: str
+    targets: Targets,
+    places: Places,
+    wanted: Sequence[Integrand],
+    summation: Summation,
+    ranks: Ranks,
+    task: str,
 ) -> Iterator[tuple[str, Sums]]:
     """Name and integrals of each row; none but at the first rank."""
     every = [*targets.rows, *([targets.total] if targets.total else [])]
     for integrand in wanted:
         for target in every:
             integrand.check(target.name, target.pieces)
-    is_own = targets.total is not None and overlap(targets.rows, targets.total)
+    (is_own,) = places.somewhere([targets.total is not None and overlap(targets.rows, targets.total)])
     taken = every if is_own else targets.rows
-    own = [summation.over(shared(target.pieces, ranks)) for target in taken]
+    own = [summation.over(places.shared(target.pieces, ranks)) for target in taken]
     parts = ranks.gather(own, task)
     if parts:
         sums = [sum(some, Sums.none(len(wanted))) for some in zip(*parts, strict=True)]

@@ -22,6 +22,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.quantities.levels import same_level
 from elvis.core.quantities.tree import call, fold, number
+from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
 _OUTSIDE = "outside:"
@@ -73,10 +74,14 @@ class LevelPiece:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Where an expression is zero."""
+    """Where an expression is zero.
+
+    size  what it is added up from, at most, in all elements; None where it isn't known yet
+    """
 
     name: str
     expression: Expression
+    size: float | None = None
 
     @staticmethod
     def parse(dataset: Dataset, name: str) -> Level | None:
@@ -136,8 +141,14 @@ class Level:
     def _has_coordinates(self) -> bool:
         return bool(fold(self.expression.root, lambda leaf: leaf.op == "coordinate", lambda _, parts: any(parts)))
 
+    def known(self, evaluator: Evaluator, ranks: Ranks) -> Level:
+        """The same with its size in the elements of all ranks."""
+        return replace(self, size=max(ranks.exchange(self._size(evaluator), f"the size of {self.name}")))
+
     def _size(self, evaluator: Evaluator) -> float:
         """What the expression is added up from, at most: in the middles of all elements."""
+        if self.size is not None:
+            return self.size
         sizes = [0.0]
         for patch in evaluator.patches:
             middle = np.zeros((len(patch), patch.shape.dimension))

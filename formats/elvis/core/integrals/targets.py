@@ -19,7 +19,9 @@ from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
 from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
-from elvis.core.ranks import Ranks
+from elvis.core.portions.portion import carriers
+from elvis.core.ranks import ALONE, Ranks
+from elvis.core.shapes import Shape
 
 #: what stands for all elements, before the name of a region, and before the id of an element whose faces are meant
 DOMAIN, REGION, ELEMENT = "domain", "region:", "element:"
@@ -51,12 +53,33 @@ class Targets:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The elements of a dataset and their sides, where integrals are asked for."""
+    """The elements of a dataset and their sides, where integrals are asked for.
+
+    ranks  that have parts of it, of which this is one
+    """
 
     dataset: Dataset
     patches: tuple[Patch, ...]
     levels: Mapping[str, Level]
     curves: Mapping[str, Curve] = field(default_factory=dict)
+    ranks: Ranks = ALONE
+
+    def somewhere(self, flags: Sequence[bool]) -> list[bool]:
+        """Which of some flags hold in this part or another one."""
+        return [any(own) for own in zip(*self.ranks.exchange(list(flags), "targets"), strict=True)]
+
+    def shared(self, pieces: Sequence[Part], ranks: Ranks) -> list[Part]:
+        """What a rank takes of pieces: all of a part, else every so many elements, and as the first rank the curves."""
+        if self.dataset.mesh.excerpt is not None or ranks.size == 1:
+            return list(pieces)
+        found: list[Part] = []
+        for piece in pieces:
+            if isinstance(piece, CurvePiece):
+                found += [] if ranks.rank else [piece]
+                continue
+            own = piece.part(np.arange(ranks.rank, len(piece), ranks.size))
+            found += [own] if len(own) else []
+        return found
 
     @property
     def _mesh(self) -> Mesh:
@@ -65,7 +88,8 @@ class Places:
     @cached_property
     def regions(self) -> dict[str, Ints]:
         """Ids of elements by the names and ids of composites that hold some."""
-        tags = {shape.tag for shape in self._mesh.elements} | {1: {"E"}, 2: {"F"}, 3: set()}[self._mesh.dimension]
+        tags = {shape.tag for shape in Shape.of_dimension(self._mesh.dimension)}
+        tags |= {1: {"E"}, 2: {"F"}, 3: set()}[self._mesh.dimension]
         named = self._mesh.named_parts()
         held = {name: [ids for tag, ids in parts if tag in tags] for name, parts in named.items()}
         return {name: np.concatenate(ids) for name, ids in held.items() if ids}
@@ -105,7 +129,7 @@ class Places:
             raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join(known)}")
         sides = np.isin(np.arange(len(self._owners)), self.boundaries[name])
         pieces = tuple(self._sides(sides & (self._owners > 0)))
-        if not pieces:
+        if not any(self.somewhere([bool(pieces)])):
             raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
         return Targets((Target(name, pieces),))
 
@@ -116,7 +140,9 @@ class Places:
             return several[0]
         pieces = [piece for row in rows for piece in row.pieces]
         known = [piece for piece in pieces if isinstance(piece, Piece)]
-        if len(known) < len(pieces) or len({piece.is_side for piece in known}) > 1:
+        sides = [piece for piece in known if piece.is_side]
+        kinds = self.somewhere([len(known) < len(pieces), len(sides) > 0, len(sides) < len(known)])
+        if kinds[0] or all(kinds[1:]):
             return Targets(rows)
         return Targets(rows, Target("total", tuple(_united(known))))
 
@@ -150,15 +176,19 @@ class Places:
         if self._mesh.dimension < 2:
             raise ElvisError("expected 2D or 3D data, found lines, which have no boundary faces")
         outer = self._owners == 1
+        if self._mesh.excerpt is not None:
+            outer[self._mesh.excerpt.sides] = False
         total = Target("total", tuple(self._sides(outer)))
-        rows, left = [], outer.copy()
+        named, left = dict[str, Bools](), outer.copy()
         for name, sides in self._distinct.items():
-            here = outer & np.isin(np.arange(len(outer)), sides)
-            if here.any():
-                rows.append(Target(name, tuple(self._sides(here))))
-                left[sides] = False
-        if rows and left.any():
-            rows.append(Target(UNNAMED, tuple(self._sides(left))))
+            named[name] = outer & np.isin(np.arange(len(outer)), sides)
+            left[sides] = False
+        named[UNNAMED] = left
+        held = self.somewhere([bool(here.any()) for here in named.values()])
+        rows = [
+            Target(name, tuple(self._sides(named[name]))) for name, is_held in zip(named, held, strict=True) if is_held
+        ]
+        rows = rows if any(held[:-1]) else []
         return Targets(tuple(rows), total) if len(rows) > 1 else Targets((replace(total, name=ALL),))
 
     @property
@@ -207,15 +237,14 @@ def overlap(rows: Sequence[Target], total: Target) -> bool:
     return sum(len(piece) for row in rows for piece in row.pieces) != sum(len(piece) for piece in total.pieces)
 
 
-def shared(pieces: Sequence[Part], ranks: Ranks) -> list[Part]:
-    """What one of several ranks takes of pieces: every so many elements, and as the first one the curves."""
-    if ranks.size == 1:
-        return list(pieces)
-    found: list[Part] = []
-    for piece in pieces:
-        if isinstance(piece, CurvePiece):
-            found += [] if ranks.rank else [piece]
-            continue
-        own = piece.part(np.arange(ranks.rank, len(piece), ranks.size))
-        found += [own] if len(own) else []
-    return found
+def has_outer_boundaries(dataset: Dataset, names: Sequence[str]) -> bool:
+    """Whether a part of a dataset knows its inner sides, and boundaries with these names have none of them."""
+    mesh = dataset.mesh
+    if mesh.excerpt is None or not names:
+        return True
+    ids = carriers(dataset)
+    if ids is not None and not all(np.isin(own.ids, ids).all() for own in mesh.elements.values()):
+        # then inner sides are those of elements that have the first field
+        return False
+    known = boundaries(mesh)
+    return not any(np.isin(known[name], mesh.excerpt.sides).any() for name in names if name in known)

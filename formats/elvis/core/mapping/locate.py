@@ -34,6 +34,7 @@ class Location:
     margin      (k,)    least height over the facets of the element (`margins`), NaN likewise: from -1e-10 to 1/2, and
                         below -1e-10 where rounding of the coordinates is more than that
     status      (k,)    of `Status`: INSIDE, OUTSIDE, or FAILED where no element holds the point but one is in doubt
+    is_late     (k,)    whether the element was in doubt at first: it counts only where none held the point before
     """
 
     point: Ints
@@ -43,9 +44,14 @@ class Location:
     reference: Floats
     margin: Floats
     status: NDArray[np.uint8]
+    is_late: Bools
 
     def __len__(self) -> int:
         return len(self.point)
+
+    def part(self, chosen: Ints | Bools) -> Location:
+        """Some of the results."""
+        return Location(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def locate(source: Dataset | Sequence[Patch], points: Floats, all: bool = False) -> Location:
@@ -112,7 +118,7 @@ class Locator:
         point += part.start
         near = ~self._outside_parts(world, point, element)
         point, element = point[near], element[near]
-        roots = self._invert(world, point, element, every)
+        roots, is_late = self._invert(world, point, element, every)
         doubtful = np.zeros(len(world), bool)
         doubtful[point[roots.status == Status.FAILED]] = True
 
@@ -122,7 +128,8 @@ class Locator:
         if not every and len(hits):
             hits = hits[np.diff(point[hits], prepend=-1) != 0]
         missed = np.setdiff1d(np.arange(part.start, part.stop), point[hits])
-        return _join([self._hits(point[hits], element[hits], roots, hits), self._nowhere(missed, doubtful[missed])])
+        found = self._hits(point[hits], element[hits], roots.part(hits), is_late[hits])
+        return _join([found, self._nowhere(missed, doubtful[missed])])
 
     def _outside_parts(self, world: Floats, point: Ints, element: Ints) -> Bools:
         """(k,) pairs of a point and an element that certainly doesn't hold it; only of elements with many pairs.
@@ -145,8 +152,8 @@ class Locator:
             self._boxes[element] = BoxTree.build(outward(low - extra, high + extra, MARGIN))
         return self._boxes[element]
 
-    def _invert(self, world: Floats, point: Ints, element: Ints, every: bool) -> Roots:
-        """Roots for all pairs; those in doubt are searched where it matters."""
+    def _invert(self, world: Floats, point: Ints, element: Ints, every: bool) -> tuple[Roots, Bools]:
+        """Roots for all pairs, and which were in doubt: these are searched where it matters."""
         patch = np.searchsorted(self._starts, element, side="right") - 1
         groups = [np.flatnonzero(patch == number) for number in range(len(self.patches))]
         roots = Roots.none(len(point), self._dimension)
@@ -156,6 +163,7 @@ class Locator:
             roots.put(group, own)
 
         # an element in doubt matters unless another one holds the point
+        is_late = roots.status == Status.UNCERTAIN
         held = np.zeros(len(world), bool)
         held[point[roots.status == Status.INSIDE]] = not every
         for number, group in enumerate(groups):
@@ -163,20 +171,21 @@ class Locator:
             own = roots.part(which)
             decide(self.patches[number], element[which] - self._starts[number], world[point[which]], own, self.distance)
             roots.put(which, own)
-        return roots
+        return roots, is_late
 
-    def _hits(self, point: Ints, element: Ints, roots: Roots, chosen: Ints) -> Location:
+    def _hits(self, point: Ints, element: Ints, roots: Roots, is_late: Bools) -> Location:
         patch = np.searchsorted(self._starts, element, side="right") - 1
         reference = np.full((len(point), self._dimension + len(self._periods)), np.nan)
-        reference[:, : self._dimension] = roots.reference[chosen]
-        row, status = element - self._starts[patch], roots.status[chosen]
-        return Location(point, patch, row, self._ids[element], reference, roots.margin[chosen], status)
+        reference[:, : self._dimension] = roots.reference
+        row = element - self._starts[patch]
+        return Location(point, patch, row, self._ids[element], reference, roots.margin, roots.status, is_late)
 
     def _nowhere(self, point: Ints, doubtful: Bools) -> Location:
         none = np.full(len(point), -1)
         reference = np.full((len(point), self._dimension + len(self._periods)), np.nan)
         status = np.where(doubtful, Status.FAILED, Status.OUTSIDE).astype(np.uint8)
-        return Location(point, none, none, none, reference, np.full(len(point), np.nan), status)
+        margin, is_late = np.full(len(point), np.nan), np.zeros(len(point), bool)
+        return Location(point, none, none, none, reference, margin, status, is_late)
 
 
 def _join(parts: Sequence[Location]) -> Location:

@@ -1,6 +1,7 @@
 """Fields and maps from coefficients: many elements at the same points, or an element for each point.
 
-Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is.
+Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is.  What is
+found on an element doesn't depend on what others are asked with it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
+from elvis.core.polynomials.row_products import row_products
 
 #: numbers in a table of modes
 _BATCH = 1 << 18
@@ -21,7 +23,7 @@ def evaluate(expansion: Expansion, coefficients: Floats, points: Floats) -> Floa
     """(e, ..., n) values of e elements with ``coefficients`` (e, ..., m), all at the same points xi (n, d)."""
     result = np.empty((*coefficients.shape[:-1], len(points)))
     for batch in _batches(len(points), mode_count(expansion)):
-        result[..., batch] = coefficients @ values(expansion, points[batch]).T
+        result[..., batch] = row_products(coefficients, values(expansion, points[batch]).T)
     return result
 
 
@@ -32,9 +34,9 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
     gradients = np.empty((*shape, dimension(expansion)))
     for batch in _batches(len(points), mode_count(expansion)):
         modes, mode_gradients = values_and_gradients(expansion, points[batch])
-        values[..., batch] = coefficients @ modes.T
+        values[..., batch] = row_products(coefficients, modes.T)
         for i in range(gradients.shape[-1]):
-            gradients[..., batch, i] = coefficients @ mode_gradients[:, i].T
+            gradients[..., batch, i] = row_products(coefficients, mode_gradients[:, i].T)
     return values, gradients
 
 

@@ -8,12 +8,15 @@ from functools import cached_property
 
 from elvis.core.dataset import Dataset, is_rate
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, leaves, whole_exponent
 
 #: the highest power of a polynomial that is taken for a polynomial
 _MOST_POWER = 64
+#: attributes that an element has by itself, whatever lies around it
+_OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,11 @@ class Expression:
     def attributes(self) -> tuple[str, ...]:
         """What it uses of elements by themselves."""
         return tuple(leaf.name for leaf in self.leaves if leaf.op == "attribute")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether its values on an element depend on that element alone."""
+        return all(name in _OWN for name in self.attributes)
 
     @property
     def order(self) -> int:

@@ -61,7 +61,7 @@ class NativeVolume:
         attributes = Attributes(dataset)
         derived = any(expression.order for expression in expressions)
         sorts = by_affinity(found) if derived else [found]
-        count = elements_in_all(dataset)
+        count = dataset.mesh.count
         groups = [group for sort in sorts for group in _groups(sort, primary, count)]
         keep = partial(kept, dataset)
         made = (Elements(own, geometry, names, expressions, attributes, keep, count) for geometry, own in groups)
@@ -110,12 +110,6 @@ def by_affinity(found: Sequence[Patch]) -> tuple[list[Patch], list[Patch]]:
         if not affine.all():
             bent.append(patch.part(np.flatnonzero(~affine)))
     return straight, bent
-
-
-def elements_in_all(dataset: Dataset) -> int:
-    """Elements of the mesh, or of that which it is a part of."""
-    excerpt = dataset.mesh.excerpt
-    return sum(map(len, dataset.mesh.elements.values())) if excerpt is None else excerpt.elements
 
 
 def _groups(found: Sequence[Patch], primary: int | None, elements: int) -> Iterator[tuple[BernsteinSpace, list[Patch]]]:

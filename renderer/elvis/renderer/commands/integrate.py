@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.terminal import Progress
@@ -132,7 +134,13 @@ def integrate(
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)
     wanted = quantities if is_all else ()
-    found = _of_one_state(data, wanted, integrals) if times is None else _of_series(data, wanted, times, integrals)
+
+    def opened() -> Source:
+        return data.shared(
+            ranks, partial(_comes_apart, asked=(quantities, over, coefficients, clip), ranks=ranks), wanted
+        )
+
+    found = _of_one_state(opened, integrals) if times is None else _of_series(data, wanted, times, integrals)
     if not ranks.rank:
         _show(found, plot, output, as_json)
 
@@ -238,12 +246,19 @@ def _histogram(
 _POINTS = 1_000_000
 
 
-def _of_one_state(
-    data: Data, wanted: Sequence[str], integrals: Callable[[Source, Progress | None], Integrals]
-) -> _Moments:
+def _comes_apart(
+    dataset: Dataset, asked: tuple[Sequence[str], Sequence[str], str | None, str | None], ranks: Ranks
+) -> bool:
+    """Whether integrals are sums of those over the parts of data that ranks have."""
+    from elvis.core.integrals import comes_apart
+
+    return comes_apart(dataset, *asked, ranks)
+
+
+def _of_one_state(opened: Callable[[], Source], integrals: Callable[[Source, Progress | None], Integrals]) -> _Moments:
     from elvis.core.terminal import progress
 
-    source = data.source(wanted)
+    source = opened()
     with progress("integrating") as report:
         return [({}, integrals(source, report))]
 

@@ -12,6 +12,7 @@ from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
     from elvis.core.norms import Norm
     from elvis.core.ranks import Ranks
 
@@ -37,9 +38,13 @@ def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) 
     integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
     are refined until they agree.
     """
+    from elvis.core.quantities import Expression
     from elvis.core.terminal import stage
 
-    source = data.source()
+    def comes_apart(dataset: Dataset) -> bool:
+        return all(Expression.of(dataset, text).is_local for text in quantities)
+
+    source = data.shared(ranks, comes_apart)
     with stage("integrating"):
         found = source.norms(quantities or None, ranks)
     if found:

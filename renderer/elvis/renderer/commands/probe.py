@@ -27,6 +27,7 @@ from elvis.renderer.commands.sources import Data, data_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
     from elvis.core.quantities import Expression
@@ -180,7 +181,7 @@ def probe(
         places, columns = _along(data.source(asked.quantities), along, counts, asked)
     else:
         places = _places(points, single, line, plane, counts)
-        columns = _at(times, data, places, asked) if times else _columns(data.source(asked.quantities), places, asked)
+        columns = _at(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
     if not ranks.rank:
         _show(columns, places, plot, output)
 
@@ -207,7 +208,7 @@ class Asked:
     texts  quantities; None for all fields
     every  whether every element that holds a point has a row
     clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
-    ranks  that share the points
+    ranks  that share the points, or have parts of the elements
     """
 
     texts: list[str] | None
@@ -220,10 +221,21 @@ class Asked:
         """All that is evaluated; none where that is all fields, or what --clip needs too."""
         return tuple(self.texts or ()) if self.clip is None else ()
 
+    def source(self, data: Data) -> Source:
+        """What answers, of the elements of a rank where that is enough."""
+        from elvis.core.arguments import expressions
+        from elvis.core.integrals.levels_of_elements import Level
+
+        def comes_apart(dataset: Dataset) -> bool:
+            level = [Level.clip(dataset, self.clip).expression] if self.clip else []
+            return all(each.is_local for each in (*expressions(dataset, self.texts), *level))
+
+        return data.shared(self.ranks, comes_apart, self.quantities)
+
     def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
         """The table of quantities at places (n, 3); what is clipped is outside."""
         if self.clip is None:
-            return source.probe(places, wanted, self.every)
+            return source.probe(places, wanted, self.every, self.ranks)
         if source.dataset is None:
             raise ElvisError("--clip: expected data of a known map, found what a plugin opens")
         import numpy as np
@@ -233,7 +245,7 @@ class Asked:
 
         # less than zero where something is left
         level = Level.clip(source.dataset, self.clip).expression
-        found = dict(source.probe(places, [*wanted, level], self.every))
+        found = dict(source.probe(places, [*wanted, level], self.every, self.ranks))
         is_gone = np.asarray(found.pop(level.text), np.float64) > 0
         nothing = {"element": -1, "status": int(Status.OUTSIDE), **{each.text: np.nan for each in wanted}}
         for name, value in nothing.items():
@@ -325,21 +337,12 @@ def _places(
 
 def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
     """The table: what was asked, what was found, and one column a quantity; without rows but at the first rank."""
-    import numpy as np
-
     from elvis.core.terminal import stage
 
-    wanted, ranks = _check(source.expressions(asked.texts)), asked.ranks
-    first, end = (number * len(places) // ranks.size for number in (ranks.rank, ranks.rank + 1))
+    wanted = _check(source.expressions(asked.texts))
     with stage(f"probing {len(places)} points"):
-        own = dict(asked.of(source, places[first:end], wanted))
-    own["point"] = own["point"] + first
-    every = ranks.gather(own, f"{[each.text for each in wanted]} at {len(places)} points")
-    if not every:
-        return {name: column[:0] for name, column in own.items()}
-    found = {name: np.concatenate([part[name] for part in every]) for name in own}
-    for each in wanted:
-        _tell_beyond(each, found)
+        found = asked.of(source, places, wanted)
+    _tell_beyond(wanted, found)
     return found
 
 
@@ -417,7 +420,7 @@ def _check(wanted: Sequence[Expression]) -> Sequence[Expression]:
     return wanted
 
 
-def _tell_beyond(quantity: Expression, columns: Columns) -> None:
+def _tell_beyond(wanted: Sequence[Expression], columns: Columns) -> None:
     """Say at how many points another dataset, which a quantity names, has nothing."""
     import numpy as np
 
@@ -425,7 +428,7 @@ def _tell_beyond(quantity: Expression, columns: Columns) -> None:
     from elvis.core.quantities.tree import other_of
     from elvis.core.terminal import warn
 
-    if any(map(other_of, quantity.attributes)):
+    for quantity in (each for each in wanted if any(map(other_of, each.attributes))):
         inside = columns["status"] == Status.INSIDE
         beyond = int(np.isnan(columns[quantity.text][inside]).sum())
         if beyond:

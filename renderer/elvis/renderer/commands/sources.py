@@ -80,6 +80,24 @@ class Data:
 
         return self.source_of(open_data(self.paths, self.reading(quantities), warn))
 
+    def shared(self, ranks: Ranks, comes_apart: Callable[[Dataset], bool], quantities: Sequence[str] = ()) -> Source:
+        """The same of the elements that a rank has, for what can be put together from those of all.
+
+        comes_apart  whether that is so, of any part of the data, to the same end for all ranks; else each has all
+        """
+        from elvis.core.portions import Portion
+        from elvis.core.terminal import warn
+        from elvis.formats.nektar.hdf5 import mapped
+        from elvis.plugins.data import open_part
+
+        if ranks.size == 1:
+            return self.source(quantities)
+        with mapped():
+            opened = open_part(self.paths, self.reading(quantities), warn, ranks.rank, ranks.size)
+        if not isinstance(opened, Portion):
+            return self.source_of(opened)
+        return self.source_of(opened.dataset) if comes_apart(opened.dataset) else self.source(quantities)
+
     def series(self, quantities: Sequence[str] = ()) -> Series | None:
         """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
         from elvis.plugins.series.series import series_in
@@ -204,11 +222,18 @@ class NativeSource:
             note(self.dataset.rates.remark)
         return found
 
-    def probe(self, points: Floats, wanted: Sequence[Expression], every: bool) -> Columns:
-        """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element."""
-        from elvis.core.quantities.evaluator import Sampler
+    def probe(self, points: Floats, wanted: Sequence[Expression], every: bool, ranks: Ranks = ALONE) -> Columns:
+        """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element.
 
-        return Sampler(self.dataset, wanted).sample(points, all=every).columns()
+        ranks  share the points, or each has its part of the elements; all but the first have no rows in the end
+        """
+        from elvis.core.quantities.evaluator import Sampler
+        from elvis.core.sampling import by_elements, by_points
+
+        sampler, names = Sampler(self.dataset, wanted), [each.text for each in wanted]
+        if self.dataset.mesh.excerpt is None:
+            return by_points(lambda some: sampler.sample(some, all=every).columns(), points, names, ranks)
+        return by_elements(sampler.sample(points, all=every), points, every, ranks)
 
     def norms(self, texts: Sequence[str] | None, ranks: Ranks) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities."""
