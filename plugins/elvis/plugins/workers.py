@@ -6,7 +6,7 @@ import logging
 import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,9 +77,8 @@ class Workers:
         # whoever may talk to a scheduler may run code: its own certificates keep other users out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         threads = os.environ.get("LP_NUM_THREADS", str(max(1, cores // self.count)))
-        with (
-            dask.config.set(_CONFIGURATION),
-            distributed.LocalCluster(
+        with dask.config.set(_CONFIGURATION), ExitStack() as until_end:
+            cluster = distributed.LocalCluster(
                 n_workers=self.count,
                 threads_per_worker=1,
                 memory_limit=None,
@@ -89,14 +88,19 @@ class Workers:
                 protocol="tls",
                 silence_logs=logging.CRITICAL,
                 env={"LP_NUM_THREADS": threads},
-            ) as cluster,
-            distributed.Client(cluster) as client,
-        ):
-            yield client
+            )
+            until_end.callback(_close, cluster)
+            yield until_end.enter_context(distributed.Client(cluster))
 
     def number(self, client: Any) -> int:
         """How many there are now."""
         return max(1, len(client.scheduler_info()["workers"])) if self.scheduler else self.count
+
+
+def _close(cluster: Any) -> None:
+    """End workers; those that are busy for longer than Dask waits end with this process, and hide no other error."""
+    with suppress(TimeoutError):
+        cluster.close()
 
 
 def begun(client: Any, work: Callable[..., T], pieces: Iterable[tuple[Any, ...]]) -> list[Any]:
