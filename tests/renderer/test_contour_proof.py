@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.core.shapes import Shape
-from elvis.core.testing import curved, grid, with_field
+from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
@@ -15,7 +15,7 @@ from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.scene import Clip, Contours, CutSurface, Implicit, Sphere, Style
+from elvis.scene import Clip, Contours, CutSurface, Faces, Implicit, Sphere, Style
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView, View
 
@@ -147,6 +147,16 @@ def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):
     assert sum(counts.values()) == frame.seen.sum()
     assert 0.9 * frame.seen.sum() < counts["certain"] < frame.seen.sum()
     assert "contours" not in draw(data, **scene).stats
+
+
+def test_an_eye_among_faces_leaves_contours_ambiguous(draw):
+    """Newton's method for places behind the eye comes to where the map has no inverse."""
+    data = with_field(curved(grid(Shape.TETRAHEDRON, 3), ripple(0.1), 2), circles, 3)
+    camera = Camera((0.5, 0.5, 0.5), (1.0, 0.9, 0.7), (0.0, 0.0, 1.0), fov=70.0)
+    faces = Faces(("inner",), Style(contours=Contours(count=6)))
+    frame = draw(data, objects=(faces,), camera=camera, size=(24, 24), stats="counts.json")
+    assert frame.seen.all()
+    assert sum(frame.stats["contours"].values()) == frame.seen.size
 
 
 CLIPS = {

@@ -22,7 +22,7 @@ from elvis.plugins.native.bending import net_of_xi
 from elvis.plugins.native.regions import PyramidBoxes
 from elvis.plugins.volume import Slopes
 from elvis.renderer.passes.lines.contour_cuts import ELEMENTS, CutChart
-from elvis.renderer.passes.lines.contour_squares import ROUNDING, Derivatives
+from elvis.renderer.passes.lines.contour_squares import ROUNDING, Derivatives, regular
 
 #: layers of boxes, how much nearer to the apex each is than the one before, and boxes along each side of a layer
 _LAYERS, _NEARER, _SIDE = 9, 0.6, 2
@@ -50,7 +50,7 @@ class PyramidChart(CutChart):
             count = len(own)
             samples = self.sample(np.repeat(own, len(nodes)), np.tile(nodes, (count, 1)))
             middle = self.sample(own, np.tile(self.center, (count, 1)))
-            inverse = np.linalg.inv(middle.jacobian)
+            inverse = np.linalg.inv(regular(middle.jacobian))
 
             # the map, and by how much its Jacobian differs from that at the centre, in parts of that
             away = samples.position.reshape(count, -1, 3) - middle.position[:, None]

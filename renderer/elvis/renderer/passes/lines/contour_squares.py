@@ -176,7 +176,7 @@ class Squares:
         centre = start
         for _ in range(4):
             found = self._chart.sample(self._element, centre)
-            self._inverse = np.asarray(np.linalg.inv(found.jacobian), np.float64)
+            self._inverse = np.asarray(np.linalg.inv(regular(found.jacobian)), np.float64)
             step = np.einsum("nij,nj->ni", self._inverse, self._middle - found.position)
             centre = centre + step
         found = self._chart.sample(self._element, centre)
@@ -310,12 +310,18 @@ class Squares:
         elements = np.repeat(self._element[some], len(x))
         found = self._chart.sample(elements, places.reshape(-1, places.shape[-1]))
         gap = target - found.position
-        step = np.linalg.solve(found.jacobian, gap[..., None])[..., 0]
+        step = np.linalg.solve(regular(found.jacobian), gap[..., None])[..., 0]
         values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(count, -1).max(axis=1)
         noise = self._bounds.noise[some] + self._curvature(some) * length**2
         shape = (count, cells + 1, cells + 1)
         return values.reshape(shape), places.reshape(*shape, -1), noise
+
+
+def regular(jacobians: Floats) -> Floats:
+    """Jacobians (n, d, d); singular ones are not a number, so that what is found by them is not proved."""
+    is_regular = np.abs(np.linalg.det(jacobians)) > 0.0
+    return np.where(is_regular[:, None, None], jacobians, np.nan)
 
 
 def _certain_range(inside: Bools, values: Floats) -> tuple[Floats, Floats]:
