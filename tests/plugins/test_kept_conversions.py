@@ -9,12 +9,14 @@ import sys
 import numpy as np
 import pytest
 
+from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
+from elvis.core.testing.played_ranks import played
 from elvis.formats import ElvisError, read, write
 from elvis.plugins import kept_conversions
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import convert
-from elvis.plugins.kept_conversions import Work, load_or_convert
+from elvis.plugins.kept_conversions import Work, load_or_convert, part_of_conversion
 
 
 class Cubes(Converter):
@@ -88,6 +90,34 @@ def asked(*paths, converter=Cubes, is_kept=True, **keywords):
     highest = 2 * max(block.coefficients.max() for block in field.blocks)
     assert dataset.remarks[0].startswith(f"{paths[0].name}: converted in memory, exact to the rounding")
     return round(highest / 4, 9), dataset.remarks[1:], Cubes.made - before
+
+
+def parts(size, *paths, is_kept=True):
+    """What each of several ranks has of a conversion, and how often that was made."""
+    before, work = Cubes.made, Work("cubes", Cubes, paths, {})
+    found = played(size, lambda ranks: part_of_conversion(work, is_kept, ranks))
+    return found, Cubes.made - before
+
+
+@pytest.mark.parametrize("is_kept", [True, False], ids=["kept", "not kept"])
+def test_one_rank_converts_and_all_read_their_part(home, case, is_kept):
+    path = case(slope=3, cubes=7)
+    found, count = parts(3, path, is_kept=is_kept)
+    assert (count, len(list(home.iterdir()) if is_kept else [])) == (1, 1 if is_kept else 0)
+    whole = load_or_convert(Work("cubes", Cubes, (path,), {}), is_kept)
+    for number, own in enumerate(found):
+        expected = Portion.of_whole(whole, number, 3)
+        assert same(own, expected)
+    assert parts(3, path, is_kept=is_kept)[1] == (0 if is_kept else 1)
+
+
+def test_what_ranks_cannot_see_each_of_them_converts(home, case, monkeypatch):
+    """As where temporary folders are those of several machines, or full."""
+    monkeypatch.setattr(kept_conversions, "_written", lambda work, is_kept, folder: None)
+    path = case(slope=3)
+    found, count = parts(2, path, is_kept=False)
+    assert count == 2
+    assert all(same(own, load_or_convert(Work("cubes", Cubes, (path,), {}), False)) for own in found)
 
 
 def test_a_conversion_is_found_again(home, case):

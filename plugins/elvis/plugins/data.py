@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -19,7 +20,9 @@ from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
     from elvis.core.portions.portion import Portion
+    from elvis.core.ranks import Ranks
     from elvis.formats.nektar.dataset_parts import DatasetParts
+    from elvis.plugins.kept_conversions import Work
     from elvis.plugins.series.series import Series
 
 T = TypeVar("T")
@@ -98,10 +101,13 @@ def open_data(
 
 
 def open_part(
-    paths: Sequence[Path], reading: Reading, report: Callable[[str], object], number: int, count: int
+    paths: Sequence[Path], reading: Reading, report: Callable[[str], object], ranks: Ranks
 ) -> Dataset | PluginData | Portion:
-    """One of ``count`` parts of what `open_data` opens, if the files are native and one state; else the whole."""
-    return _open(paths, reading, report, lambda files, how: _part_of(files, how, number, count))
+    """The part that one of several ranks has of what `open_data` opens, if the files are one state; else the whole.
+
+    What isn't native the first rank converts, and all read.
+    """
+    return _open(paths, reading, report, lambda files, how: _part_of(files, how, ranks))
 
 
 def open_parts(
@@ -143,16 +149,31 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     return reading.moment.of_one_state(state_with_others(paths, reading))
 
 
-def _part_of(paths: Sequence[Path], reading: Reading, number: int, count: int) -> Dataset | Portion:
-    """As `dataset_of`, of native files that are one state a part."""
+def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
+    """As `dataset_of`, of files that are one state a part."""
+    paths, series = _series_of(paths, reading)
+    if series is None and not reading.others and not _is_native(paths, reading):
+        return _part_of_conversion(paths, reading, ranks)
     parts = _parts_of(paths, reading)
-    return parts if isinstance(parts, Dataset) else parts.part(number, count, is_last=True)
+    return parts if isinstance(parts, Dataset) else parts.part(ranks.rank, ranks.size, is_last=True)
+
+
+def _part_of_conversion(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
+    """The same of files that are converted."""
+    from elvis.plugins.kept_conversions import part_of_conversion
+
+    work = _work(paths, installed_converters(), reading)
+    with _stage_of(work):
+        found = part_of_conversion(work, reading.is_kept, ranks)
+    if isinstance(found, Dataset):
+        return reading.moment.of_one_state(found)
+    return replace(found, dataset=reading.moment.of_one_state(found.dataset))
 
 
 def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
     """As `dataset_of`, of native files that are one state what gives one part after another."""
     paths, series = _series_of(paths, reading)
-    if series is not None or reading.options or reading.others or not all(map(is_native, paths)):
+    if series is not None or reading.others or not _is_native(paths, reading):
         return dataset_of(paths, reading)
     parts = read_parts(*paths)
     if isinstance(parts, Dataset):
@@ -191,9 +212,14 @@ def beside_others(dataset: Dataset, others: Mapping[str, Dataset]) -> Dataset:
 
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     """The dataset of files that are no series, such as one step of it; moments are not looked at."""
-    if not reading.options and all(map(is_native, paths)):
+    if _is_native(paths, reading):
         return read_data(paths)
     return _convert(paths, installed_converters(), reading)
+
+
+def _is_native(paths: Sequence[Path], reading: Reading) -> bool:
+    """Whether files are read as they are."""
+    return not reading.options and all(map(is_native, paths))
 
 
 def _converters_in(plugin: str | None) -> list[Candidate]:
@@ -205,11 +231,24 @@ def _converters_in(plugin: str | None) -> list[Candidate]:
 
 def _convert(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
     """The dataset that a converter makes of the files, or that was kept when it did."""
-    from elvis.plugins.kept_conversions import Work, load_or_convert
+    from elvis.plugins.kept_conversions import load_or_convert
+
+    work = _work(paths, candidates, reading)
+    with _stage_of(work):
+        return load_or_convert(work, reading.is_kept)
+
+
+def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Work:
+    """What a conversion is made of, by the converter that recognises the files."""
+    from elvis.plugins.kept_conversions import Work
 
     options = dict(reading.options)
     candidate = choose_converter(candidates, paths, options.pop("from", None))
     assert candidate.converter is not None
     keywords = with_defaults(candidate.converter, options)
-    with stage(f"converting {', '.join(path.name for path in paths)}"):
-        return load_or_convert(Work(candidate.name, candidate.converter, tuple(paths), keywords), reading.is_kept)
+    return Work(candidate.name, candidate.converter, tuple(paths), keywords)
+
+
+def _stage_of(work: Work) -> AbstractContextManager[None]:
+    """A word on the terminal while files are converted."""
+    return stage(f"converting {', '.join(path.name for path in work.paths)}")

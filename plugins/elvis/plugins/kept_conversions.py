@@ -22,8 +22,11 @@ from typing import Any
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
+from elvis.core.portions import Portion
+from elvis.core.ranks import Ranks
 from elvis.formats.nektar.geometry_output import place
-from elvis.formats.reading import read
+from elvis.formats.nektar.hdf5 import mapped
+from elvis.formats.reading import read, read_part
 from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import convert
@@ -111,6 +114,45 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
     return replace(dataset, remarks=(*dataset.remarks, *remarks))
 
 
+def part_of_conversion(work: Work, is_kept: bool, ranks: Ranks) -> Dataset | Portion:
+    """The part of a conversion that one of several ranks has, which the first one makes or finds, and all read.
+
+    The whole where its native files don't reach all ranks, or hold no such data: then each converts.
+    """
+    task = f"converting {', '.join(str(path) for path in work.paths)}"
+    with TemporaryDirectory(prefix="elvis-") as folder:
+        made, *_ = ranks.exchange(None if ranks.rank else _written(work, is_kept, Path(folder)), task)
+        if not all(ranks.exchange(made is not None and all(path.exists() for path in made.paths), task)):
+            return load_or_convert(work, is_kept)
+        assert made is not None
+        with mapped():
+            portion = read_part(ranks.rank, ranks.size, *made.paths)
+        # when all have read their parts the files may go
+        ranks.exchange(None, task)
+    dataset = replace(_ordered(portion.dataset, made.keys), remarks=made.remarks)
+    rows = {kind: portion.rows[kind] for kind in (*dataset.mesh.entities, None)}
+    return replace(portion, dataset=dataset, rows=rows)
+
+
+@dataclass(frozen=True)
+class _Written:
+    """Native files of a dataset, the keys of its metadata in their order, and its remarks."""
+
+    paths: tuple[Path, ...]
+    keys: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def _written(work: Work, is_kept: bool, folder: Path) -> _Written | None:
+    """A conversion as files in a folder; None where there is no room for them, or the format can't hold the data."""
+    dataset = load_or_convert(work, is_kept)
+    try:
+        paths = _write(dataset, folder / _MESH)
+    except (OSError, ElvisError):
+        return None
+    return _Written(paths, tuple(dataset.metadata), dataset.remarks)
+
+
 def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
     """The dataset that was kept, if it is sound and nothing that it was made of has changed."""
     path = store.place(key)
@@ -166,11 +208,15 @@ def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
 
 def _read(paths: Sequence[Path], keys: Sequence[str], remark: str) -> Dataset:
     """The dataset in files, its shapes and metadata in the order of packed ones: HDF5 has another, or none."""
-    dataset = read(*paths)
+    return replace(_ordered(read(*paths), keys), remarks=(remark,))
+
+
+def _ordered(dataset: Dataset, keys: Sequence[str]) -> Dataset:
+    """The dataset with its shapes in the order of packed files, and its metadata in that of ``keys``."""
     entities = dict(sorted(dataset.mesh.entities.items(), key=lambda item: place(item[0])))
     names = [*(key for key in keys if key in dataset.metadata), *dataset.metadata]
     metadata = {key: dataset.metadata[key] for key in dict.fromkeys(names)}
-    return replace(dataset, mesh=replace(dataset.mesh, entities=entities), metadata=metadata, remarks=(remark,))
+    return replace(dataset, mesh=replace(dataset.mesh, entities=entities), metadata=metadata)
 
 
 def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None:

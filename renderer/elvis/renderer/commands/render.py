@@ -153,7 +153,7 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
     with mapped(if_so=ranks.size > 1 or any(scene.memory for scene in scenes)):
         if ranks.size == 1:
             return {key: _in_memory(some, is_kept) for key, some in alike.items()}
-        share = partial(open_part, number=ranks.rank, count=ranks.size)
+        share = partial(open_part, ranks=ranks)
         return dict(of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks))
 
 

@@ -93,7 +93,7 @@ class Data:
         if ranks.size == 1:
             return self.source(quantities)
         with mapped():
-            opened = open_part(self.paths, self.reading(quantities), warn, ranks.rank, ranks.size)
+            opened = open_part(self.paths, self.reading(quantities), warn, ranks)
         if not isinstance(opened, Portion):
             return self.source_of(opened)
         return self.source_of(opened.dataset) if comes_apart(opened.dataset) else self.source(quantities)
