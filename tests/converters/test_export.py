@@ -175,7 +175,8 @@ def test_constants_are_not_refused(elvis, elvis_json, tmp_path):
         "one": lambda x: np.sin(x[:, 0]) ** 2 + np.cos(x[:, 0]) ** 2,
         "pressure": lambda x: 101325 / 3 + 0 * x[:, 0],
     }
-    fields = tuple(approximated(plain, name, function, 6) for name, function in functions.items())
+    # of few modes, as more of them round more: beyond 1e-13 a range is none of rounding any more
+    fields = tuple(approximated(plain, name, function, 3) for name, function in functions.items())
     paths = write(replace(plain, fields=fields), tmp_path / "a.xml")
     losses = elvis_json("export", *paths, "-o", tmp_path / "b.vtu", "--order", 6, "--max-error", 1e-13)["losses"]
     assert max(loss["relative"] for loss in losses) < 1e-13
