@@ -95,7 +95,9 @@ def test_a_slanted_border_is_straight():
     height = columns * normal[0] + rows * normal[1] - offset
     for beyond in (1, -1):
         owner = np.where(height < 0, 0, beyond)
-        starts, ends, _ = borders(owner, np.where(owner >= 0, np.abs(height), np.inf), np.ones_like(height))
+        starts, ends, _ = borders(
+            owner, np.where(owner >= 0, np.abs(height), np.inf), np.ones_like(height), np.zeros(2, int)
+        )
         places = np.concatenate([starts, ends])
         places = places[(places > 1.0).all(axis=1) & (places < 28.0).all(axis=1)]
         assert len(places) > 40

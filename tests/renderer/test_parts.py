@@ -217,6 +217,27 @@ def test_ranks_draw_the_elements_of_their_rows(name, tmp_path):
     assert max(counts) < 0.65 * len(dataset.mesh.of(Shape.TETRAHEDRON))
 
 
+def test_figures_of_ranks_are_those_of_one_process(bent, tmp_path):
+    """Lines that are curves go on from one rank's rows to the next one's."""
+    surfaces = Faces(("all",), replace(LINES, opacity=0.6)), Isosurface((0.35,), style=LINES)
+    scene = Scene(field="u", objects=surfaces, camera="iso", size=(48, 100), outline=True, outputs=("a.svg",))
+    parts = along_curve(bent, 3)
+
+    def figure(ranks):
+        own = RankPart(what_matters(portions(bent, parts)[ranks.rank], [scene]), ranks, {})
+        with Pictures(own, "vulkan", ranks=ranks) as pictures:
+            return pictures.draw(scene)
+
+    with Pictures(bent, "vulkan") as pictures:
+        alone = pictures.draw(scene)
+    first, *_ = played(3, figure)
+    for name in ("a.svg", "a.png"):
+        alone.save(tmp_path / name)
+        first.save(tmp_path / f"ranks-{name}")
+        assert (tmp_path / name).read_bytes() == (tmp_path / f"ranks-{name}").read_bytes()
+    assert (tmp_path / "a.svg").read_text().count("<path") > 50
+
+
 def test_what_is_counted_is_that_of_all(tmp_path):
     """Elements without numbers, and inverted ones, are told of though few ranks draw them."""
     dataset = with_field(grid(Shape.TETRAHEDRON, 4), function, 2)

@@ -85,8 +85,8 @@ class Canvas:
     def __post_init__(self) -> None:
         self.done, self.total, self.undefined, self.still = 0, 0, 0, 0
         self.painter = Painter(self.scene, self.stages)
-        self.tracer = Tracer(self.painter)
         self.draw_calls = self.stages.draw_calls(self.scene)
+        self.tracer = Tracer(self.painter, self.draw_calls)
         self.contours: Counter[Status] = Counter()
         is_whole = self.view.count <= self.most and self.rows.is_alone
         self.arrays = _arrays(self.view, self.records and not is_whole)

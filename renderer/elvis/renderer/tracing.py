@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +38,37 @@ class StrokeStyle:
     labels: bool = False
 
 
+#: number of what a scene draws, and of its lines among them: borders are 0, contours follow by their values
+Place: TypeAlias = tuple[int, int]
+#: short lines of one style, by what has them: starts and ends (n, 2)
+Found: TypeAlias = dict[StrokeStyle, list[tuple[Place, Floats, Floats]]]
+
+
 @dataclass(eq=False)
 class Tracer:
     """Gathers short lines band by band."""
 
     painter: Painter
-    found: dict[StrokeStyle, list[tuple[Floats, Floats]]] = field(default_factory=dict)
+    draw_calls: Sequence[DrawCall]
+    found: Found = field(default_factory=dict)
 
     def strokes(self) -> tuple[Stroke, ...]:
-        """All of them, joined."""
+        """All of them, joined: in an order that neither bands nor threads of a device have a part in."""
         made = []
-        for style, parts in self.found.items():
-            starts, ends = (np.concatenate(some) for some in zip(*parts, strict=True))
-            lines = chain(starts, ends)
+        for style in sorted(self.found, key=self._order):
+            _, starts, ends = zip(*self.found[style], strict=True)
+            short = np.concatenate([np.concatenate(starts), np.concatenate(ends)], axis=1)
+            short = short[np.lexsort(short.T)]
+            lines = chain(short[:, :2], short[:, 2:])
             lines = meet_at_corners(lines) if style.value is None else lines
             made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)
 
-    def take(self, found: Mapping[StrokeStyle, list[tuple[Floats, Floats]]]) -> None:
+    def _order(self, style: StrokeStyle) -> tuple[Place, float]:
+        """Where a style comes first, faint lines before others."""
+        return min(place for place, _, _ in self.found[style]), style.opacity
+
+    def take(self, found: Found) -> None:
         """Lines that others have gathered."""
         for style, parts in found.items():
             self.found.setdefault(style, []).extend(parts)
@@ -66,13 +80,14 @@ class Tracer:
         """
         for number, (draw_call, hits) in enumerate(drawn):
             before = [one for k, one in enumerate(drawn) if k != number]
+            call = self.draw_calls.index(draw_call)
             if draw_call.style.mesh_lines is not None:
                 side = hits.owner if hits.side is None else hits.side
                 lines = self._borders(view, hits, side)
                 width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
-                self._keep(StrokeStyle(width, color, 1.0, None), lines, before, hits, own)
+                self._keep(StrokeStyle(width, color, 1.0, None), (call, 0), lines, before, hits, own)
             if draw_call.style.contours is not None:
-                self._contours(view, draw_call, hits, before, own)
+                self._contours(view, call, hits, before, own)
         if self.painter.scene.outline and drawn:
             self._outline(drawn, view, own)
 
@@ -81,7 +96,7 @@ class Tracer:
         shape = view.height, view.width
         marks = self.painter.stages.lines.mesh(view, hits, WIDE)
         owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
-        return _in_picture(view, borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape)))
+        return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
 
     def _outline(self, drawn: Drawn, view: View, own: Bools) -> None:
         """The border of all that is seen; distances to borders are those of the nearest surface."""
@@ -92,12 +107,14 @@ class Tracer:
             distance[nearer] = self.painter.stages.lines.mesh(view, hits, WIDE).distance[nearer]
         shape = view.height, view.width
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
-        lines = _in_picture(view, borders(seen, distance.reshape(shape), depth.reshape(shape)))
-        self._keep(StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None), lines, [], drawn[0][1], own)
+        lines = borders(seen, distance.reshape(shape), depth.reshape(shape), view.first)
+        style = StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None)
+        self._keep(style, (len(self.draw_calls), 0), lines, [], drawn[0][1], own)
 
-    def _contours(self, view: View, draw_call: DrawCall, hits: HitBuffer, before: Drawn, own: Bools) -> None:
+    def _contours(self, view: View, call: int, hits: HitBuffer, before: Drawn, own: Bools) -> None:
         """The contours of a surface, where it is not itself in front of them."""
-        contours, painter = draw_call.style.contours, self.painter
+        draw_call, painter = self.draw_calls[call], self.painter
+        contours = draw_call.style.contours
         assert contours is not None
         quantity, values = painter.of_contours(draw_call), painter.values(draw_call)
         of = painter.stages.resampled(hits, draw_call.quantity, quantity)
@@ -109,17 +126,18 @@ class Tracer:
             here = found[found["number"] == number]
             style = StrokeStyle(contours.width, contours.color, 1.0, value, contours.labels)
             lines = here["from"], here["to"], here["pixel"].astype(np.int64)
-            self._keep(style, lines, before, hits, own)
+            self._keep(style, (call, 1 + number), lines, before, hits, own)
 
     def _keep(
         self,
         style: StrokeStyle,
+        place: Place,
         lines: tuple[Floats, Floats, Ints],
         others: Sequence[tuple[DrawCall, HitBuffer]],
         hits: HitBuffer,
         own: Bools,
     ) -> None:
-        """Note lines (n, 2) to (n, 2) on pixels (n,), as faint as what lies before them leaves them."""
+        """Note lines (n, 2) to (n, 2) of a place on pixels (n,), as faint as what lies before them leaves them."""
         starts, ends, pixel = lines
         through = np.ones(len(pixel))
         depth = hits.depth[pixel]
@@ -130,10 +148,4 @@ class Tracer:
         for part in np.unique(through[through > FAINT]):
             here = through == part
             fainter = replace(style, opacity=float(part))
-            self.found.setdefault(fainter, []).append((starts[here], ends[here]))
-
-
-def _in_picture(view: View, lines: tuple[Floats, Floats, Ints]) -> tuple[Floats, Floats, Ints]:
-    """Lines on pixels of a view, in columns and rows of the picture."""
-    starts, ends, pixel = lines
-    return starts + view.first, ends + view.first, pixel
+            self.found.setdefault(fainter, []).append((place, starts[here], ends[here]))

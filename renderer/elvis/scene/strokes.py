@@ -178,16 +178,17 @@ def _nearest_to(tails: list[_Tail]) -> Floats | None:
     return np.asarray(np.linalg.solve(matrix, across.T @ offsets))
 
 
-def borders(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Floats, Ints]:
+def borders(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[Floats, Floats, Ints]:
     """Short lines between pixels of different owners: starts and ends (n, 2), and the pixel (n,) each lies on.
 
     owner     (h, w) whose the pixels are, -1 where nothing is
     distance  (h, w) pixels to the nearest border of the owner's element, infinite where that is not known
     depth     (h, w) of two surfaces the nearer one ends here
+    first     (2,) column and row of the first pixel
     Between two centres the border is where the distances from both say; where one side is empty, or another surface
     behind, where the distance goes to zero.  Where more than two owners meet, lines go to the middle.
     """
-    crossings, is_crossed = _square_sides(owner, distance, depth)
+    crossings, is_crossed = _square_sides(owner, distance, depth, first)
     count = np.count_nonzero(is_crossed, axis=2)
     nearest = _nearest(owner, depth)
 
@@ -206,14 +207,14 @@ def borders(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Float
     return starts, ends, np.concatenate([nearest[two], nearest[more][square]])
 
 
-def _square_sides(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bools]:
+def _square_sides(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[Floats, Bools]:
     """Where borders cross the sides of the squares between centres: (h - 1, w - 1, 4, 2), and whether they do.
 
     Sides are the upper, the lower, the left and the right one.
     """
     wide, is_across = _crossings(owner, distance, depth)
     tall, is_down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
-    rows, columns = np.indices((owner.shape[0] - 1, owner.shape[1] - 1))
+    rows, columns = np.indices((owner.shape[0] - 1, owner.shape[1] - 1)) + first[::-1, None, None]
     upper = np.stack([columns + wide[:-1], rows], axis=-1)
     lower = np.stack([columns + wide[1:], rows + 1.0], axis=-1)
     left = np.stack([columns, rows + tall[:, :-1]], axis=-1)
