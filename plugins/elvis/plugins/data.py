@@ -143,7 +143,11 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
 
     Of a series it is the moment of ``reading``.
     """
-    paths, series = _series_of(paths, reading)
+    return _whole_of(*_series_of(paths, reading), reading)
+
+
+def _whole_of(paths: Sequence[Path], series: Series | None, reading: Reading) -> Dataset:
+    """The same of files that are known to be a series, or one state."""
     if series is not None:
         return series.at_moment(reading.moment)
     return reading.moment.of_one_state(state_with_others(paths, reading))
@@ -152,9 +156,11 @@ def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
 def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
     """As `dataset_of`, of files that are one state a part."""
     paths, series = _series_of(paths, reading)
-    if series is None and not reading.others and not _is_native(paths, reading):
+    if series is not None or reading.others:
+        return _whole_of(paths, series, reading)
+    if not _is_native(paths, reading):
         return _part_of_conversion(paths, reading, ranks)
-    parts = _parts_of(paths, reading)
+    parts = _native_parts(paths, reading)
     return parts if isinstance(parts, Dataset) else parts.part(ranks.rank, ranks.size, is_last=True)
 
 
@@ -174,7 +180,12 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
     """As `dataset_of`, of native files that are one state what gives one part after another."""
     paths, series = _series_of(paths, reading)
     if series is not None or reading.others or not _is_native(paths, reading):
-        return dataset_of(paths, reading)
+        return _whole_of(paths, series, reading)
+    return _native_parts(paths, reading)
+
+
+def _native_parts(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
+    """The same of native files that are one state."""
     parts = read_parts(*paths)
     if isinstance(parts, Dataset):
         return reading.moment.of_one_state(parts)

@@ -58,13 +58,12 @@ class Portion:
         rows: dict[_Kind, Ints] = {shape: np.arange(len(own)) for shape, own in mesh.entities.items()}
         rows[None] = np.arange(len(mesh.vertices))
         blocks = {field.name: tuple(np.arange(len(block)) for block in field.blocks) for field in dataset.fields}
-        elements = sum(map(len, mesh.elements.values()))
         if mesh.excerpt is not None:
-            elements, sides = mesh.excerpt.elements, np.union1d(sides, mesh.excerpt.sides)
+            sides = np.union1d(sides, mesh.excerpt.sides)
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
         alone = replace(dataset, others={}, shared={}, rates=None)
-        return Portion(alone, rows, edges, faces, blocks, sides, elements, triangles, is_even(dataset))
+        return Portion(alone, rows, edges, faces, blocks, sides, mesh.count, triangles, is_even(dataset))
 
     @staticmethod
     def of_whole(dataset: Dataset, number: int, count: int) -> Portion:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -136,9 +135,12 @@ def integrate(
     wanted = quantities if is_all else ()
 
     def opened() -> Source:
-        return data.shared(
-            ranks, partial(_comes_apart, asked=(quantities, over, coefficients, clip), ranks=ranks), wanted
-        )
+        from elvis.core.integrals import comes_apart
+
+        def is_sum(dataset: Dataset) -> bool:
+            return comes_apart(dataset, quantities, over, coefficients, clip, ranks)
+
+        return data.shared(ranks, is_sum, wanted)
 
     found = _of_one_state(opened, integrals) if times is None else _of_series(data, wanted, times, integrals)
     if not ranks.rank:
@@ -244,15 +246,6 @@ def _histogram(
 
 #: points that a histogram is made from, about
 _POINTS = 1_000_000
-
-
-def _comes_apart(
-    dataset: Dataset, asked: tuple[Sequence[str], Sequence[str], str | None, str | None], ranks: Ranks
-) -> bool:
-    """Whether integrals are sums of those over the parts of data that ranks have."""
-    from elvis.core.integrals import comes_apart
-
-    return comes_apart(dataset, *asked, ranks)
 
 
 def _of_one_state(opened: Callable[[], Source], integrals: Callable[[Source, Progress | None], Integrals]) -> _Moments:
