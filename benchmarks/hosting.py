@@ -71,7 +71,7 @@ def measure(mesh: Path, size: tuple[int, int], rounds: int, path: Path) -> list[
     """A row: processor seconds of a step, of its conversion alone, and of drawing and writing data at hand, in turn."""
     whole, alone = Steps(mesh), Steps(mesh)
     scene = Scene("rho", size=size, outputs=(str(path),))
-    at_hand = [alone.states.at(0.1 * step, alone.fields(step)) for step in range(2)]
+    at_hand = [alone.states.at(0.1 * step, alone.fields(step), ["rho"]) for step in range(2)]
     # what the solver computes is made before the clock runs
     coming = {steps: [steps.fields(step) for step in range(rounds + 1)] for steps in (whole, alone)}
     left = {steps: iter(fields) for steps, fields in coming.items()}
@@ -85,7 +85,7 @@ def measure(mesh: Path, size: tuple[int, int], rounds: int, path: Path) -> list[
 
         works = {
             "step": lambda: session.show(1, 0.0, next(left[whole])),
-            "conversion": lambda: alone.states.at(0.0, next(left[alone])),
+            "conversion": lambda: alone.states.at(0.0, next(left[alone]), ["rho"]),
             "drawing": draw,
         }
         times = in_turn(works, rounds)

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from elvis.core.threads import results, started
+from elvis.core.threads import Once, results
 
 
 def test_results_come_in_the_order_of_the_jobs():
@@ -22,9 +22,17 @@ def test_the_first_failure_comes_out():
 
 
 def test_what_is_started_is_at_work_meanwhile():
-    begun = threading.Event()
-    with started(lambda: begun.set() or 7) as result:
+    begun, once = threading.Event(), Once()
+    with once.started(lambda: begun.set() or 7) as result:
         assert begun.wait(5)
         assert result() == 7
-    with started(lambda: 1 / 0) as result, pytest.raises(ZeroDivisionError):
+    with once.started(lambda: pytest.fail("done again")) as result:
+        assert result() == 7
+
+
+def test_what_has_failed_is_tried_again():
+    once = Once()
+    with once.started(lambda: 1 / 0) as result, pytest.raises(ZeroDivisionError):
         result()
+    with once.started(lambda: 7) as result:
+        assert result() == 7

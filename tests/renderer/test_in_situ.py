@@ -91,6 +91,55 @@ def bubbles():
     return places
 
 
+class TestNeeded:
+    """Of later steps no field is converted that neither picture nor condition needs."""
+
+    @pytest.mark.parametrize(
+        ("keywords", "names"),
+        [
+            ({"field": "u"}, ["u"]),
+            ({"field": ""}, ["u"]),
+            ({"field": "x"}, ["u"]),
+            ({"field": "u*w"}, ["u", "w"]),
+            ({"field": "d(w,x)", "when": "max(q) > -1"}, ["w", "q"]),
+            ({"field": "u", "lic": {"velocity": "w,q"}}, ["u", "w", "q"]),
+        ],
+    )
+    def test_fields(self, session, tmp_path, monkeypatch, keywords, names):
+        places, shown = squares(), []
+
+        def fields(step):
+            # of u, which is linear, other fields must not change the modes
+            return {
+                "u": 1 + places[..., 0] * step,
+                "w": values(places, step),
+                "q": places[..., 0] ** 3,
+                "o": places[..., 1],
+            }
+
+        show = rendering.Pictures.show
+        monkeypatch.setattr(rendering.Pictures, "show", lambda own, data: shown.append(data) or show(own, data))
+        with session({"quadrilateral": places}, **keywords) as drawn:
+            for step in range(3):
+                assert drawn.show(step, 0.0, fields(step)) is not None, drawn.faults
+        assert [list(data) for data in shown] == [names, names]
+        whole = from_arrays({"quadrilateral": places}, fields(2))
+        for name in names:
+            for own, wanted in zip(shown[-1][name].blocks, whole[name].blocks, strict=True):
+                assert own.expansion == wanted.expansion
+                assert (own.coefficients == wanted.coefficients).all()
+        keywords.pop("when", None)
+        post = str(tmp_path / "post.png")
+        render(whole, **{"size": (20, 20), "device": "reference", "output": post, **keywords})
+        assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
+
+    def test_a_name_that_comes_later(self, session):
+        places = squares()
+        drawn = session({"quadrilateral": places}, field="u*w", output=None)
+        assert drawn.show(0, 0.0, {"u": values(places, 0)}) is None
+        assert drawn.show(1, 0.0, {"u": values(places, 0), "w": values(places, 1)}) is not None
+
+
 class TestKept:
     """What values have no part in is found once, and pictures are those of data that share nothing."""
 
@@ -148,10 +197,10 @@ class TestStates:
     def test_a_uniform_start_takes_nothing_from_later_steps(self):
         places, point = squares(0.0), (0.3, 1.6)
         states = states_of({"quadrilateral": places})
-        states.at(0.0, {"u": np.ones(places.shape[:2])})
-        assert sample(states.at(1.0, {"u": values(places, 1.0)}), "u", point)["u"] == pytest.approx(
-            [0.18 - 1.6], abs=1e-13
-        )
+        first, second = (states.at(1.0, {"u": own}) for own in (np.ones(places.shape[:2]), values(places, 1.0)))
+        assert sample(second, "u", point)["u"] == pytest.approx([0.18 - 1.6], abs=1e-13)
+        # so that a series interpolates between the two
+        assert [block.expansion for block in first["u"].blocks] == [block.expansion for block in second["u"].blocks]
 
     def test_coefficients_take_the_place_of_those_that_were_there(self):
         dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0] * x[:, 1])

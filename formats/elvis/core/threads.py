@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 T = TypeVar("T")
 #: jobs that are at work at once
@@ -29,8 +29,23 @@ def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
             yield waiting.popleft().result()
 
 
-@contextmanager
-def started(job: Callable[[], T]) -> Iterator[Callable[[], T]]:
-    """What waits for the result of a job, which is at work meanwhile; its exception comes out of there, too."""
-    with ThreadPoolExecutor(1, "elvis-work") as pool:
-        yield pool.submit(copy_context().run, job).result
+class Once(Generic[T]):
+    """What a job returns that is done once, beside whoever asks for it first."""
+
+    def __init__(self) -> None:
+        self._found: tuple[T, ...] = ()
+
+    @contextmanager
+    def started(self, job: Callable[[], T]) -> Iterator[Callable[[], T]]:
+        """What waits for the result of a job, which is at work meanwhile; where it was done before, no thread is.
+
+        Its exception comes out of there, too.
+        """
+        if self._found:
+            yield lambda: self._found[0]
+            return
+        with ThreadPoolExecutor(1, "elvis-work") as pool:
+            waiting = pool.submit(copy_context().run, job)
+            yield waiting.result
+            if waiting.exception() is None:
+                self._found = (waiting.result(),)

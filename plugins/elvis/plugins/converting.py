@@ -14,11 +14,12 @@ from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.mesh import Mesh
+from elvis.core.quantities.needed import needed_fields
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import FieldFit, beyond, fit_positions, mapped, padded
+from elvis.plugins.projection.fitting import FieldFit, beyond, field_modes, fit_positions, mapped, padded
 from elvis.plugins.projection.placing import in_space, worse
 from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance, fit_joined
 from elvis.plugins.projection.sampling import Sampler
@@ -96,7 +97,7 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     # where the mesh file can't hold the map, it travels as fields
     has_map = settings.geometry == "map" or (settings.geometry == "auto" and findings.exceeding)
     maps = _maps(sampler, mesh, blocks) if has_map else []
-    dataset = _dataset(source, mesh, blocks, [*fitted, *maps], has_map)
+    dataset = _dataset(source, mesh, blocks, fields, [*fitted, *maps], has_map)
     if has_map:
         findings = check(sampler, Maps(dataset), blocks, (), source.precision)
         findings.fields = straight.fields
@@ -108,15 +109,18 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     return Conversion(dataset, report, tuple(blocks), tuple(maps))
 
 
-def convert_again(source: Converter, before: Conversion) -> Dataset:
+def convert_again(source: Converter, before: Conversion, quantities: Sequence[str] = ()) -> Dataset:
     """The dataset of a source whose fields alone are others than they were when it was converted.
+
+    quantities  for which fields are needed, the empty one for the first field: others are left out; none: all are there
 
     Mesh and blocks are those of then, as is what the metadata say of errors: the error is not measured again.
     ElvisError where the fields can't be represented.
     """
-    mesh, blocks = before.dataset.mesh, list(before.blocks)
-    fitted = fit_joined(Sampler(source), mesh, blocks, _choose_fields(source, None))
-    dataset = _dataset(source, mesh, blocks, [*fitted, *before.maps], bool(before.maps))
+    mesh, blocks, fields = before.dataset.mesh, list(before.blocks), _choose_fields(source, None)
+    wanted = _needed(source, before, fields, quantities) if quantities else fields
+    fitted = fit_joined(Sampler(source), mesh, blocks, wanted)
+    dataset = _dataset(source, mesh, blocks, fields, [*fitted, *before.maps], bool(before.maps))
     dataset = replace(dataset, metadata={**dataset.metadata, **before.report.metadata()})
     return on_mesh_of(before.dataset, dataset)
 
@@ -125,6 +129,20 @@ def converted_object(source: Converter, name: str) -> Dataset:
     """The dataset of a source that is no file; a remark calls it ``name`` and tells with what error it arrived."""
     conversion = convert(source, files=(name,))
     return replace(conversion.dataset, remarks=(conversion.report.remark(),))
+
+
+def _needed(
+    source: Converter, before: Conversion, fields: Sequence[SourceField], quantities: Sequence[str]
+) -> list[SourceField]:
+    """Those of the fields that quantities are made of."""
+    known = before.dataset
+    named = (
+        *(Field(name, ()) for name in dict.fromkeys(each.name for each in fields)),
+        *map(known.field, known.map_names),
+    )
+    state = Dataset(known.mesh, named, source.time, {**known.metadata, **source.metadata})
+    names = needed_fields(state, quantities)
+    return [each for each in fields if each.name in names]
 
 
 def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) -> Topology:
@@ -137,10 +155,18 @@ def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) 
 
 
 def _dataset(
-    source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit], has_map: bool
+    source: Converter,
+    mesh: Mesh,
+    blocks: Sequence[NativeBlock],
+    fields: Sequence[SourceField],
+    fitted: Sequence[FieldFit],
+    has_map: bool,
 ) -> Dataset:
-    """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files."""
-    modes = [_modes(block, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
+    """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files.
+
+    fields  all that the source has, of which some may not be fitted
+    """
+    modes = [_modes(block, fields, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
     metadata = dict(source.metadata)
     if has_map:
         metadata[MAP_KEY] = ",".join(MAP_FIELDS[: mesh.space])
@@ -148,18 +174,22 @@ def _dataset(
     return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
 
 
-def _modes(block: NativeBlock, fields: Sequence[tuple[FieldFit, int]]) -> tuple[int, ...]:
+def _modes(
+    block: NativeBlock, fields: Sequence[SourceField], fitted: Sequence[tuple[FieldFit, int]]
+) -> tuple[int, ...]:
     """Numbers of modes of a block in files, in each direction, given its number among those of each field.
 
-    They are those of the source where it tells them and nothing that they lack is more than rounding.
+    They are those of the source where it tells them and nothing that they lack is more than rounding.  Elsewhere values
+    have no part in them: all steps of a solver have the same, whichever of its fields are there.
     """
-    dimension, wide = block.shape.dimension, max((each.modes[i] for each, i in fields), default=2)
+    dimension = block.shape.dimension
+    wide = max([2, *(field_modes(block, each) for each in fields), *(each.modes[i] for each, i in fitted)])
     alike = (wide,) * dimension
-    if not fields or block.modes is not None or block.is_collapsed or block.order.any():
+    own = [each.field.modes[block.number] if each.field.modes else None for each, _ in fitted]
+    if not any(own) or block.modes is not None or block.is_collapsed or block.order.any():
         return alike
-    own = [each.field.modes[block.number] if each.field.modes else None for each, _ in fields]
     kept = tuple(np.max([modes or (2,) * dimension for modes in own], axis=0, initial=2).tolist())
-    for each, i in fields:
+    for each, i in fitted:
         coefficients = each.coefficients[i]
         lost = beyond(coefficients, block.expansion(each.modes[i]), block.expansion(kept))
         if lost > _LOST * float(np.abs(coefficients).max(initial=0.0)):

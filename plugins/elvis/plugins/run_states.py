@@ -21,12 +21,16 @@ from elvis.plugins.series.between import on_mesh_of
 class States(Protocol):
     """What `Session` asks for a dataset at each step."""
 
-    def at(self, time: float, fields: Any) -> Dataset:
-        """The state at a time; ElvisError where the fields are not what they should be."""
+    def at(self, time: float, fields: Any, quantities: Sequence[str] = ()) -> Dataset:
+        """The state at a time; ElvisError where the fields are not what they should be.
+
+        quantities  that alone will be asked of it, the empty one for the first field: fields that these don't need may
+                    be missing; none where that is not known
+        """
 
 
 class ValuedSource(Protocol):
-    """A converter whose elements stay, and whose fields are given to it."""
+    """A converter whose elements stay, and whose fields are given to it; these tell no modes of their own."""
 
     time: float | None
 
@@ -40,14 +44,16 @@ class NodalStates:
     source  a converter with a method `take`, as `ValuedSource` tells
     name    by which remarks call it
 
-    The first state is converted whole, with its error measured; of others only the fields are.
+    The first state is converted whole, with its error measured; of others only the fields that are needed are.
     """
 
     def __init__(self, source: Any, name: str) -> None:
         self._source, self._name = source, name
         self._first: Conversion | None = None
+        #: the names of the fields that the last state has; none before there is one
+        self.carried: tuple[str, ...] = ()
 
-    def at(self, time: float, fields: Any) -> Dataset:
+    def at(self, time: float, fields: Any, quantities: Sequence[str] = ()) -> Dataset:
         """The state whose fields the source takes."""
         source: Converter = self._source
         self._source.take(fields)
@@ -56,7 +62,8 @@ class NodalStates:
             self._first = convert(source, files=(self._name,))
             dataset = self._first.dataset
         else:
-            dataset = convert_again(source, self._first)
+            dataset = convert_again(source, self._first, quantities)
+        self.carried = tuple(dataset)
         return replace(dataset, remarks=(self._first.report.remark(),))
 
 
@@ -77,7 +84,7 @@ class ModalStates:
             )
         self._dataset = dataset
 
-    def at(self, time: float, fields: Mapping[str, Any] | Dataset) -> Dataset:
+    def at(self, time: float, fields: Mapping[str, Any] | Dataset, quantities: Sequence[str] = ()) -> Dataset:
         """The state with these coefficients, copied; or another dataset, whose mesh is known where it is the same."""
         known = self._dataset
         if isinstance(fields, Dataset):

@@ -12,6 +12,7 @@ from elvis.core.geometry import share
 from elvis.core.terminal import one_line, warn
 from elvis.plugins.run_states import states_of
 from elvis.renderer.rendering import Pictures
+from elvis.renderer.request import asked_by
 from elvis.renderer.triggers import Trigger
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
@@ -54,6 +55,7 @@ class Session:
         self.faults: list[str] = []
         self.drawn = 0
         self._trigger = Trigger.of(every, when)
+        self._quantities = (*asked_by([self.scene]), *self._trigger.quantities)
         self._states = states_of(mesh, reference)
         self._device = device or self.scene.device
         self._pictures: Pictures | None = None
@@ -98,7 +100,7 @@ class Session:
     def _show(self, step: int, time: float, fields: Any) -> Frame | None:
         if not self.is_due(step):
             return None
-        data = self._states.at(time, fields() if callable(fields) else fields)
+        data = self._states.at(time, fields() if callable(fields) else fields, self._quantities)
         if not self._trigger.holds(data):
             return None
         if self._pictures is None:

@@ -45,6 +45,7 @@ class Host:
         self._points: dict[str, Floats] = {}
         self._config = self.cfg.tostr()
         self._every = self.cfg.getint(cfgsect, "every", 1)
+        self._states: NodalStates | None = None
         self._session = self._opened(str(intg.system.mesh.fname)) if rank == self._root else None
 
     def __call__(self, intg: Any) -> None:
@@ -52,9 +53,17 @@ class Host:
         step = int(intg.nacptsteps)
         if step % self._every:
             return
-        parts = self._comm.gather(_part(intg), root=self._root)
+        wanted = self._comm.bcast(self._wanted(), root=self._root)
+        parts = self._comm.gather(_part(intg, wanted), root=self._root)
         if self._session is not None:
-            self._session.show(step, float(intg.tcurr), lambda: self._joined(parts))
+            names = [self._names[number] for number in wanted]
+            self._session.show(step, float(intg.tcurr), lambda: self._joined(names, parts))
+
+    def _wanted(self) -> list[int]:
+        """Which variables are sent: those that the last picture needed; all before there is one."""
+        every = range(len(self._names))
+        carried = () if self._states is None else self._states.carried
+        return [number for number in every if self._names[number] in carried] or list(every)
 
     def finalise(self, intg: Any) -> None:
         """Give the device back."""
@@ -68,10 +77,11 @@ class Host:
         self._source = converter([Path(mesh)])
         given = {key: self.cfg.get(self.cfgsect, key) for key in ("output",) if self.cfg.hasopt(self.cfgsect, key)}
         scene, when = self.cfg.getpath(self.cfgsect, "scene"), self.cfg.get(self.cfgsect, "when", "")
-        return Session(NodalStates(self._source, Path(mesh).name), scene, every=self._every, when=when, **given)
+        self._states = NodalStates(self._source, Path(mesh).name)
+        return Session(self._states, scene, every=self._every, when=when, **given)
 
-    def _joined(self, parts: Sequence[Mapping[str, tuple[Ints, Floats]]]) -> Any:
-        """The solution on all elements, in the order of the mesh file, from the parts of all ranks."""
+    def _joined(self, names: Sequence[str], parts: Sequence[Mapping[str, tuple[Ints, Floats]]]) -> Any:
+        """Variables on all elements, in the order of the mesh file, from the parts of all ranks."""
         values: dict[str, tuple[Floats, Floats]] = {}
         for kind in sorted({kind for part in parts for kind in part}):
             own = [part[kind] for part in parts if kind in part]
@@ -79,7 +89,7 @@ class Host:
             for rows, each in own:
                 found[rows] = each
             values[kind] = self._solution_points(kind, found.shape[2]), found
-        return self._source.state(self._names, values, self._config)
+        return self._source.state(names, values, self._config)
 
     def _solution_points(self, kind: str, count: int) -> Floats:
         """(count, d) where elements of a kind have their values; found once."""
@@ -91,10 +101,14 @@ class Host:
         return self._points[kind]
 
 
-def _part(intg: Any) -> dict[str, tuple[Ints, Floats]]:
-    """By kind of element: the rows of this rank's elements in the mesh file, and values (n, variables, points)."""
+def _part(intg: Any, wanted: Sequence[int]) -> dict[str, tuple[Ints, Floats]]:
+    """By kind of element: the rows of this rank's elements in the mesh file, and values (n, variables, points).
+
+    wanted  numbers of the variables
+    """
     kinds, rows = intg.system.ele_types, intg.system.mesh.eidxs
-    return {kind: (np.asarray(rows[kind]), np.array(own.T)) for kind, own in zip(kinds, intg.soln, strict=True)}
+    pairs = zip(kinds, intg.soln, strict=True)
+    return {kind: (np.asarray(rows[kind]), np.ascontiguousarray(own[:, wanted].T)) for kind, own in pairs}
 
 
 @cache

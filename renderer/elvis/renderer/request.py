@@ -33,8 +33,13 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:
     """How files are read of which nothing but pictures of scenes is made, all of the moment of the first."""
-    texts = dict.fromkeys(text for scene in scenes for text in (*quantities(scene), *vector_components(scene)))
-    return replace(reading_of(scenes[0], is_kept), quantities=tuple(texts))
+    return replace(reading_of(scenes[0], is_kept), quantities=asked_by(scenes))
+
+
+def asked_by(scenes: Sequence[Scene]) -> tuple[str, ...]:
+    """All that pictures of scenes evaluate, each once; an empty text is the first field of the data."""
+    texts = (text for scene in scenes for text in (*quantities(scene), *vector_components(scene)))
+    return tuple(dict.fromkeys(texts))
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,11 @@ class Trigger:
             raise SceneError(f"every: expected a number of steps, 1 or more, found {every!r:.60}")
         return Trigger(every, tuple(map(Condition.parse, _AND.split(when.strip()))) if when.strip() else ())
 
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What the conditions are about."""
+        return tuple(condition.quantity for condition in self.conditions)
+
     def is_due(self, step: int) -> bool:
         """Whether a step is of the period."""
         return step % self.every == 0

@@ -23,7 +23,7 @@ from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
-from elvis.core.threads import started
+from elvis.core.threads import Once
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
 from elvis.plugins.native.device_spaces import even_space, field_space
@@ -79,7 +79,7 @@ class Elements:
         shape, ids = self.geometry.shape, np.concatenate([p.element_ids for p in self.patches])
         lengths = self.series.lengths if self.series else ()
         key = "maps", self.geometry, lengths, ids.tobytes()
-        with started(lambda: self._keep(key, lambda: Maps.of(self.patches, self.geometry))) as found:
+        with self._keep(key, Once).started(lambda: Maps.of(self.patches, self.geometry)) as found:
             quantities = {expression.text: self._quantity(expression) for expression in self.expressions}
             maps = found()
         buffers: dict[str, NDArray[Any]] = {"control_points": maps.points, "control_indices": maps.indices}

@@ -13,6 +13,7 @@ from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, to_bernstein
+from elvis.core.threads import Once
 from elvis.plugins.native.weights import weights
 
 
@@ -37,10 +38,10 @@ class Maps:
 
 
 #: gives what was made before for a key, or what the function makes
-Keep: TypeAlias = Callable[[Hashable, Callable[[], Maps]], Maps]
+Keep: TypeAlias = Callable[[Hashable, Callable[[], Once[Maps]]], Once[Maps]]
 
 
-def keep_nothing(_: Hashable, make: Callable[[], Maps]) -> Maps:
+def keep_nothing(_: Hashable, make: Callable[[], Once[Maps]]) -> Once[Maps]:
     """Makes it each time."""
     return make()
 
