@@ -255,7 +255,7 @@ def files(bent, tmp_path_factory):
         ("norms", "--json"),
         ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"),
         ("integrate", "--field", "1"),
-        ("info",),
+        ("info", "--json", "--field", "d(u,x)/(2+u)"),
     ],
     ids=lambda words: words[0],
 )

@@ -89,15 +89,39 @@ MEMBERS: Mapping[Shape, int] = {
 }
 
 
+@dataclass(frozen=True)
+class Counts:
+    """How much a mesh is made of.
+
+    vertices    their number
+    entities    numbers by shape
+    curves      for edges and for faces how many are curved, and the points of all
+    composites  for each how many entities its parts have
+    """
+
+    vertices: int
+    entities: Mapping[Shape, int]
+    curves: tuple[tuple[int, int], tuple[int, int]]
+    composites: tuple[tuple[int, ...], ...]
+
+    @property
+    def bytes(self) -> int:
+        """How much memory arrays of a mesh take that is made of so much: their numbers have eight bytes each."""
+        numbers = 4 * self.vertices + sum(map(sum, self.composites))
+        numbers += sum((1 + MEMBERS[shape]) * count for shape, count in self.entities.items())
+        numbers += sum(3 * count + 1 + 3 * points for count, points in self.curves)
+        return 8 * numbers
+
+
 @dataclass(frozen=True, eq=False)
 class Excerpt:
     """What a mesh that is a part of a whole one has to know of that (`elvis.core.portions`).
 
-    elements  how many the whole has
-    sides     (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole
+    counts  of the whole
+    sides   (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole
     """
 
-    elements: int
+    counts: Counts
     sides: Ints
 
 
@@ -131,9 +155,20 @@ class Mesh:
         return self.entities.get(shape, Entities.none(MEMBERS[shape]))
 
     @property
+    def counts(self) -> Counts:
+        """How much there is, in the whole where this is a part of it."""
+        if self.excerpt is not None:
+            return self.excerpt.counts
+        entities = {shape: len(own) for shape, own in self.entities.items()}
+        edges, faces = ((len(curves), len(curves.points)) for curves in (self.edge_curves, self.face_curves))
+        composites = tuple(tuple(len(ids) for _, ids in composite.parts) for composite in self.composites)
+        return Counts(len(self.vertices), entities, (edges, faces), composites)
+
+    @property
     def count(self) -> int:
         """How many elements there are, in the whole where this is a part of it."""
-        return sum(map(len, self.elements.values())) if self.excerpt is None else self.excerpt.elements
+        entities = self.counts.entities
+        return sum(entities.get(shape, 0) for shape in Shape.of_dimension(self.dimension))
 
     @property
     def elements(self) -> dict[Shape, Entities]:

@@ -39,8 +39,8 @@ def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
     Elements with coefficients that are not finite are left out.  With Fourier directions ``lower`` and ``upper`` come
     from the sum of the amplitudes, without halving.
     """
-    finite = [(expansion, c[finite_rows(c)]) for expansion, c in blocks]
-    present = [(expansion, c) for expansion, c in finite if len(c)]
+    finite = [(expansion, c, finite_rows(c)) for expansion, c in blocks]
+    present = [(expansion, c if rows.all() else c[rows]) for expansion, c, rows in finite if rows.any()]
     if not present:
         return None
     greatest, upper = _greatest(present)
@@ -56,22 +56,37 @@ def field_range(blocks: Sequence[Block]) -> Range | None:
 def deciding(blocks: Sequence[Block]) -> Ints:
     """(n,) ids of elements of which some may hold an end of the range: that of them alone is that of all.
 
-    Those beyond what is attained, and those that attain it; where Fourier directions are summed, the greatest bounds.
+    Those beyond what is attained, of many as many as are looked at closely and one more, which bounds all others, and
+    those that attain it; where Fourier directions are summed, the greatest bounds.
     """
     found = [np.empty(0, np.int64)]
+    present = [(block, np.flatnonzero(finite_rows(block.coefficients))) for block in blocks]
+    present = [(block, rows) for block, rows in present if len(rows)]
     for sign in (1.0, -1.0):
-        finite = [(block, sign * block.coefficients, finite_rows(block.coefficients)) for block in blocks]
-        present = [(block, own[rows], rows) for block, own, rows in finite if rows.any()]
-        values = [evaluate(block.expansion, own, _samples(block.expansion)).max(axis=1) for block, own, _ in present]
-        attained = max((float(value.max()) for value in values), default=np.inf)
-        for (block, own, rows), value in zip(present, values, strict=True):
-            bounds = _bounds(block.expansion, own)
-            is_summed = block.expansion.homogeneous is not None
-            beyond = bounds == bounds.max() if is_summed else bounds > attained
+        ends = [_ends(block, rows, sign) for block, rows in present]
+        attained = max((float(values.max()) for values, _ in ends), default=np.inf)
+        for (block, rows), (values, bounds) in zip(present, ends, strict=True):
+            ids = block.element_ids[rows]
+            if block.expansion.homogeneous is not None:
+                found.append(ids[np.argmax(bounds)][None])
+            else:
+                beyond = np.flatnonzero(bounds > attained)
+                found.append(ids[beyond[_descending(bounds[beyond])[: _most_boxes(block.expansion) + 1]]])
             # of those that attain it one will do
-            beyond[np.flatnonzero(value == attained)[:1]] = True
-            found.append(block.element_ids[rows][beyond])
+            found.append(ids[np.flatnonzero(values == attained)[:1]])
     return np.unique(np.concatenate(found))
+
+
+def _ends(block: Block, rows: Ints, sign: float) -> tuple[Floats, Floats]:
+    """For some elements (n,) the greatest of a few values of a field, or of its negative (-1), and a bound of all."""
+    values, bounds = np.empty(len(rows)), np.empty(len(rows))
+    samples = _samples(block.expansion)
+    for first in range(0, len(rows), _ELEMENTS_AT_ONCE):
+        chunk = slice(first, first + _ELEMENTS_AT_ONCE)
+        own = sign * block.coefficients[rows[chunk]]
+        values[chunk] = evaluate(block.expansion, own, samples).max(axis=1)
+        bounds[chunk] = _bounds(block.expansion, own)
+    return values, bounds
 
 
 def finite_rows(coefficients: Floats) -> Bools:
@@ -129,12 +144,22 @@ def _wave_bounds(expansion: Expansion, coefficients: Floats) -> Floats:
     return bounds
 
 
+def _descending(bounds: Floats) -> Ints:
+    """(n,) the order of bounds from the greatest down, of equal ones as they stand."""
+    return np.argsort(-bounds, kind="stable")
+
+
+def _most_boxes(expansion: Expansion) -> int:
+    """How many boxes are looked at closely."""
+    space = bernstein_space(expansion)
+    size = np.prod([degree + 1 for degree in box_degrees(space)])
+    return max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
+
+
 def _refine(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
     """As `_greatest`, for elements whose bound exceeds what is attained: halve, forget boxes that can't win."""
     space = bernstein_space(expansion)
-    order = np.argsort(bounds)[::-1]
-    size = np.prod([degree + 1 for degree in box_degrees(space)])
-    most = max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
+    order, most = _descending(bounds), _most_boxes(expansion)
     forgotten = float(bounds[order[most]]) if len(order) > most else attained
     nets = box_nets(space, bernstein_coefficients(expansion, coefficients[order[:most]]))
 

@@ -1,8 +1,13 @@
-"""What is in a dataset: counts, orders, certified ranges, validity, as plain data that JSON can hold."""
+"""What is in a dataset: counts, orders, certified ranges, validity, as plain data that JSON can hold.
+
+Of a part of a dataset what can be added up is counted, and the elements that may hold an end of a range are handed on:
+so several ranks find what one would.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -15,52 +20,166 @@ from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.ranges import Range, field_range, finite_rows, value_range
+from elvis.core.portions.portion import Portion, unite
+from elvis.core.quantities.bounding import deciding_elements, quantity_range
+from elvis.core.quantities.expression import Expression
+from elvis.core.ranges import Range, deciding, field_range, finite_rows, value_range
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 
 Facts = dict[str, Any]
 
 _NUMBERS_AT_ONCE = 1 << 21
+_SHAPES = tuple(Shape)
 
 
-def summary(dataset: Dataset) -> Facts:
-    """All facts about a dataset, by topic; the keys are those of ``elvis info --json``."""
+def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ranks: Ranks = ALONE) -> Facts:
+    """All facts about a dataset, by topic; the keys are those of ``elvis info --json``.
+
+    whole       or the part of it that one of several ranks has; what all have is put together, elsewhere than at the
+                first rank nothing is found
+    quantities  whose ranges are facts, too
+    """
+    dataset = whole if isinstance(whole, Dataset) else whole.dataset
     blocks = geometry(dataset)
-    return {
-        "dimension": dataset.mesh.dimension,
-        "space": dataset.mesh.space,
+    tallies = [_Tally.of(dataset, blocks)]
+    if isinstance(whole, Portion):
+        own = whole.of(_deciding(dataset, blocks, quantities))
+        every = ranks.gather((tallies[0], own), f"what is in {dataset.mesh.count} elements")
+        if not every:
+            return {}
+        tallies = [tally for tally, _ in every]
+        dataset = unite([portion for _, portion in every]).dataset
+        blocks = geometry(dataset)
+    mesh = dataset.mesh
+    found = {
+        "dimension": mesh.dimension,
+        "space": mesh.space,
         "time": dataset.time,
-        "mesh": _mesh(dataset.mesh),
-        "geometry": _geometry(dataset, blocks),
-        "fields": [_field(field) for field in dataset.solution],
-        "composites": [_composite(composite) for composite in dataset.mesh.composites],
-        "domains": {str(id): list(composites) for id, composites in dataset.mesh.domains.items()},
+        "mesh": _mesh(mesh, tallies),
+        "geometry": {
+            "given_by_fields": MAP_KEY in dataset.metadata,
+            "expansions": _maps(tallies),
+            "box": box(dataset, blocks),
+            "jacobian": _jacobian([tally.signs for tally in tallies]),
+        },
+        "fields": [_field(field, [tally.fields[field.name] for tally in tallies]) for field in dataset.solution],
+        "composites": [_composite(*pair) for pair in zip(mesh.composites, mesh.counts.composites, strict=True)],
+        "domains": {str(id): list(composites) for id, composites in mesh.domains.items()},
         "metadata": dict(dataset.metadata),
-        "bytes": _bytes(dataset),
+        "bytes": mesh.counts.bytes + sum(own.bytes for tally in tallies for own in tally.fields.values()),
     }
+    if quantities:
+        found["quantities"] = {each.text: _ends_of(quantity_range(dataset, each)) for each in quantities}
+    return found
 
 
-def _mesh(mesh: Mesh) -> Facts:
+@dataclass(frozen=True)
+class _Signs:
+    """Of the Jacobian determinant at points: its ends, and ids of elements where it is not positive."""
+
+    least: float
+    greatest: float
+    wrong: list[int]
+
+    @staticmethod
+    def of(blocks: Sequence[GeometryBlock], space: int) -> _Signs:
+        least, greatest, wrong = np.inf, -np.inf, list[int]()
+        for block in blocks:
+            for ids, found in _determinants(block, space):
+                low = found.min(axis=1)
+                # what is not a number is no end, whatever is looked at together
+                least = float(np.fmin.reduce(low, initial=least))
+                greatest = float(np.fmax.reduce(found, axis=None, initial=greatest))
+                wrong += ids[~(low > 0)].tolist()
+        return _Signs(least, greatest, wrong)
+
+
+@dataclass(frozen=True)
+class _Coefficients:
+    """Of a field: elements of each of its blocks, coefficients that are no numbers, elements with such, bytes."""
+
+    elements: list[int]
+    nan: int
+    infinite: int
+    not_finite: int
+    bytes: int
+
+    @staticmethod
+    def of(field: Field) -> _Coefficients:
+        every = [block.coefficients for block in field.blocks]
+        return _Coefficients(
+            list(map(len, field.blocks)),
+            sum(int(np.isnan(own).sum()) for own in every),
+            sum(int(np.isinf(own).sum()) for own in every),
+            sum(int((~finite_rows(own)).sum()) for own in every),
+            sum(block.element_ids.nbytes + block.coefficients.nbytes for block in field.blocks),
+        )
+
+
+@dataclass(frozen=True)
+class _Tally:
+    """What is counted of some elements.
+
+    in_domain  how many there are
+    maps       of each block of the map its place among those of the whole, its expansion, and how many elements it has
+    """
+
+    in_domain: int
+    maps: Sequence[tuple[tuple[Any, ...], Expansion, int]]
+    signs: _Signs
+    fields: Mapping[str, _Coefficients]
+
+    @staticmethod
+    def of(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> _Tally:
+        given = [field.blocks for field in dataset.fields if field.name in dataset.map_names]
+        mapped = np.concatenate([np.empty(0, np.int64), *(block.element_ids for own in given for block in own)])
+        # see `elvis.core.geometry`: by shape and orders, then what fields give by the first element
+        maps = [
+            ((1, int(block.element_ids[0])), block.expansion, len(block))
+            if np.isin(block.element_ids[0], mapped)
+            else ((0, _SHAPES.index(block.expansion.shape), block.expansion.modes), block.expansion, len(block))
+            for block in blocks
+        ]
+        signs = _Signs.of(blocks, dataset.mesh.space)
+        fields = {field.name: _Coefficients.of(field) for field in dataset.fields}
+        return _Tally(len(dataset.mesh.domain_ids()), maps, signs, fields)
+
+
+def _deciding(dataset: Dataset, blocks: Sequence[GeometryBlock], quantities: Sequence[Expression]) -> Ints:
+    """(n,) ids of elements of which some may hold an end of what has a range, and the first of each block of the map,
+    so that blocks of these alone come in the order of all.
+    """
+    found = [block.element_ids[:1] for block in blocks]
+    for axis in range(3):
+        found.append(deciding([Block(b.expansion, b.element_ids, b.coefficients[:, axis]) for b in blocks]))
+    found += [deciding(field.blocks) for field in dataset.solution]
+    found += [deciding_elements(dataset, each) for each in quantities]
+    return np.unique(np.concatenate(found))
+
+
+def _mesh(mesh: Mesh, tallies: Sequence[_Tally]) -> Facts:
     """Counts of what the mesh is made of."""
-    entities = {shape: len(mesh.of(shape)) for shape in Shape if len(mesh.of(shape))}
+    counts = mesh.counts
+    entities = {shape: counts.entities[shape] for shape in Shape if counts.entities.get(shape)}
+    (curved_edges, _), (curved_faces, _) = counts.curves
     return {
-        "vertices": len(mesh.vertex_ids),
+        "vertices": counts.vertices,
         "entities": {shape.label.lower(): count for shape, count in entities.items()},
-        "elements": {shape.label.lower(): len(elements) for shape, elements in mesh.elements.items()},
-        "elements_in_domain": len(mesh.domain_ids()),
-        "curved_edges": len(mesh.edge_curves),
-        "curved_faces": len(mesh.face_curves),
+        "elements": {shape.label.lower(): n for shape, n in entities.items() if shape.dimension == mesh.dimension},
+        "elements_in_domain": sum(tally.in_domain for tally in tallies),
+        "curved_edges": curved_edges,
+        "curved_faces": curved_faces,
     }
 
 
-def _geometry(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
-    """Orders of the map, the box that holds all elements, and the sign of the Jacobian where it was sampled."""
-    return {
-        "given_by_fields": MAP_KEY in dataset.metadata,
-        "expansions": [_expansion(block.expansion, len(block)) for block in blocks],
-        "box": box(dataset, blocks),
-        "jacobian": jacobian(blocks, dataset.mesh.space),
-    }
+def _maps(tallies: Sequence[_Tally]) -> list[Facts]:
+    """Orders of the map, and how many elements have each."""
+    every = sorted((own for tally in tallies for own in tally.maps), key=lambda own: own[0])
+    counts = dict.fromkeys(((place[0], expansion) for place, expansion, _ in every), 0)
+    for place, expansion, count in every:
+        counts[place[0], expansion] += count
+    return [_expansion(expansion, count) for (_, expansion), count in counts.items()]
 
 
 def box(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
@@ -78,19 +197,24 @@ def _end(found: Range | None, end: str) -> float | None:
     return None if found is None else getattr(found, end)
 
 
+def _ends_of(found: Range | None) -> Facts | None:
+    return None if found is None else asdict(found)
+
+
 def jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
     """Extremes of the Jacobian determinant at quadrature points, and the elements where it is not positive there."""
-    least, greatest, wrong = np.inf, -np.inf, []
-    for block in blocks:
-        for ids, found in _determinants(block, space):
-            low = found.min(axis=1)
-            least, greatest = min(least, float(low.min())), max(greatest, float(found.max()))
-            wrong += ids[~(low > 0)].tolist()
+    return _jacobian([_Signs.of(blocks, space)])
+
+
+def _jacobian(every: Sequence[_Signs]) -> Facts:
+    """The same of signs of some elements and others."""
+    least, greatest = min(own.least for own in every), max(own.greatest for own in every)
+    has_any = least < np.inf or any(own.wrong for own in every)
     return {
         "sampled_at": "Gauss points, one more in each direction than the map has modes",
-        "least": least if blocks else None,
-        "greatest": greatest if blocks else None,
-        "elements_not_positive": sorted(wrong),
+        "least": least if has_any else None,
+        "greatest": greatest if has_any else None,
+        "elements_not_positive": sorted(number for own in every for number in own.wrong),
     }
 
 
@@ -119,27 +243,27 @@ def gauss_points(expansion: Expansion) -> Floats:
     return uncollapse(expansion.shape, eta)
 
 
-def _field(field: Field) -> Facts:
-    """Size, orders and range of one field; elements with a coefficient that is not finite are counted apart."""
+def _field(field: Field, every: Sequence[_Coefficients]) -> Facts:
+    """Size, orders and range of one field; elements with a coefficient that is not finite are counted apart.
+
+    field  of elements that may hold an end of the range
+    every  of all elements
+    """
     found = field_range(field.blocks)
+    elements = [sum(own) for own in zip(*(own.elements for own in every), strict=True)]
+    counts = dict.fromkeys((block.expansion for block in field.blocks), 0)
+    for block, count in zip(field.blocks, elements, strict=True):
+        counts[block.expansion] += count
     return {
         "name": field.name,
-        "elements": sum(len(block) for block in field.blocks),
-        "expansions": [_expansion(block.expansion, len(block)) for block in _merge(field.blocks)],
+        "elements": sum(elements),
+        "expansions": [_expansion(expansion, count) for expansion, count in counts.items()],
         "continuous": field.continuous,
         "range": {name: _end(found, name) for name in ("lower", "upper", "least", "greatest")},
-        "nan": sum(int(np.isnan(block.coefficients).sum()) for block in field.blocks),
-        "infinite": sum(int(np.isinf(block.coefficients).sum()) for block in field.blocks),
-        "elements_not_finite": sum(int((~finite_rows(block.coefficients)).sum()) for block in field.blocks),
+        "nan": sum(own.nan for own in every),
+        "infinite": sum(own.infinite for own in every),
+        "elements_not_finite": sum(own.not_finite for own in every),
     }
-
-
-def _merge(blocks: Sequence[Block]) -> list[Block]:
-    """The blocks in order, those of one expansion counted as one."""
-    ids: dict[Expansion, list[Any]] = {}
-    for block in blocks:
-        ids.setdefault(block.expansion, []).append(block.element_ids)
-    return [Block(expansion, np.concatenate(parts), np.empty((0, 0))) for expansion, parts in ids.items()]
 
 
 def _expansion(expansion: Expansion, elements: int) -> Facts:
@@ -157,18 +281,6 @@ def _expansion(expansion: Expansion, elements: int) -> Facts:
     return facts
 
 
-def _composite(composite: Composite) -> Facts:
-    parts = [{"tag": tag, "entities": len(ids)} for tag, ids in composite.parts]
+def _composite(composite: Composite, entities: Sequence[int]) -> Facts:
+    parts = [{"tag": tag, "entities": count} for (tag, _), count in zip(composite.parts, entities, strict=True)]
     return {"id": composite.id, "name": composite.name, "label": composite.label, "parts": parts}
-
-
-def _bytes(dataset: Dataset) -> int:
-    """Memory that the arrays of the dataset take."""
-    mesh = dataset.mesh
-    arrays = [mesh.vertex_ids, mesh.vertices]
-    arrays += [array for entities in mesh.entities.values() for array in (entities.ids, entities.members)]
-    for curves in (mesh.edge_curves, mesh.face_curves):
-        arrays += [curves.rows, curves.kinds, curves.offsets, curves.points]
-    arrays += [ids for composite in mesh.composites for _, ids in composite.parts]
-    blocks = [block for field in dataset.fields for block in field.blocks]
-    return sum(array.nbytes for array in arrays) + sum(b.element_ids.nbytes + b.coefficients.nbytes for b in blocks)

@@ -86,7 +86,7 @@ class Stages:
     def elements(self) -> int:
         """How many there are, also where only a part of the data is here."""
         excerpt = self.dataset.mesh.excerpt if self.dataset else None
-        return excerpt.elements if excerpt else len(self.loaded.ids) - 1
+        return self.dataset.mesh.count if self.dataset and excerpt else len(self.loaded.ids) - 1
 
     @cached_property
     def finder(self) -> Finder:

@@ -163,7 +163,7 @@ def bernstein_coefficients(
         index = np.empty(count, np.int64)
         index[plan.modes[:, direction]] = plan.index[direction]
         matrix = maybe_absolute(_nets(expansion, direction, target.degrees[direction])[-1][index])
-        net = np.moveaxis(np.moveaxis(net, -1 - direction, -1) @ matrix, -1, -1 - direction)
+        net = np.moveaxis(row_products(np.moveaxis(net, -1 - direction, -1), matrix), -1, -1 - direction)
     return np.ascontiguousarray(net.reshape(*coefficients.shape[:-1], target.count))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 #: parts of a box's length at which `parts_of_boxes` may begin and end, and the greatest degree for which that is exact
@@ -40,7 +41,7 @@ def box_nets(space: BernsteinSpace, coefficients: Floats) -> Floats:
     """(n, D1, …, Dd) tensor Bernstein nets on the box of eta, from Bernstein coefficients (n, count)."""
     sizes = tuple(degree + 1 for degree in box_degrees(space))
     if space.shape in _SHRINKING:
-        return (coefficients @ _to_box(space)).reshape(len(coefficients), *sizes)
+        return row_products(coefficients, _to_box(space)).reshape(len(coefficients), *sizes)
     net = coefficients.reshape(len(coefficients), *sizes[::-1])
     return np.ascontiguousarray(net.transpose(0, *range(len(sizes), 0, -1)))
 
@@ -124,7 +125,7 @@ def corners(nets: Floats) -> Floats:
 def halves(nets: Floats, axis: int) -> tuple[Floats, Floats]:
     """Nets of the lower and of the upper halves of the boxes in one direction, 0 to d - 1."""
     moved = np.moveaxis(nets, 1 + axis, -1)
-    lower, upper = (moved @ splitter for splitter in _splitters(nets.shape[1 + axis] - 1))
+    lower, upper = (row_products(moved, splitter) for splitter in _splitters(nets.shape[1 + axis] - 1))
     return np.moveaxis(lower, -1, 1 + axis), np.moveaxis(upper, -1, 1 + axis)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.mesh import Composite, Curves, Entities, Excerpt, Mesh
+from elvis.core.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
 from elvis.core.portions.partition import along_curve
 from elvis.core.shapes import Shape
 
@@ -37,7 +37,8 @@ class Portion:
     edges, faces  (n,) the same of the curves of edges and faces
     blocks    for each field and block (n,) rows of its elements in the block of the whole
     sides     numbers in the whole of faces, of 2D meshes edges, that have elements on both sides in the whole
-    elements, triangles  how many the whole has
+    counts    how much the whole is made of
+    triangles  how many faces of the whole are triangles, whose numbers come first
     is_even   whether all fields have the same elements in the whole, so that faces are inner ones of all or of none
     """
 
@@ -47,7 +48,7 @@ class Portion:
     faces: Ints
     blocks: Mapping[str, tuple[Ints, ...]]
     sides: Ints
-    elements: int
+    counts: Counts
     triangles: int
     is_even: bool
 
@@ -63,7 +64,7 @@ class Portion:
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
         alone = replace(dataset, others={}, shared={}, rates=None)
-        return Portion(alone, rows, edges, faces, blocks, sides, mesh.count, triangles, is_even(dataset))
+        return Portion(alone, rows, edges, faces, blocks, sides, mesh.counts, triangles, is_even(dataset))
 
     @staticmethod
     def of_whole(dataset: Dataset, number: int, count: int) -> Portion:
@@ -111,7 +112,7 @@ class Portion:
 
     def with_sides(self, sides: Ints) -> Portion:
         """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
-        excerpt = Excerpt(self.elements, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
+        excerpt = Excerpt(self.counts, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
         return replace(self, dataset=replace(self.dataset, mesh=mesh), sides=sides)
 

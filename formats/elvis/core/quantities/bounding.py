@@ -44,7 +44,7 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
         return field_range(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
     if any(patch.homogeneous for patch in evaluator.patches):
-        return _sample(evaluator, expression)
+        return _sampled(evaluator, expression)[0]
     search = _Search(evaluator, expression)
     if not np.isfinite(search.greatest):
         return None
@@ -57,9 +57,13 @@ def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
     if expression.is_field:
         return deciding(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
+    # the first of each patch, too, so that patches come in one order
+    found = [np.empty(0, np.int64), *(patch.element_ids[:1] for patch in evaluator.patches)]
     if any(patch.homogeneous for patch in evaluator.patches):
-        return np.empty(0, np.int64)
-    return _Search(evaluator, expression).deciding()
+        found.append(_sampled(evaluator, expression)[1])
+    else:
+        found.append(_Search(evaluator, expression).deciding())
+    return np.unique(np.concatenate(found))
 
 
 class _Search:
@@ -121,10 +125,22 @@ class _Search:
     def deciding(self) -> Ints:
         """See `deciding_elements`."""
         found = [np.array([*self._holders.values()], np.int64)]
-        for patch, rows, (low, high) in self._first if self.expression.order < 2 else ():
-            may_win = ~(high <= self.greatest) & ~np.isnan(high) | ~(low >= self.least) & ~np.isnan(low)
-            found.append(patch.element_ids[rows[may_win]])
-        return np.unique(np.concatenate(found))
+        for sign in (1, -1) if self.expression.order < 2 else ():
+            rivals = self._rivals(sign, self.greatest if sign > 0 else -self.least)
+            ids = np.concatenate([found[0][:0], *(patch.element_ids[rows] for patch, rows, _ in rivals)])
+            uppers = np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)])
+            # of many as many as are looked at closely, and one more, which bounds the others
+            found.append(ids[np.argsort(-uppers, kind="stable")[: _MOST + 1]])
+        return np.concatenate(found)
+
+    def _rivals(self, sign: int, attained: float) -> list[tuple[Patch, Ints, Floats]]:
+        """Elements whose bound of the expression (1) or of its negative (-1) exceeds what is attained, with bounds."""
+        rivals: list[tuple[Patch, Ints, Floats]] = []
+        for patch, rows, (low, high) in self._first:
+            upper = high if sign > 0 else -low
+            rival = np.flatnonzero(~(upper <= attained) & ~np.isnan(upper))
+            rivals.append((patch, rows[rival], upper[rival]))
+        return rivals
 
     @cached_property
     def _first(self) -> list[tuple[Patch, Ints, Interval]]:
@@ -138,11 +154,7 @@ class _Search:
             return np.inf
         root = self.expression.root if sign > 0 else negative(self.expression.root)
         attained = self.greatest if sign > 0 else -self.least
-        rivals: list[tuple[Patch, Ints, Floats]] = []
-        for patch, rows, (low, high) in self._first:
-            upper = high if sign > 0 else -low
-            rival = np.flatnonzero(~(upper <= attained) & ~np.isnan(upper))
-            rivals.append((patch, rows[rival], upper[rival]))
+        rivals = self._rivals(sign, attained)
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
         threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
         forgotten = max(attained, threshold)
@@ -178,17 +190,23 @@ class _Search:
         return max(forgotten, float(np.nanmax(cells.bounds(root)[1])))
 
 
-def _sample(evaluator: Evaluator, expression: Expression) -> Range | None:
-    """What is attained at some points, without bounds."""
-    found: list[Floats] = []
+def _sampled(evaluator: Evaluator, expression: Expression) -> tuple[Range | None, Ints]:
+    """What is attained at some points, without bounds, and ids (n,) of elements that attain it."""
+    values, owners = [np.empty(0)], [np.empty(0, np.int64)]
     for patch in evaluator.patches:
+        rows = np.arange(len(patch))
         for zeta in np.linspace(-0.9, 0.9, 8):
             points = np.column_stack(
                 [patch.shape.vertices * 0.9, np.full((len(patch.shape.vertices), len(patch.periods)), zeta)]
             )
             for point in points:
-                rows = np.arange(len(patch))
-                found.append(evaluator.values(expression, patch, rows, np.tile(point, (len(rows), 1))))
-    values = np.concatenate([np.empty(0), *found])
-    finite = values[np.isfinite(values)]
-    return Range(-np.inf, np.inf, float(finite.min()), float(finite.max())) if len(finite) else None
+                own = evaluator.values(expression, patch, rows, np.tile(point, (len(rows), 1)))
+                is_finite = np.isfinite(own)
+                values.append(own[is_finite])
+                owners.append(patch.element_ids[is_finite])
+    every, ids = np.concatenate(values), np.concatenate(owners)
+    if not len(every):
+        return None, ids
+    ends = np.array([every.argmin(), every.argmax()])
+    least, greatest = every[ends].tolist()
+    return Range(-np.inf, np.inf, least, greatest), ids[ends]

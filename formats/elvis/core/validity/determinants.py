@@ -26,6 +26,7 @@ from elvis.core.polynomials.bernstein import (
     differentiate,
     to_bernstein,
 )
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -111,7 +112,8 @@ def _tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomia
     """For each direction of xi the derivatives of the three world coordinates; on pyramids as this module says."""
     space = bernstein_space(expansion)
     nets = bernstein_coefficients(expansion, coefficients)
-    sizes = np.abs(coefficients) @ np.abs(to_bernstein(expansion, space)).max(axis=1)
+    greatest = np.abs(to_bernstein(expansion, space)).max(axis=1)
+    sizes = row_products(np.abs(coefficients), greatest[:, None])[..., 0]
     errors = (coefficients.shape[-1] + 2) * _UNIT * sizes
     return [_derivatives(space, nets, errors, direction) for direction in range(expansion.shape.dimension)]
 

@@ -3,12 +3,16 @@
 An element whose Bernstein coefficients are all positive is done; the others are halved until the sign is certain, or is
 not to be had because the determinant comes to zero as nearly as rounding can tell.  Where it comes near zero all along
 a line or a surface, which takes too many halves, squares are subtracted instead.
+
+What is found of an element doesn't depend on which others are looked at with it, but for two things that are done of
+few elements alone: subtracting squares, and halving for the range of all.  Of which ones is decided when all else is
+known, so that parts of a mesh, which ranks have, lead to the same end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -19,18 +23,20 @@ from elvis.core.dataset import Dataset
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.polynomials.boxnets import box_nets
-from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at
 from elvis.core.ranges import Range
+from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
-from elvis.core.validity.descent import TOLERANCE, Least, least
+from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
 from elvis.core.validity.squares import descended, lower_bound
 
 #: numbers in the nets made at once
 _NUMBERS = 1 << 21
-#: elements among which the extremes of all are sought, and from which squares are subtracted at most
+#: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
+_SHAPES = tuple(Shape)
 
 
 class ValidityStatus(IntEnum):
@@ -43,7 +49,7 @@ class ValidityStatus(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Validity:
-    """The Jacobian determinants of n elements; in the order of `elvis.core.geometry`.
+    """The Jacobian determinants of n elements.
 
     status          (n,)    of `ValidityStatus`
     lower, upper    (n,)    certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
@@ -52,6 +58,8 @@ class Validity:
     error           (n,)    what rounding may amount to
     reference       (n, 3)  where ``least`` is attained, in the coordinates xi of the element; zero beyond its dimension
     world           (n, 3)  the same place in the world
+    others          how many further elements there are, all positive for certain
+    ends            the range of these, None where there are none
     """
 
     element_ids: Ints
@@ -64,13 +72,15 @@ class Validity:
     error: Floats
     reference: Floats
     world: Floats
+    others: int = 0
+    ends: Range | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)
 
     def count(self, status: ValidityStatus) -> int:
         """Number of elements with a status."""
-        return int((self.status == status).sum())
+        return int((self.status == status).sum()) + (self.others if status == ValidityStatus.POSITIVE else 0)
 
     def reason(self, row: int) -> str | None:
         """Why an element is undecided; None where it isn't."""
@@ -85,32 +95,48 @@ class Validity:
     @property
     def range(self) -> Range | None:
         """Of all elements together, close to what is attained; None where no map is finite."""
-        if not np.isfinite(self.least).any():
-            return None
-        lower, least = (float(np.nanmin(values)) for values in (self.lower, self.least))
-        upper, greatest = (float(np.nanmax(values)) for values in (self.upper, self.greatest))
-        return Range(lower, upper, least, greatest)
+        return _range_of(self, self.ends)
 
     @property
     def failing_rows(self) -> Ints:
         """(k,) rows of the elements that aren't positive for certain: proved ones first, by value."""
         rows = np.flatnonzero(self.status != ValidityStatus.POSITIVE)
-        return rows[np.lexsort((self.least[rows], self.status[rows]))]
+        return rows[np.lexsort((self.element_ids[rows], self.least[rows], self.status[rows]))]
 
 
 def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) -> Validity:
-    """The status of every element of the domain.
+    """The status of every element of the domain, in the order of `elvis.core.geometry`.
 
     blocks  the dataset's `geometry`, where it is at hand already
     Where space has more dimensions than the elements, the determinant is the factor of length or area, never negative.
     """
     blocks, space = geometry(dataset) if blocks is None else tuple(blocks), dataset.mesh.space
-    parts = [_check(chunk, space) for block in blocks for chunk in _chunks(block, space)]
-    if not parts:
-        return _nothing()
-    names = [name for name in Validity.__dataclass_fields__ if name != "shapes"]
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Validity(**arrays, shapes=tuple(shape for part in parts for shape in part.shapes))
+    found = _Facts.of(blocks, space)
+    found.look_closer(blocks, space)
+    return found.result(space > dataset.mesh.dimension)
+
+
+def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
+    """The same of all elements where each of several ranks has a part of them, the dataset; None but at the first one.
+
+    Rows are those of elements that aren't positive for certain or may hold an end of the range.
+    """
+    blocks, space = geometry(dataset), dataset.mesh.space
+    own = _Facts.of(blocks, space)
+    close = np.concatenate([own.valleys(), own.rivals(1)[0], own.rivals(-1)[0]])
+    is_told = own.status != ValidityStatus.POSITIVE
+    is_told[close] = True
+    maps = [_rows(block, np.isin(block.element_ids, own.element_ids[close])) for block in blocks]
+    others = own.part(np.flatnonzero(~is_told))
+    told = own.part(np.flatnonzero(is_told)), maps, len(others.element_ids), _range_of(others)
+    every = ranks.gather(told, f"the Jacobian of {dataset.mesh.count} elements")
+    if not every:
+        return None
+    found, ends = _Facts.united([facts for facts, *_ in every]), None
+    for *_, one in every:
+        ends = _range_of(found.part(found.element_ids[:0]), ends, one)
+    found.look_closer([block for _, some, *_ in every for block in some], space, ends)
+    return found.result(space > dataset.mesh.dimension, sum(count for *_, count, _ in every), ends)
 
 
 def validity_facts(found: Validity) -> dict[str, Any]:
@@ -129,18 +155,13 @@ def validity_facts(found: Validity) -> dict[str, Any]:
         for row in found.failing_rows
     ]
     return {
-        "elements": len(found),
+        "elements": len(found) + found.others,
         "positive": found.count(ValidityStatus.POSITIVE),
         "not_positive": found.count(ValidityStatus.NOT_POSITIVE),
         "undecided": found.count(ValidityStatus.UNDECIDED),
         "range": None if found.range is None else asdict(found.range),
         "listed": listed,
     }
-
-
-def _nothing() -> Validity:
-    one, many, whole = np.empty(0), np.empty((0, 3)), np.empty(0, np.int64)
-    return Validity(whole, (), whole, one, one, one, one, one, many, many)
 
 
 def _chunks(block: GeometryBlock, space: int) -> Iterator[GeometryBlock]:
@@ -157,38 +178,191 @@ def _rows(block: GeometryBlock, rows: slice | Ints | Bools) -> GeometryBlock:
     return GeometryBlock(block.expansion, block.element_ids[rows], block.coefficients[rows])
 
 
-def _check(block: GeometryBlock, space: int) -> Validity:
-    """All about some elements; undecided are those with maps that aren't finite."""
+def _check(block: GeometryBlock, space: int) -> _Facts:
+    """What is found of some elements by themselves."""
     shape = block.expansion.shape
     with np.errstate(invalid="ignore", over="ignore"):
         found = determinant(block.expansion, block.coefficients, space)
     finite = np.isfinite(found.net).all(axis=0) & np.isfinite(found.error)
-    facts = _first_bound_boxes(found, finite)
+    facts = _first_facts(block, found, finite)
 
     # halve what the coefficients leave in doubt; once the sign is proved to be bad, find the extremes
     doubtful = np.flatnonzero(finite & ~(facts.lower > found.error))
     if len(doubtful):
-        facts.decide(doubtful, found)
-    facts.sharpen(found)
-    status = np.where(facts.lower > found.error, ValidityStatus.POSITIVE, ValidityStatus.UNDECIDED)
-    status[facts.least < -found.error] = ValidityStatus.NOT_POSITIVE
-
-    world = evaluate_at(block.expansion, block.coefficients, np.arange(len(block)), facts.reference)
-    reference = np.zeros((len(block), 3))
-    reference[:, : shape.dimension] = facts.reference
-    size = _length if space > shape.dimension else _same
-    return Validity(
-        element_ids=block.element_ids,
-        shapes=(shape,) * len(block),
-        status=status,
-        lower=size(facts.lower),
-        upper=size(facts.upper),
-        least=size(facts.least),
-        greatest=size(facts.greatest),
-        error=size(found.error),
-        reference=reference,
-        world=world,
+        nets = box_nets(found.space, found.net[:, doubtful].T)
+        facts.decide(doubtful, nets)
+    facts.world[:] = evaluate_at(
+        block.expansion, block.coefficients, np.arange(len(block)), facts.reference[:, : shape.dimension]
     )
+    return facts
+
+
+def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Facts:
+    """What coefficients tell: their extremes bound the determinant, and some are its values at the vertices."""
+    shape, net = found.space.shape, np.where(finite, found.net, np.nan)
+    at_vertices = net[np.argmax(bernstein_values(found.space, shape.vertices), axis=1)]
+    reference = np.zeros((len(block), 3))
+    reference[:, : shape.dimension] = shape.vertices[np.argmin(at_vertices, axis=0)]
+    return _Facts(
+        element_ids=block.element_ids,
+        shapes=np.full(len(block), _SHAPES.index(shape)),
+        lower=net.min(axis=0),
+        upper=net.max(axis=0),
+        least=at_vertices.min(axis=0),
+        greatest=at_vertices.max(axis=0),
+        error=found.error,
+        reference=reference,
+        world=np.zeros((len(block), 3)),
+        is_open=np.zeros(len(block), bool),
+    )
+
+
+@dataclass(eq=False)
+class _Facts:
+    """As in `Validity`, but where space has more dimensions than the elements of the squares of lengths and areas.
+
+    shapes   (n,)  numbers in `Shape`
+    is_open  (n,)  whether the sign was left open for want of boxes
+    """
+
+    element_ids: Ints
+    shapes: Ints
+    lower: Floats
+    upper: Floats
+    least: Floats
+    greatest: Floats
+    error: Floats
+    reference: Floats
+    world: Floats
+    is_open: Bools
+
+    @staticmethod
+    def of(blocks: Sequence[GeometryBlock], space: int) -> _Facts:
+        """What is found of elements by themselves."""
+        return _Facts.united([_check(chunk, space) for block in blocks for chunk in _chunks(block, space)])
+
+    @staticmethod
+    def united(parts: Sequence[_Facts]) -> _Facts:
+        """Of the elements of all."""
+        one, many, whole = np.empty(0), np.empty((0, 3)), np.empty(0, np.int64)
+        none = _Facts(whole, whole, one, one, one, one, one, many, many, np.empty(0, bool))
+        names = [own.name for own in fields(_Facts)]
+        return _Facts(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
+
+    def part(self, rows: Ints) -> _Facts:
+        """Of some of the elements."""
+        return _Facts(*(getattr(self, own.name)[rows] for own in fields(self)))
+
+    @property
+    def status(self) -> Ints:
+        """(n,) of `ValidityStatus`; undecided are also those with maps that aren't finite."""
+        status = np.where(self.lower > self.error, ValidityStatus.POSITIVE, ValidityStatus.UNDECIDED)
+        status[self.least < -self.error] = ValidityStatus.NOT_POSITIVE
+        return status
+
+    def decide(self, rows: Ints, nets: Floats) -> None:
+        """Halve elements with box nets until their sign is certain; where it is bad, until the extremes are close."""
+        error, shape = self.error[rows], _SHAPES[self.shapes[rows[0]]]
+        below = least(nets, error, goal=2 * error)
+        self.lower[rows], self.least[rows] = below.lower, below.value
+        self.reference[rows, : shape.dimension] = uncollapse(shape, below.place)
+        self.is_open[rows] = (below.lower <= error) & (below.value >= -error) & (below.value - below.lower > 4 * error)
+        bad = np.flatnonzero(~(below.lower > error))
+        if len(bad):
+            above = least(-nets[bad], error[bad])
+            self.upper[rows[bad]], self.greatest[rows[bad]] = -above.lower, -above.value
+
+    def valleys(self) -> Ints:
+        """(k,) rows of the elements from which squares are subtracted: the first ones whose sign is open."""
+        rows = np.flatnonzero(self.is_open)
+        return rows[np.argsort(self.element_ids[rows])[:_VALLEYS]]
+
+    def rivals(self, sign: int, ends: Range | None = None) -> tuple[Ints, float]:
+        """(k,) rows of the elements whose bound of the determinant (1) or of its negative (-1) is below the least value
+        known of all, the lowest first, and what they'd have to beat.
+
+        ends  of further elements
+        """
+        lower, value = (self.lower, self.least) if sign > 0 else (-self.upper, -self.greatest)
+        further = np.inf if ends is None else ends.least if sign > 0 else -ends.greatest
+        known = float(np.fmin.reduce(value, initial=further))
+        goal = known - TOLERANCE * abs(known)
+        rows = np.flatnonzero(lower < goal)
+        return rows[np.lexsort((self.element_ids[rows], lower[rows]))][:_RIVALS], goal
+
+    def look_closer(self, blocks: Sequence[GeometryBlock], space: int, ends: Range | None = None) -> None:
+        """What is done of few elements: subtract squares where the sign is open, halve what may hold the extremes.
+
+        blocks  the maps of these, at least
+        ends    of further elements
+        """
+        chosen = {sign: self.rivals(sign, ends) for sign in (1, -1)}
+        for rows, block, nets, error in self._nets(self.valleys(), blocks, space):
+            for number, row in enumerate(rows.tolist()):
+                self._subtract_squares(row, _rows(block, np.array([number])), nets[number], float(error[number]))
+        for sign, (own, goal) in chosen.items():
+            for rows, block, nets, error in self._nets(own, blocks, space):
+                found = least(sign * nets, error, np.full(len(rows), goal))
+                if sign < 0:
+                    self.upper[rows] = np.minimum(self.upper[rows], -found.lower)
+                    self.greatest[rows] = np.maximum(self.greatest[rows], -found.value)
+                    continue
+                self.lower[rows] = np.maximum(self.lower[rows], found.lower)
+                self._attain(rows, block, found.value, found.place)
+
+    def _nets(
+        self, rows: Ints, blocks: Sequence[GeometryBlock], space: int
+    ) -> Iterator[tuple[Ints, GeometryBlock, Floats, Floats]]:
+        """Some of the rows, their maps, box nets and what rounding may amount to, one expansion after another."""
+        ids = self.element_ids[rows]
+        order = np.argsort(ids)
+        for block in blocks:
+            own = _rows(block, np.isin(block.element_ids, ids))
+            if len(own):
+                found = determinant(own.expansion, own.coefficients, space)
+                here = rows[order[np.searchsorted(ids, own.element_ids, sorter=order)]]
+                yield here, own, box_nets(found.space, found.net.T), found.error
+
+    def _subtract_squares(self, row: int, block: GeometryBlock, net: Floats, error: float) -> None:
+        """Bound an element whose sign is open more closely."""
+        shape = block.expansion.shape
+        place = collapse(shape, self.reference[row : row + 1, : shape.dimension])[0]
+        known = descended(net, np.clip((1 + place) / 2, 0.0, 1.0))
+        self._attain(np.array([row]), block, np.array([known.value]), 2 * known.place[None] - 1)
+        value = self.least[row]
+        goal = min(2 * error, value - max(error, TOLERANCE * abs(value)))
+        self.lower[row] = max(self.lower[row], lower_bound(net, goal))
+
+    def _attain(self, rows: Ints, block: GeometryBlock, value: Floats, place: Floats) -> None:
+        """Take note of values (k,) at places (k, d) in eta where they are lower than what is known."""
+        better = np.flatnonzero(value < self.least[rows])
+        own, xi = rows[better], uncollapse(block.expansion.shape, place[better])
+        self.least[own] = value[better]
+        self.reference[own, : xi.shape[1]] = xi
+        self.world[own] = evaluate_at(block.expansion, block.coefficients, better, xi)
+
+    def result(self, has_squares: bool, others: int = 0, ends: Range | None = None) -> Validity:
+        """All that was found.
+
+        has_squares   whether space has more dimensions than the elements
+        others, ends  of further elements, which are positive for certain
+        """
+        shapes = tuple(_SHAPES[number] for number in self.shapes.tolist())
+        size = _length if has_squares else _same
+        return Validity(
+            element_ids=self.element_ids,
+            shapes=shapes,
+            status=self.status,
+            lower=size(self.lower),
+            upper=size(self.upper),
+            least=size(self.least),
+            greatest=size(self.greatest),
+            error=size(self.error),
+            reference=self.reference,
+            world=self.world,
+            others=others,
+            ends=ends and Range(*size(np.array(astuple(ends))).tolist()),
+        )
 
 
 def _same(values: Floats) -> Floats:
@@ -200,68 +374,15 @@ def _length(squares: Floats) -> Floats:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-@dataclass(eq=False)
-class _Facts:
-    """As in `Validity`, but with as many reference coordinates as the shape has."""
-
-    lower: Floats
-    upper: Floats
-    least: Floats
-    greatest: Floats
-    reference: Floats
-
-    def decide(self, rows: Ints, found: Polynomials) -> None:
-        """Halve the elements ``rows`` until their sign is certain; where it is bad, until the extremes are close."""
-        nets, error, shape = box_nets(found.space, found.net[:, rows].T), found.error[rows], found.space.shape
-        below = _subtracting_squares(nets, error, least(nets, error, goal=2 * error))
-        self.lower[rows], self.least[rows] = below.lower, below.value
-        self.reference[rows] = uncollapse(shape, below.place)
-
-        bad = np.flatnonzero(~(below.lower > error))
-        if len(bad):
-            above = least(-nets[bad], error[bad])
-            self.upper[rows[bad]], self.greatest[rows[bad]] = -above.lower, -above.value
-
-    def sharpen(self, found: Polynomials) -> None:
-        """Halve the elements that may hold the extremes of all."""
-        rows, goal = _rivals(self.lower, self.least)
-        if len(rows):
-            below = least(box_nets(found.space, found.net[:, rows].T), found.error[rows], np.full(len(rows), goal))
-            lower = below.value < self.least[rows]
-            self.lower[rows] = np.maximum(self.lower[rows], below.lower)
-            self.least[rows[lower]] = below.value[lower]
-            self.reference[rows[lower]] = uncollapse(found.space.shape, below.place[lower])
-        rows, goal = _rivals(-self.upper, -self.greatest)
-        if len(rows):
-            above = least(box_nets(found.space, -found.net[:, rows].T), found.error[rows], np.full(len(rows), goal))
-            self.upper[rows] = np.minimum(self.upper[rows], -above.lower)
-            self.greatest[rows] = np.maximum(self.greatest[rows], -above.value)
-
-
-def _subtracting_squares(nets: Floats, error: Floats, below: Least) -> Least:
-    """Least values of polynomials with box nets, closer where the sign of some was left open for want of boxes."""
-    unknown = (below.lower <= error) & (below.value >= -error) & (below.value - below.lower > 4 * error)
-    lower, value, place = (array.copy() for array in below)
-    for row in np.flatnonzero(unknown)[:_VALLEYS]:
-        known = descended(nets[row], (1 + place[row]) / 2)
-        if known.value < value[row]:
-            value[row], place[row] = known.value, 2 * known.place - 1
-        goal = min(2 * error[row], value[row] - max(error[row], TOLERANCE * abs(value[row])))
-        lower[row] = max(lower[row], lower_bound(nets[row], goal))
-    return Least(lower, value, place)
-
-
-def _rivals(lower: Floats, value: Floats) -> tuple[Ints, float]:
-    """Elements whose bound is below the least value known of all, the lowest first, and what they'd have to beat."""
-    known = float(np.nanmin(value, initial=np.inf))
-    goal = known - TOLERANCE * abs(known)
-    rows = np.flatnonzero(lower < goal)
-    return rows[np.argsort(lower[rows], kind="stable")][:_RIVALS], goal
-
-
-def _first_bound_boxes(found: Polynomials, finite: Bools) -> _Facts:
-    """What coefficients tell: their extremes bound the determinant, and some are its values at the vertices."""
-    shape, net = found.space.shape, np.where(finite, found.net, np.nan)
-    at_vertices = net[np.argmax(bernstein_values(found.space, shape.vertices), axis=1)]
-    reference = shape.vertices[np.argmin(at_vertices, axis=0)]
-    return _Facts(net.min(axis=0), net.max(axis=0), at_vertices.min(axis=0), at_vertices.max(axis=0), reference)
+def _range_of(found: Validity | _Facts, *further: Range | None) -> Range | None:
+    """The range of elements and of further ones; None where no map is finite."""
+    known = [each for each in further if each is not None]
+    if np.isfinite(found.least).any():
+        lower, least_value = (float(np.nanmin(values)) for values in (found.lower, found.least))
+        upper, greatest = (float(np.nanmax(values)) for values in (found.upper, found.greatest))
+        known.append(Range(lower, upper, least_value, greatest))
+    if not known:
+        return None
+    lower, least_value = (min(getattr(each, name) for each in known) for name in ("lower", "least"))
+    upper, greatest = (max(getattr(each, name) for each in known) for name in ("upper", "greatest"))
+    return Range(lower, upper, least_value, greatest)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, frozen_view
 from elvis.core.errors import FormatError
-from elvis.core.mesh import Composite, Curves, Entities, Mesh
+from elvis.core.mesh import Composite, Counts, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.numbers import IdList
@@ -96,6 +96,16 @@ class Lookup:
             return np.flatnonzero(self._table >= 0)
         counts = self._ends - self._firsts
         return np.repeat(self._ends - np.cumsum(counts), counts) + np.arange(self.count)
+
+    def below(self, ids: Ints) -> Ints:
+        """(n,) how many of its ids are less than each."""
+        if self._table is not None:
+            return np.searchsorted(self.ids, ids)
+        counts = self._ends - self._firsts
+        before = np.append(0, np.cumsum(counts))
+        run = np.searchsorted(self._firsts, ids, side="right") - 1
+        found = before[run] + np.minimum(ids - self._firsts[run], counts[run]) if len(counts) else np.zeros_like(ids)
+        return np.where(run < 0, 0, found)
 
     def present(self, ids: Ints) -> Bools:
         """Whether each id (n,) is there."""
@@ -377,6 +387,21 @@ def _composites(raw: RawGeometry, lookups: list[Lookup]) -> tuple[Composite, ...
         Composite(id, tuple((tag, frozen_ints(ids.existing(present[tag]))) for tag, ids in tokens), name)
         for id, tokens, name in raw.composites
     )
+
+
+def counts_of(raw: RawGeometry, lookups: Sequence[Lookup]) -> Counts:
+    """How much the mesh of ``raw`` is made of; see `lookups_of`."""
+    entities = {shape: len(ids) for shape, (ids, _) in raw.tables.items()}
+    edges, faces = ((len(curves.entities), len(curves.points)) for curves in (raw.edge_curves, raw.face_curves))
+    known = {tag: lookups[dimension] for tag, dimension in _DIMENSIONS.items()}
+
+    def count(tag: str, ids: IdList) -> int:
+        if tag not in known:
+            known[tag] = Lookup(_ids(raw, next(shape for shape in Shape if shape.tag == tag)), "entity")
+        return int((known[tag].below(ids.last + 1) - known[tag].below(ids.first)).sum())
+
+    composites = tuple(tuple(count(tag, ids) for tag, ids in tokens) for _, tokens, _ in raw.composites)
+    return Counts(len(raw.vertex_ids), entities, (edges, faces), composites)
 
 
 def _domains(raw: RawGeometry, composites: tuple[Composite, ...]) -> dict[int, tuple[int, ...]]:

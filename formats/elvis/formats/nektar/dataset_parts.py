@@ -58,5 +58,5 @@ class DatasetParts:
         mesh = with_remarks(assemble(part.raw, is_part=True), self.remarks)
         fields, blocks = fields_input.assemble_part(self.sections, mesh, self.whole.fields)
         dataset = replace(self.whole, mesh=mesh, fields=fields, expansions=expansions.resolve(self.rules, mesh))
-        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.elements, part.triangles)
+        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.counts, part.triangles)
         return Portion(dataset, *numbers, is_even(self.whole)).with_sides(part.sides)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Ints, distinct
 from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mesh import Counts
 from elvis.core.portions.partition import cut_curve
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.assembly import (
@@ -26,6 +27,7 @@ from elvis.formats.nektar.assembly import (
     RawGeometry,
     check_elements,
     coordinates,
+    counts_of,
     lookups_of,
 )
 from elvis.formats.nektar.geometry_xml import owned
@@ -42,7 +44,7 @@ class RawPart:
     edges: Ints
     faces: Ints
     sides: Ints
-    elements: int
+    counts: Counts
     triangles: int
 
 
@@ -60,6 +62,7 @@ class RawParts:
             self._lookups = lookups_of(raw)
             self._vertices = coordinates(raw.vertices, raw.space, "vertices")
             self._parts = self._cut(count)
+            self._counts = counts_of(raw, self._lookups)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -92,7 +95,7 @@ class RawParts:
         )
         sides = self._inner_sides(used[top - 1]) if top > 1 else _NONE
         triangles = len(raw.tables[Shape.TRIANGLE][0]) if Shape.TRIANGLE in raw.tables else 0
-        return RawPart(own, rows, edges, faces, sides, self._lookups[top].count, triangles)
+        return RawPart(own, rows, edges, faces, sides, self._counts, triangles)
 
     def _shapes(self, dimension: int) -> list[Shape]:
         return [shape for shape in Shape.of_dimension(dimension) if shape in self.raw.tables]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import field_option, json_option
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.plugins.running import shared
+from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
+from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.formats.strict.finding import Finding
-    from elvis.plugins.report import RecordedReport
+    from elvis.plugins.series.series import Series
 
 Facts = dict[str, Any]
 
@@ -61,8 +64,10 @@ Examples:
 )
 @click.option("--wall", metavar="NAME", help="With --critical: points of this boundary where the wall shear is zero.")
 @data_options
+@shared
 def info(
     data: Data,
+    ranks: Ranks,
     quantities: tuple[str, ...],
     as_json: bool,
     everything: bool,
@@ -90,11 +95,16 @@ def info(
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
+    is_whole = strict or predefined or extremes or critical
+    if is_whole and is_idle(ranks):
+        return
     if strict:
         _check(data.paths, as_json)
         return
     series = data.series()
-    source = data.source() if series is None else data.source_of(series.at_moment())
+    source = _opened(data, series, quantities, ALONE if is_whole else ranks)
+    if source is None:
+        return
     tasks = (
         (jacobian, "--jacobian proves", partial(_prove, as_json=as_json, many=many)),
         (extremes, "--extrema bounds", partial(_bound, names=quantities, as_json=as_json)),
@@ -102,21 +112,40 @@ def info(
     )
     for is_asked, what, task in tasks:
         if is_asked:
-            if source.dataset is None:
+            if not isinstance(source, NativeSource):
                 raise click.UsageError(f"{what} what is native, but a runtime plugin opens these data")
-            task(source.dataset)
+            task(source)
             return
     if predefined:
         _list(source.names.flow.catalogue(), as_json)
         return
     with stage("measuring"):
         facts = source.facts(quantities)
+    if not facts:
+        return
     if series is not None:
         facts = {"series": series.facts(), **facts}
-    _tell(facts, as_json, lambda: _print_opened(facts) if source.dataset is None else _print(facts, many))
+    _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
 
 
-def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
+def _opened(data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks) -> Source | None:
+    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others."""
+    from elvis.core.quantities import Expression
+
+    def comes_apart(dataset: Dataset) -> bool:
+        return all(Expression.of(dataset, text).is_local for text in quantities)
+
+    found = data.part(ranks, comes_apart) if series is None else None
+    if isinstance(found, NativeSource) and found.portion is not None:
+        return found
+    if is_idle(ranks):
+        return None
+    if series is not None:
+        return data.source_of(series.at_moment())
+    return data.source() if found is None else found
+
+
+def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
     """Print the least and the greatest value of quantities, where they are, and what is certain of them."""
     from dataclasses import asdict
 
@@ -125,6 +154,7 @@ def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
     from elvis.core.quantity_extrema import quantity_extrema
     from elvis.core.terminal import print_json, print_table, stage
 
+    dataset = source.dataset
     known = [Expression.of(dataset, name) for name in names or field_names(dataset, None)]
     with stage("bounding"):
         pairs = [quantity_extrema(dataset, each) for each in known]
@@ -142,12 +172,13 @@ def _bound(dataset: Dataset, names: Sequence[str], as_json: bool) -> None:
     print_table(("quantity", "", "value", "certain to", "place", "element"), rows)
 
 
-def _isolate(dataset: Dataset, names: Sequence[str], wall: str | None, as_json: bool) -> None:
+def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_json: bool) -> None:
     """Print where a velocity is zero inside of the data, or its shear on a wall, with kinds, and what is undecided."""
     from elvis.core.critical_points import critical_points
     from elvis.core.terminal import note, print_json, print_table, stage, warn
     from elvis.core.wall_points import wall_points
 
+    dataset = source.dataset
     with stage("searching"):
         found = critical_points(dataset, names or None) if wall is None else wall_points(dataset, wall, names or None)
     if as_json:
@@ -191,23 +222,6 @@ def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
         tables()
 
 
-def _print_opened(facts: Facts) -> None:
-    """Print what a runtime plugin says of its data."""
-    from elvis.core.terminal import print_table
-
-    rows = [("plugin", f"{facts['plugin']}: {facts['format']}"), ("dimension", str(facts["dimension"]))]
-    rows += [("elements", f"{count} {kind}") for kind, count in facts["elements"].items()]
-    for axis, lower, upper in zip("xyz", facts["box"]["lower"], facts["box"]["upper"], strict=True):
-        rows.append((axis, f"within {lower:.10g} and {upper:.10g}"))
-    rows.append(("jacobian", f"{facts['jacobian']['least']:.4g} to {facts['jacobian']['greatest']:.4g}, sampled"))
-    rows.append(("time", f"{facts['time']:.10g}"))
-    print_table(("", ""), rows)
-    fields = [_range_row(*item) for item in {**facts["fields"], **facts["quantities"]}.items()]
-    if fields:
-        click.echo()
-        print_table(("field", "lower bound", "upper bound", "least found", "greatest found"), fields)
-
-
 def _check(data: tuple[Path, ...], as_json: bool) -> None:
     """Print the rules that the files break; ElvisError where some of these are required."""
     from elvis.core.errors import ElvisError
@@ -237,14 +251,16 @@ def _print_findings(title: str, found: Sequence[Finding]) -> None:
         say("\n".join([title, *(f"  {one_line(str(each))}" for each in found)]))
 
 
-def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
+def _prove(source: NativeSource, as_json: bool, many: int | None) -> None:
     """Print the status of the Jacobian of every element; ElvisError where one is not positive for certain."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json, print_table, say, stage
-    from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
+    from elvis.core.validity.validity import ValidityStatus, validity_facts
 
     with stage("proving"):
-        found = validity(dataset)
+        found = source.validity()
+    if found is None:
+        return
     facts = validity_facts(found)
     if as_json:
         print_json(facts)
@@ -254,7 +270,7 @@ def _prove(dataset: Dataset, as_json: bool, many: int | None) -> None:
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:
             click.echo()
-            print_table(headers, _shorten(rows, many))
+            print_table(headers, shortened(rows, many))
     wrong, unknown = found.count(ValidityStatus.NOT_POSITIVE), found.count(ValidityStatus.UNDECIDED)
     if wrong or unknown:
         reasons = f"{wrong} where it is not and {unknown} where that could not be decided"
@@ -276,174 +292,3 @@ def _listed_row(row: Facts) -> tuple[object, ...]:
     values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
     status = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
     return row["element"], row["shape"], status, *values, *places
-
-
-def _print(facts: Facts, many: int | None) -> None:
-    """Print the facts as tables, lists of more than ``many`` cut with a word."""
-    from elvis.core.dataset import MAP_KEY
-    from elvis.core.terminal import print_table
-    from elvis.plugins.report import CONVERTED, REPORT, RecordedReport
-
-    maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
-    fields = [_field_row(field) for field in facts["fields"]]
-    orders = list(_orders(facts["fields"]))
-    composites = [_composite_row(composite) for composite in facts["composites"]]
-    report = RecordedReport.of(facts["metadata"])
-    # the table of the map has what these keys tell, and so has the report
-    shown_elsewhere = {MAP_KEY, *((CONVERTED, REPORT) if report else ())}
-    metadata = [item for item in facts["metadata"].items() if item[0] not in shown_elsewhere]
-    ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
-    targets: list[tuple[object, ...]] = [
-        (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
-    ]
-
-    if "series" in facts:
-        _print_series(facts["series"], many)
-    print_table(("", ""), _overview(facts))
-    tables = [
-        (("map of", "elements", "bases", "modes (order + 1)"), maps),
-        (("field", "elements", "lower bound", "upper bound", "state"), fields),
-        (("quantity", "lower bound", "upper bound", "least found", "greatest found"), ranges),
-        (("distance to", "faces", "sign"), targets),
-        (("fields", "on", "elements", "bases", "modes (order + 1)"), _shorten(orders, many)),
-        (("composite", "name", "holds"), _shorten(composites, many)),
-        (("metadata", "value"), _shorten(metadata, many)),
-    ]
-    for headers, rows in tables:
-        if rows:
-            click.echo()
-            print_table(headers, rows)
-    if report:
-        _print_conversion(report, many)
-
-
-def _print_series(series: Facts, many: int | None) -> None:
-    """Print the steps of a series, of many of them those at both ends."""
-    from elvis.core.terminal import print_table, say
-
-    rows = list(_steps(series))
-    if many is not None and len(rows) > many:
-        count = len(rows) - many + 1
-        rows[many // 2 : many // 2 + count] = [("...", f"{count} more, shown by --all", "")]
-    print_table(("step", "time", "files"), rows)
-    first, last = (series["steps"][end]["time"] for end in (0, -1))
-    count = len(series["steps"])
-    say(f"\n{count} steps, times {first:.10g} to {last:.10g}\n" if count > 1 else f"\none step, time {first:.10g}\n")
-
-
-def _steps(series: Facts) -> Iterator[tuple[object, ...]]:
-    """A row for each step of a series."""
-    for step in series["steps"]:
-        yield step["step"], f"{step['time']:.10g}", ", ".join(step["files"])
-
-
-def _print_conversion(report: RecordedReport, many: int | None) -> None:
-    """Print what a conversion cost: a row for the coordinates and for each field, and what was noted."""
-    from elvis.core.terminal import print_table, say
-    from elvis.plugins.report import HEADERS
-
-    say(f"\n{report.heading}")
-    print_table(HEADERS, _shorten(report.rows, many))
-    for sentence in report.sentences:
-        say(f"note: {sentence}")
-
-
-def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
-    """Pairs of topic and what there is to say."""
-    mesh, geometry = facts["mesh"], facts["geometry"]
-    yield "dimension", f"{facts['dimension']} in a space of {facts['space']}"
-    counts = [f"{count} {label}" for label, count in mesh["elements"].items()]
-    yield "elements", ", ".join(counts) or "none"
-    yield "in the domain", str(mesh["elements_in_domain"])
-    yield "vertices", str(mesh["vertices"])
-    yield "curved", f"{mesh['curved_edges']} edges, {mesh['curved_faces']} faces"
-    if geometry["given_by_fields"]:
-        yield "map", "given by fields of the dataset"
-    for axis, lower, upper in zip("xyz", geometry["box"]["lower"], geometry["box"]["upper"], strict=True):
-        if lower is not None:
-            yield axis, f"{lower:.10g} to {upper:.10g}"
-    yield "jacobian", _jacobian(geometry["jacobian"])
-    if facts["time"] is not None:
-        yield "time", f"{facts['time']:.10g}"
-    yield "memory", _size(facts["bytes"])
-
-
-def _jacobian(facts: Facts) -> str:
-    if facts["least"] is None:
-        return "no elements"
-    wrong = facts["elements_not_positive"]
-    where = "positive at all quadrature points" if not wrong else f"NOT POSITIVE in {_ids(wrong)}"
-    return f"{where} ({facts['least']:.4g} to {facts['greatest']:.4g}, sampled)"
-
-
-def _ids(ids: Sequence[int]) -> str:
-    shown = ", ".join(map(str, ids[:5]))
-    return f"{len(ids)} elements ({shown}{', ...' if len(ids) > 5 else ''})"
-
-
-def _field_row(field: Facts) -> tuple[object, ...]:
-    bounds = (field["range"]["lower"], field["range"]["upper"])
-    return (field["name"], field["elements"], *("-" if b is None else f"{b:.10g}" for b in bounds), _state(field))
-
-
-def _range_row(text: str, found: Facts | None) -> tuple[object, ...]:
-    return (text, *(_number(found, key) for key in ("lower", "upper", "least", "greatest")))
-
-
-def _number(found: Facts | None, key: str) -> str:
-    return "-" if found is None or found[key] is None else f"{found[key]:.10g}"
-
-
-def _sign(surface: Facts) -> str:
-    return "negative inside: it is closed" if surface["closed"] else "none: it is open"
-
-
-def _state(field: Facts) -> str:
-    """Whether all coefficients are numbers, and continuity where it is known."""
-    words = [] if field["continuous"] is None else ["continuous" if field["continuous"] else "discontinuous"]
-    if field["elements_not_finite"]:
-        counts = f"{field['nan']} NaN and {field['infinite']} infinite coefficients"
-        words.append(f"{counts} in {field['elements_not_finite']} elements, which the bounds leave out")
-    return ", ".join(words) or "finite"
-
-
-def _orders(fields: Sequence[Facts]) -> Iterator[tuple[object, ...]]:
-    """One row for each expansion, with the names of all fields that have the same ones."""
-    alike: dict[str, list[Facts]] = {}
-    for field in fields:
-        alike.setdefault(repr(field["expansions"]), []).append(field)
-    for group in alike.values():
-        names = ", ".join(field["name"] for field in group)
-        for expansion in group[0]["expansions"]:
-            yield (names, *_expansion_row(expansion))
-
-
-def _expansion_row(expansion: Facts) -> tuple[object, ...]:
-    bases = list(dict.fromkeys(expansion["bases"]))
-    modes = "x".join(map(str, expansion["modes"]))
-    if "fourier" in expansion:
-        lengths = " by ".join(f"{length:.6g}" for length in expansion["fourier"]["lengths"])
-        modes += f", {expansion['fourier']['planes']} Fourier over {lengths}"
-    return expansion["shape"], expansion["elements"], ", ".join(bases), modes
-
-
-def _composite_row(composite: Facts) -> tuple[object, ...]:
-    parts = ", ".join(f"{part['tag']}[{part['entities']}]" for part in composite["parts"])
-    return composite["id"], composite["name"] or composite["label"] or "", parts
-
-
-def _shorten(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
-    """At most ``many`` rows, the last of which says how many more there are."""
-    if many is None or len(rows) <= many:
-        return rows
-    blank = ("",) * (len(rows[0]) - 2)
-    return [*rows[: many - 1], ("...", f"{len(rows) - many + 1} more, shown by --all", *blank)]
-
-
-def _size(count: int) -> str:
-    size = float(count)
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} TB"

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
+    from elvis.core.portions import Portion
     from elvis.core.quantities import Expression, Names
     from elvis.core.streamlines import Streamlines
     from elvis.core.terminal import Progress
+    from elvis.core.validity.validity import Validity
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.plugins.series.series import Series
@@ -81,9 +83,16 @@ class Data:
         return self.source_of(open_data(self.paths, self.reading(quantities), warn))
 
     def shared(self, ranks: Ranks, comes_apart: Callable[[Dataset], bool], quantities: Sequence[str] = ()) -> Source:
-        """The same of the elements that a rank has, for what can be put together from those of all.
+        """As `part`, but each rank has all where that is nothing."""
+        found = self.part(ranks, comes_apart, quantities)
+        return self.source(quantities) if found is None else found
 
-        comes_apart  whether that is so, of any part of the data, to the same end for all ranks; else each has all
+    def part(
+        self, ranks: Ranks, comes_apart: Callable[[Dataset], bool], quantities: Sequence[str] = ()
+    ) -> Source | None:
+        """As `source`, of the elements that a rank has, for what can be put together from those of all; else None.
+
+        comes_apart  whether it can be, of any part of the data, to the same end for all ranks
         """
         from elvis.core.portions import Portion
         from elvis.core.terminal import warn
@@ -94,9 +103,9 @@ class Data:
             return self.source(quantities)
         with mapped():
             opened = open_part(self.paths, self.reading(quantities), warn, ranks)
-        if not isinstance(opened, Portion):
-            return self.source_of(opened)
-        return self.source_of(opened.dataset) if comes_apart(opened.dataset) else self.source(quantities)
+        if isinstance(opened, Portion) and not comes_apart(opened.dataset):
+            return None
+        return self.source_of(opened, ranks)
 
     def series(self, quantities: Sequence[str] = ()) -> Series | None:
         """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
@@ -153,15 +162,17 @@ class Data:
         for remark in series.told:
             note(remark)
 
-    def source_of(self, opened: Dataset | PluginData) -> Source:
+    def source_of(self, opened: Dataset | PluginData | Portion, ranks: Ranks = ALONE) -> Source:
         """What answers questions about data that are open, after a word on how they were come by."""
         from elvis.core.dataset import Dataset
+        from elvis.core.portions import Portion
         from elvis.core.terminal import note, warn
 
-        if isinstance(opened, Dataset):
-            for remark in opened.remarks:
+        if isinstance(opened, Dataset | Portion):
+            dataset = opened.dataset if isinstance(opened, Portion) else opened
+            for remark in dataset.remarks:
                 note(remark)
-            return NativeSource(opened)
+            return NativeSource(dataset, False, opened if isinstance(opened, Portion) else None, ranks)
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
@@ -200,10 +211,14 @@ class NativeSource:
     """A native dataset, which answers like `Evaluation`, without a device.
 
     is_quiet  whether no word is said on derivatives in time
+    portion   where the dataset is the part that one of several ranks has: which one
+    ranks     that have such parts
     """
 
     dataset: Dataset
     is_quiet: bool = False
+    portion: Portion | None = None
+    ranks: Ranks = ALONE
 
     @property
     def names(self) -> Names:
@@ -272,28 +287,26 @@ class NativeSource:
         return box(self.dataset, geometry(self.dataset))
 
     def facts(self, texts: Sequence[str]) -> Facts:
-        """All facts, by topic, as plain data."""
+        """All facts, by topic, as plain data; of parts nothing elsewhere than at the first rank."""
         from elvis.core.summary import summary
         from elvis.plugins.report import RecordedReport
 
-        found = summary(self.dataset)
+        asked = self.expressions(texts) if texts else []
+        found = summary(self.dataset if self.portion is None else self.portion, asked, self.ranks)
+        if not found:
+            return {}
         report = RecordedReport.of(self.dataset.metadata)
         if report is not None:
             found["conversion"] = report.facts
         if texts:
-            asked = self.expressions(texts)
-            found["quantities"] = {each.text: self._range(each) for each in asked}
             found["distances"] = self._distances(asked)
         return found
 
-    def _range(self, expression: Expression) -> Facts | None:
-        """The bounds of a quantity and what is attained; None where it has no values."""
-        from dataclasses import asdict
+    def validity(self) -> Validity | None:
+        """The signs of Jacobians (see `elvis.core.validity`); of parts None elsewhere than at the first rank."""
+        from elvis.core.validity.validity import shared_validity, validity
 
-        from elvis.core.quantities.bounding import quantity_range
-
-        found = quantity_range(self.dataset, expression)
-        return None if found is None else asdict(found)
+        return validity(self.dataset) if self.portion is None else shared_validity(self.dataset, self.ranks)
 
     def _distances(self, asked: Sequence[Expression]) -> Facts:
         """What distances are measured to: how many faces, and whether they are closed, which gives distances a sign."""

@@ -1,0 +1,162 @@
+"""What ranks find of a dataset in parts is what one process finds, to the byte."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis.core import ranges
+from elvis.core.mesh import Composite
+from elvis.core.portions import Portion
+from elvis.core.quantities import Expression, bounding
+from elvis.core.shapes import Shape
+from elvis.core.summary import summary
+from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.testing.played_ranks import played
+from elvis.core.validity import validity as validity_module
+from elvis.core.validity.validity import shared_validity, validity, validity_facts
+from elvis.formats import Dataset, read, write
+from elvis.formats.reading import read_part
+
+
+def bent(shape=None):
+    """Bent elements, a boundary, vertices that no element has; a field of two orders, not finite in places."""
+    mesh = curved(mixed_volume() if shape is None else grid(shape, 3), ripple(0.05), 3)
+    low, high = (approximated(Dataset(mesh), "u", lambda p: np.sin(5 * p[:, 0]) - p[:, 1], order) for order in (3, 4))
+    one = approximated(Dataset(mesh), "one", lambda p: 0 * p[:, 0] + 0.1, 3)
+    alone = np.full((2, 3), 7.0)
+    ids = np.append(mesh.vertex_ids, mesh.vertex_ids.max() + np.array([1, 5]))
+    sides = Shape.TRIANGLE if mesh.dimension == 3 else Shape.SEGMENT
+    composites = (
+        *(Composite(n, ((own.tag, entities.ids),)) for n, (own, entities) in enumerate(mesh.elements.items())),
+        Composite(8, ((("F" if mesh.dimension == 3 else "E"), mesh.of(sides).ids[::3]), ("V", ids[-2:])), "wall"),
+    )
+    mesh = replace(
+        mesh,
+        vertex_ids=ids,
+        vertices=np.concatenate([mesh.vertices, alone]),
+        composites=composites,
+        domains={0: tuple(range(len(mesh.elements)))},
+    )
+    coefficients = high.blocks[0].coefficients.copy()
+    coefficients[0, :2], coefficients[-1, 3] = np.nan, np.inf
+    blocks = (*low.blocks[1:], replace(high.blocks[0], coefficients=coefficients))
+    return Dataset(mesh, (replace(low, blocks=blocks), one), 0.5, {"Note": "bent"})
+
+
+def mapped():
+    """Elements whose map fields give, in two expansions, the later ones first."""
+    straight = Dataset(grid(Shape.HEXAHEDRON, 3))
+    warp = ripple(0.1, seed=3)
+    fields = []
+    for axis, name in enumerate(("map_x", "map_y", "map_z")):
+        (high,), (low,) = (
+            approximated(straight, name, lambda p, axis=axis: warp(p)[:, axis], order).blocks for order in (3, 2)
+        )
+        rows = np.arange(len(low))
+        blocks = (low.of(rows[rows % 3 > 0]), high.of(rows[rows % 3 == 0]))
+        fields.append(replace(approximated(straight, name, lambda p: p[:, 0], 2), blocks=blocks))
+    u = approximated(straight, "u", lambda p: p[:, 0] * p[:, 1], 3)
+    return replace(straight, fields=(u, *fields), metadata={"GeometryMap": "map_x,map_y,map_z"})
+
+
+def text(facts):
+    return json.dumps(facts, indent=1)
+
+
+def expressions(dataset, texts):
+    return [Expression.of(dataset, each) for each in texts]
+
+
+QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_sign+order", "x")
+
+
+@pytest.mark.parametrize("size", [3, 12])
+@pytest.mark.parametrize("case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped"], ids=str)
+def test_facts_of_parts_are_those_of_the_whole(case, size, monkeypatch):
+    """Also where only few elements are looked at closely."""
+    monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)
+    monkeypatch.setattr(bounding, "_MOST", 3)
+    dataset = mapped() if case == "mapped" else bent(None if case == "mixed" else case)
+    texts = QUANTITIES if case == "mixed" else QUANTITIES[:1] if case != "mapped" else ("u*x",)
+
+    def facts(ranks):
+        portion = Portion.of_whole(dataset, ranks.rank, ranks.size)
+        return summary(portion, expressions(portion.dataset, texts), ranks)
+
+    found, *others = played(size, facts)
+    assert text(found) == text(summary(dataset, expressions(dataset, texts)))
+    assert not any(others)
+
+
+def tangled(shape):
+    """Elements that fold over, and such as are bent less."""
+    return Dataset(curved(grid(shape, 2), ripple(0.6, seed=3), 3))
+
+
+def flat(shape, count):
+    """Elements whose determinant is 1e-10 all along a line, whose sign is open for want of boxes."""
+    mesh = grid(shape, count)
+    move = lambda p: np.column_stack([p[:, 0], (p[:, 1] - 0.5) ** 3 + 1e-9 * p[:, 1], p[:, 2]])  # noqa: E731
+    return Dataset(curved(mesh, move, 4))
+
+
+@pytest.mark.parametrize(
+    "dataset",
+    [
+        tangled(Shape.TETRAHEDRON),
+        tangled(Shape.PYRAMID),
+        tangled(Shape.SEGMENT),
+        Dataset(curved(replace(grid(Shape.TRIANGLE, 3), space=3), ripple(0.3, seed=1), 4)),
+        Dataset(grid(Shape.TETRAHEDRON, 2)),
+        flat(Shape.TRIANGLE, 3),
+    ],
+    ids=["tetrahedra", "pyramids", "segments", "surface", "straight", "flat"],
+)
+def test_signs_of_jacobians_depend_on_neither_batches_nor_parts(dataset, monkeypatch):
+    """Also where only a few elements are looked at closely."""
+    for name, value in {"_RIVALS": 3, "_VALLEYS": 2}.items():
+        monkeypatch.setattr(validity_module, name, value)
+    whole = text(validity_facts(validity(dataset)))
+    monkeypatch.setattr(validity_module, "_NUMBERS", 64)
+    assert text(validity_facts(validity(dataset))) == whole
+    first, *others = played(5, lambda ranks: shared_validity(Portion.of_whole(dataset, ranks.rank, 5).dataset, ranks))
+    assert text(validity_facts(first)) == whole
+    assert others == [None] * 4
+
+
+@pytest.mark.parametrize("formats", [("hdf5", "hdf5"), ("compressed", "xml")], ids="-".join)
+def test_facts_of_parts_of_files_are_those_of_the_whole(formats, tmp_path):
+    """Counts are taken from files, of lists of ids with gaps; and so are bytes."""
+    dataset = bent()
+    entities = {
+        shape: replace(own, ids=5000 * number + 3 * own.ids % 1000)
+        for number, (shape, own) in enumerate(dataset.mesh.entities.items())
+    }
+    composites = [Composite(n, ((own.tag, entities[own].ids),)) for n, own in enumerate(dataset.mesh.elements)]
+    walls = entities[Shape.TRIANGLE].ids, entities[Shape.QUADRILATERAL].ids
+    composites.append(Composite(9, (("F", np.concatenate([walls[0][::2], walls[1][1:]])), ("Q", walls[1][:2])), "wall"))
+    mesh = replace(dataset.mesh, entities=entities, composites=tuple(composites))
+    fields = [
+        replace(own, blocks=tuple(replace(b, element_ids=entities[b.expansion.shape].ids) for b in own.blocks))
+        for own in dataset.fields
+    ]
+    mesh_format, field_format = formats
+    files = write(
+        replace(dataset, mesh=mesh, fields=tuple(fields)),
+        tmp_path / "a.xml",
+        mesh_format=mesh_format,
+        field_format=field_format,
+    )
+    files = [path for path in files if path.suffix != ".nekg"]
+    found, *_ = played(3, lambda ranks: summary(read_part(ranks.rank, ranks.size, *files), ranks=ranks))
+    whole = read(*files)
+    assert text(found) == text(summary(whole))
+    arrays = [whole.mesh.vertex_ids, whole.mesh.vertices]
+    arrays += [own for entities in whole.mesh.entities.values() for own in (entities.ids, entities.members)]
+    for curves in (whole.mesh.edge_curves, whole.mesh.face_curves):
+        arrays += [curves.rows, curves.kinds, curves.offsets, curves.points]
+    arrays += [ids for composite in whole.mesh.composites for _, ids in composite.parts]
+    arrays += [own for one in whole.fields for b in one.blocks for own in (b.element_ids, b.coefficients)]
+    assert found["bytes"] == sum(array.nbytes for array in arrays)
