@@ -145,7 +145,7 @@ class CoreTracing:
         kept: list[list[tuple[Floats, Floats]]] = [[(xi[i], tangents[i])] for i in range(count)]
         closed, counts = np.zeros(count, bool), np.ones(count, np.int64)
         width = np.full(count, _FIRST)
-        leaving: list[tuple[Ints, Floats, Floats, Floats, Floats]] = []
+        leaving: list[tuple[Ints, Floats, Floats, Floats]] = []
         going, place, along = np.arange(count), xi.copy(), tangents.copy()
         for _ in range(_MOST):
             if not len(going):
@@ -153,7 +153,7 @@ class CoreTracing:
             own, here, way = rows[going], place[going], along[going]
             width[going] = np.minimum(width[going], self._most(own, here, way))
             step = width[going]
-            found, turned, sound, slopes = self._step(own, here, way, step)
+            found, turned, sound = self._step(own, here, way, step)
             merit = self._search.merit(own, found)
             returns = sound & self._returns(xi[going], tangents[going], here, found, way, counts[going])
             for i in np.flatnonzero(sound & ((merit >= 0) | returns)).tolist():
@@ -164,7 +164,7 @@ class CoreTracing:
                 counts[number] += 1
                 place[number], along[number] = found[i], turned[i]
             ends = np.flatnonzero(sound & (merit < 0) & ~returns)
-            leaving.append((going[ends], here[ends], way[ends], step[ends], slopes[ends]))
+            leaving.append((going[ends], here[ends], way[ends], step[ends]))
             width[going] *= np.where(sound, 1.5, 0.5)
             lost = width[going] < _LEAST
             self.failed.update(own[lost].tolist())
@@ -173,8 +173,8 @@ class CoreTracing:
             going = going[~over]
         self.failed.update(rows[going].tolist())
         if leaving:
-            numbers, here, way, step, slopes = map(np.concatenate, zip(*leaving, strict=True))
-            last, ways = self._ends(rows[numbers], here, way, step, slopes)
+            numbers, here, way, step = map(np.concatenate, zip(*leaving, strict=True))
+            last, ways = self._ends(rows[numbers], here, way, step)
             for i, number in enumerate(numbers.tolist()):
                 kept[number].append((last[i], ways[i]))
         return [
@@ -182,15 +182,15 @@ class CoreTracing:
             for i in range(count)
         ]
 
-    def _step(self, rows: Ints, here: Floats, way: Floats, step: Floats) -> tuple[Floats, Floats, Bools, Floats]:
-        """Points (n, 3) of cores a step ahead, tangents there, whether steps were small enough, and derivatives."""
+    def _step(self, rows: Ints, here: Floats, way: Floats, step: Floats) -> tuple[Floats, Floats, Bools]:
+        """Points (n, 3) of cores a step ahead, tangents there, and whether steps were small enough."""
         ahead = here + step[:, None] * way
         slopes = self.slopes(rows, ahead)
         found, sound = self.corrected(rows, ahead, way, slopes)
         turned = self._tangents(slopes, way)
         sound &= np.linalg.norm(found - ahead, axis=1) < _ASIDE * step
         sound &= np.linalg.norm(turned - way, axis=1) < _TURN
-        return found, turned, sound, slopes
+        return found, turned, sound
 
     def _most(self, rows: Ints, xi: Floats, tangents: Floats) -> Floats:
         """(n,) the greatest steps that are as long in the world as points may be apart."""
@@ -209,10 +209,12 @@ class CoreTracing:
         same = np.einsum("ni,ni->n", direction, way) > 0.9
         return np.asarray((counts > 3) & same & (part > 0) & (part <= 1) & (beside < 0.1 * length))
 
-    def _ends(self, rows: Ints, here: Floats, way: Floats, step: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+    def _ends(self, rows: Ints, here: Floats, way: Floats, step: Floats) -> tuple[Floats, Floats]:
         """(n, 3) where steps leave elements, or turning fades, and directions there: by halving, and false position.
 
-        Sides that a step begins on, to rounding, are left where it is beyond them by more than that.
+        Sides that a step begins on, to rounding, are left where it is beyond them by more than that.  The corrector has
+        the derivatives of each place that is tried: with those from beyond a wall rounding may grow from step to step.
+        A place where it does not come to rest counts as beyond; an end beside such a place is not known.
         """
         begin = self._search.margins(rows, here)
         is_inner = begin > 1e-8
@@ -220,9 +222,10 @@ class CoreTracing:
 
         def merit(these: Ints, parts: Floats) -> tuple[Floats, Floats]:
             ahead = here[these] + (parts * step[these])[:, None] * way[these]
-            found = self.corrected(rows[these], ahead, way[these], slopes[these])[0]
+            found, sound = self.corrected(rows[these], ahead, way[these])
             margin = (scale[these] * (self._search.margins(rows[these], found) + slack[these])).min(axis=1)
-            return np.minimum(margin, self._search.turning(rows[these], found)), found
+            value = np.minimum(margin, self._search.turning(rows[these], found))
+            return np.where(sound, value, np.nan), found
 
         left, point = np.arange(len(rows)), here.copy()
         low, high = np.zeros(len(rows)), np.ones(len(rows))
@@ -234,11 +237,13 @@ class CoreTracing:
             with np.errstate(all="ignore"):
                 middle = low[left] + (high - low)[left] * below / (below - above)
             middle = np.where((count % 3 == 2) | ~np.isfinite(middle), (low + high)[left] / 2, middle)
-            value, point[left] = merit(left, middle)
+            value, found = merit(left, middle)
+            point[left] = np.where(np.isnan(value)[:, None], point[left], found)
             inside = value >= 0
             low[left], value_low[left] = np.where(inside, middle, low[left]), np.where(inside, value, below)
             high[left], value_high[left] = np.where(inside, high[left], middle), np.where(inside, above, value)
-            left = left[(np.abs(value) > 1e-13) & ((high - low)[left] > 1e-13)]
+            left = left[~(np.abs(value) <= 1e-13) & ((high - low)[left] > 1e-13)]
+        self.failed.update(rows[np.isnan(value_high)].tolist())
         return point, self._tangents(self.slopes(rows, point), way)
 
     def _passed(self, arcs: list[Arc], rows: Ints, xi: Floats) -> Bools:
