@@ -234,6 +234,15 @@ def test_where_the_second_has_nothing_is_left_out_and_told():
     assert "has no value on 0.5 of domain" in whole.remarks[0]
 
 
+def test_data_without_a_common_place_have_no_difference():
+    flat, solid = (with_p(grid(shape, 1), lambda p: p[:, 0]) for shape in (Shape.QUADRILATERAL, Shape.HEXAHEDRON))
+    far = with_p(replace(flat.mesh, vertices=9 + flat.mesh.vertices), lambda p: p[:, 0])
+    for other in (solid, far):
+        sentence = f"none of the first, of {other.mesh.dimension}D data, in the second, of 2D"
+        with pytest.raises(ElvisError, match=sentence):
+            diff(other, flat)
+
+
 def test_the_covered_part_has_an_error_that_holds():
     """The second fills x < 0.45, inside elements of the first."""
     small = grid(Shape.TRIANGLE, 2)

@@ -100,3 +100,9 @@ def test_wrong_use(files, tmp_path):
     (tmp_path / "other" / "notes").write_text("mine")
     with pytest.raises(ElvisError, match="a folder of other things"):
         run(files["a"], files["b"], "-o", tmp_path / "other")
+    with pytest.raises(Exception, match="--scene: expected with the maps of a report"):
+        run(files["a"], files["b"], "--scene", tmp_path / "scene.toml")
+    with pytest.raises(ElvisError, match=r"scene\.toml: there is no such file"):
+        run(files["a"], files["b"], "--scene", tmp_path / "scene.toml", "-o", tmp_path / "report")
+    with pytest.raises(Exception, match=r"-1\.0 is not in the range x>=0"):
+        run(files["a"], files["b"], "--max=-1")

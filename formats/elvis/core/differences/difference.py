@@ -168,7 +168,7 @@ def diff(
 
     fields  names; None for all that both have
     error   asked for where the meshes differ, of squares of norms, in parts of them
-    ElvisError where they share no field, or none of a name.
+    ElvisError where they share no field, none of a name, or no place.
     """
     names = _chosen(first, second, fields)
     if not 0 < error < 1:
@@ -176,6 +176,9 @@ def diff(
     pair = Pair(first, second)
     found = [_whole_difference(name, list(pair.parts(name)), error) for name in names]
     rows = [row for row, _, _ in found]
+    if not any(row.covered for row in rows):
+        ours, others = (f"of {dataset.mesh.dimension}D data" for dataset in (first, second))
+        raise ElvisError(f"expected places that both have, found none of the first, {ours}, in the second, {others}")
     _, measure, held = found[0]
     elements = sum(map(len, held))
     dimension = max((patch.dimension for patch in held), default=1)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from elvis.core.differences import Differences, Family
     from elvis.plugins.data import Reading
     from elvis.reference.report.difference_maps import Maps
+    from elvis.scene import Scene
 
 EPILOG = """\b
 Examples:
@@ -57,7 +58,13 @@ def _files(text: str) -> tuple[Path, ...]:
     show_default=True,
     help="Error asked for where meshes differ, of squares of norms, in parts of them.",
 )
-@click.option("--max", "limit", type=float, metavar="VALUE", help="Fail where a difference is greater anywhere.")
+@click.option(
+    "--max",
+    "limit",
+    type=click.FloatRange(min=0),
+    metavar="VALUE",
+    help="Fail where a difference is greater anywhere.",
+)
 @json_option
 @click.option(
     "-o",
@@ -109,6 +116,8 @@ def diff(
     from elvis.plugins.data import Reading
     from elvis.reference.report.differences import write_difference_report
     from elvis.reference.report.writing import check_folder
+    from elvis.scene import Scene
+    from elvis.scene.files import read_scene
 
     if len(data) < 2:
         raise click.UsageError("expected at least two datasets, found one", click.get_current_context())
@@ -116,6 +125,9 @@ def diff(
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
     read = [path for paths in data for path in paths]
     is_table = output is not None and output.suffix != ""
+    if scene_file is not None and (output is None or is_table or not has_maps):
+        raise click.UsageError("--scene: expected with the maps of a report, the folder that -o names")
+    scene = Scene() if scene_file is None else read_scene(scene_file)
     if output is not None:
         _check_table(output, read, overwrite) if is_table else check_folder(output, read, overwrite)
     *members, reference = _datasets(data, Reading(is_kept=not no_cache, moment=Moment(step, time, between)))
@@ -128,7 +140,9 @@ def diff(
         _write_table(output, found)
     elif output is not None:
         maps, remarks = (
-            _maps(members[-1], reference, (names[-2], names[-1]), found, scene_file) if has_maps else ([], [])
+            _maps(members[-1], reference, (names[-2], names[-1]), found, scene, scene_file is not None)
+            if has_maps
+            else ([], [])
         )
         write_difference_report(found, names[-1], output, read, overwrite, maps, remarks)
     if as_json:
@@ -139,21 +153,18 @@ def diff(
 
 
 def _maps(
-    first: Dataset, second: Dataset, names: tuple[str, str], found: Family, scene_file: Path | None
+    first: Dataset, second: Dataset, names: tuple[str, str], found: Family, scene: Scene, is_asked: bool
 ) -> tuple[list[Maps], list[str]]:
-    """The pictures of all fields, or a sentence on why there are none."""
+    """The pictures of all fields, or a sentence on why there are none; ElvisError where they are asked for."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import stage
     from elvis.reference.report.difference_maps import difference_maps
-    from elvis.scene import Scene
-    from elvis.scene.files import read_scene
 
-    scene = Scene() if scene_file is None else read_scene(scene_file)
     try:
         with stage("drawing"):
             return list(difference_maps(first, second, names, found.fields, scene)), []
     except ElvisError as error:
-        if scene_file is not None:
+        if is_asked:
             raise
         return [], [f"There are no maps: {error}."]
 
