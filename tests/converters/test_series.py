@@ -236,6 +236,8 @@ def test_single_states_are_no_series(tmp_path, elvis):
     files = steps_of(tmp_path, [0.5, 1.0], waves)
     with pytest.raises(FormatError, match="expected at least two steps of a series, found one state"):
         open_series(*files[:2])
+    with pytest.raises(ElvisError, match=r"absent\.chk: there is no such file"):
+        open_series(files[0], tmp_path / "absent.chk")
     assert read(*files[:2]).remarks == ()
     with pytest.raises(ElvisError, match="expected step 0, as the files hold one state, found 3"):
         elvis("norms", *files[:2], "--step", "3")

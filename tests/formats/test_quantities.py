@@ -174,7 +174,9 @@ def test_expressions_mean_what_mathematics_says(text, value):
         ("min(x)", "expected ) after 2 operands"),
         (
             "2*uu",
-            "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x",
+            "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x, y, z, "
+            "t, pi, e, element, order, shape, quality, jacobian, scaled_jacobian, jacobian_sign, nx, ny, nz, "
+            "face_height, and what elvis info --quantities lists",
         ),
         ("mach", "mach needs a velocity, rho, and p or E"),
         ("__import__('os')", "there is no function '__import__'; there are abs"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field as field_of
 from functools import cached_property
@@ -119,22 +119,21 @@ class Names:
             first = (*self.others[name].fields, "x")[0]
             return f"expected : after {name}, and what is asked of it, such as {name}:{first}"
         meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
-        return f"there is no {name!r}{meant}; {self.in_words}"
+        return f"there is no {name!r}{meant}; {self._in_words}"
 
     @property
-    def in_words(self) -> str:
-        """All names, in words."""
+    def _in_words(self) -> str:
+        """All names, in words, but for those of predefined quantities, which are many."""
         known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
-        others: Sequence[str] = (
+        others = (
             *AXES,
             *(("t",) if self.time is not None else ()),
             *CONSTANTS,
-            *self.flow.available,
-            *(f"{name}(…)" for name in self.flow.waiting),
             *ATTRIBUTES,
             *(f"{name}:…" for name in self.others),
         )
-        return f"{known}; there are also {', '.join(others)}"
+        listed = ", and what elvis info --quantities lists" if self.flow.available or self.flow.waiting else ""
+        return f"{known}; there are also {', '.join(others)}{listed}"
 
 
 def _parameters(metadata: Mapping[str, str]) -> dict[str, float]:

@@ -56,12 +56,14 @@ def open_series(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = 
 
     Raises FormatError where there are no two steps, or the files can't be read.
     """
-    from elvis.plugins.data import Reading, pairs
+    from elvis.plugins.data import Reading, dataset_of, pairs
 
     options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
-    files = [Path(path) for path in paths]
-    found = series_in(files, Reading(None, options, cache))
+    files, reading = [Path(path) for path in paths], Reading(None, options, cache)
+    found = series_in(files, reading)
     if found is None:
+        # what can't be read at all says so itself
+        dataset_of(files, reading)
         named = ", ".join(path.name for path in expanded(files))
         raise FormatError(f"expected at least two steps of a series, found one state in {named}")
     return found
