@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from elvis.core import ranges
+from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.mesh import Composite
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression, bounding
 from elvis.core.shapes import Shape
@@ -61,6 +65,19 @@ def mapped():
     return replace(straight, fields=(u, *fields), metadata={"GeometryMap": "map_x,map_y,map_z"})
 
 
+def waves():
+    """Triangles with a Fourier direction, some of them with fewer modes."""
+    mesh = grid(Shape.TRIANGLE, 3)
+    (entities,) = mesh.elements.values()
+    planes = Homogeneous((Basis.FOURIER,), (2.5,), (0, 1, 2, 3))
+    blocks = []
+    for order, ids in ((4, entities.ids[::3]), (3, np.delete(entities.ids, np.s_[::3]))):
+        expansion = replace(modified(Shape.TRIANGLE, (order, order)), homogeneous=planes)
+        coefficients = np.random.default_rng(order).normal(size=(len(ids), mode_count(expansion)))
+        blocks.append(Block(expansion, ids, coefficients))
+    return Dataset(mesh, (Field("u", tuple(blocks)),))
+
+
 def text(facts):
     return json.dumps(facts, indent=1)
 
@@ -73,13 +90,16 @@ QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_si
 
 
 @pytest.mark.parametrize("size", [3, 12])
-@pytest.mark.parametrize("case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped"], ids=str)
+@pytest.mark.parametrize(
+    "case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped", "waves"], ids=str
+)
 def test_facts_of_parts_are_those_of_the_whole(case, size, monkeypatch):
     """Also where only few elements are looked at closely."""
     monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)
     monkeypatch.setattr(bounding, "_MOST", 3)
-    dataset = mapped() if case == "mapped" else bent(None if case == "mixed" else case)
-    texts = QUANTITIES if case == "mixed" else QUANTITIES[:1] if case != "mapped" else ("u*x",)
+    made = {"mapped": mapped, "waves": waves, "mixed": bent}
+    dataset = made[case]() if case in made else bent(case)
+    texts = QUANTITIES if case == "mixed" else ("u*x", "sin(u)") if case in made else QUANTITIES[:1]
 
     def facts(ranks):
         portion = Portion.of_whole(dataset, ranks.rank, ranks.size)

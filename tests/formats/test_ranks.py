@@ -97,16 +97,36 @@ def test_norms_of_parts_are_the_same_to_the_bit(bent, size):
     assert shared(size, lambda ranks: norms(own(alone, ranks), ranks)) == norms(alone)
 
 
-def test_norms_of_parts_have_fourier_directions():
+@pytest.fixture(scope="module")
+def waves():
+    """Triangles with a Fourier direction, and a field."""
     expansion = replace(
         modified(Shape.TRIANGLE, (4, 4)), homogeneous=Homogeneous((Basis.FOURIER,), (2.5,), (0, 1, 2, 3))
     )
     mesh = grid(Shape.TRIANGLE, 3)
     (ids,) = (entities.ids for entities in mesh.elements.values())
     coefficients = np.random.default_rng(0).normal(size=(len(ids), mode_count(expansion)))
-    dataset = Dataset(mesh, (Field("u", (Block(expansion, ids, coefficients),)),))
-    assert list(norms(dataset)) == ["x", "y", "z", "u"]
-    assert shared(30, lambda ranks: norms(own(dataset, ranks), ranks)) == norms(dataset)
+    return Dataset(mesh, (Field("u", (Block(expansion, ids, coefficients),)),))
+
+
+def test_tables_of_parts_have_fourier_directions(waves):
+    assert list(norms(waves)) == ["x", "y", "z", "u"]
+    assert shared(30, lambda ranks: norms(own(waves, ranks), ranks)) == norms(waves)
+    points = np.random.default_rng(0).uniform(-0.1, 1.1, (50, 3)) * [1, 1, 2.5]
+    wanted = [Expression.of(waves, text) for text in ("u", "d(u,z)")]
+
+    def probed(dataset):
+        return Sampler(dataset, wanted).sample(points)
+
+    alone = probed(waves).columns()
+    found = shared(4, lambda ranks: by_elements(probed(own(waves, ranks)), points, False, ranks), len_of=rows)
+    assert {name: each.tobytes() for name, each in found.items()} == {n: each.tobytes() for n, each in alone.items()}
+    for over in ("domain", "all"):
+        whole = integrate(waves, ["u", "z*u"], over)
+        parts = shared(4, lambda ranks, over=over: integrate(own(waves, ranks), ["u", "z*u"], over, ranks=ranks))
+        for one, other in zip(whole, parts, strict=True):
+            assert (one.over, one.integrand, one.exact) == (other.over, other.integrand, other.exact)
+            assert abs(one.value - other.value) <= one.error + other.error + 1e-13 * abs(one.value)
 
 
 @pytest.mark.parametrize("size", [3, 100])

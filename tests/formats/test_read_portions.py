@@ -6,7 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.mesh import Composite, Mesh
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, with_field
@@ -44,9 +48,19 @@ def mixed():
     return Dataset(mesh, (replace(low, blocks=tuple(blocks[1:])), replace(low, name="v", blocks=tuple(blocks))))
 
 
+def waves(*numbers):
+    """Triangles with some of the waves of a Fourier direction."""
+    mesh = grid(Shape.TRIANGLE, 3)
+    (entities,) = mesh.elements.values()
+    expansion = replace(modified(Shape.TRIANGLE, (4, 4)), homogeneous=Homogeneous((Basis.FOURIER,), (2.5,), numbers))
+    coefficients = np.random.default_rng(0).normal(size=(len(entities), mode_count(expansion)))
+    return Dataset(mesh, (Field("u", (Block(expansion, entities.ids, coefficients),)),))
+
+
 CASES = {
     "all shapes": mixed,
     "bent triangles": lambda: with_field(curved(grid(Shape.TRIANGLE, 3), ripple(0.05), 3), function, 4),
+    "waves": lambda: waves(0, 1, 2, 3),
     "lines": lambda: with_field(grid(Shape.SEGMENT, 3), function, 4),
     "a mesh alone": lambda: Dataset(grid(Shape.TETRAHEDRON, 2)),
 }
@@ -62,6 +76,17 @@ def test_a_part_of_files_is_that_of_the_whole(name, formats, tmp_path, monkeypat
         with hdf5.mapped():
             found = read_part(number, count, *files)
         assert contents(found) == contents(Portion.of_whole(whole, number, count))
+
+
+def test_waves_of_several_files_are_those_of_the_whole(tmp_path):
+    """As of runs that were split along a Fourier direction."""
+    files = in_files(waves(0, 1), tmp_path, "hdf5", "hdf5")
+    files += [path for path in write(waves(2, 3), tmp_path / "b.xml", field_format="hdf5") if path.suffix == ".fld"]
+    whole = read(*files)
+    (block,) = whole["u"].blocks
+    assert block.expansion.homogeneous.z_ids == (0, 1, 2, 3)
+    for number in (0, 3):
+        assert contents(read_part(number, 5, *files)) == contents(Portion.of_whole(whole, number, 5))
 
 
 def contents(value):

@@ -79,18 +79,11 @@ def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     Of HDF5 that is mapped (`elvis.formats.nektar.hdf5.mapped`) little more than this part is in memory at any time.
     Raises as `read`, and for what is wrong with other parts not always.
     """
-    return _staged(paths, lambda reader, names: _part(reader.parts(names), number, count))
+    return _staged(paths, lambda reader, names: reader.parts(names).part(number, count, is_last=True))
 
 
-def _part(parts: DatasetParts | Dataset, number: int, count: int) -> Portion:
-    """See `read_part`."""
-    if isinstance(parts, Dataset):
-        return Portion.of_whole(parts, number, count)
-    return parts.part(number, count, is_last=True)
-
-
-def read_parts(*paths: str | Path) -> DatasetParts | Dataset:
-    """The same for one part after another; all at once where there are Fourier directions.  Raises as `read`."""
+def read_parts(*paths: str | Path) -> DatasetParts:
+    """The same for one part after another.  Raises as `read`."""
     return _staged(paths, lambda reader, names: reader.parts(names))
 
 
@@ -187,11 +180,8 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
 
-    def parts(self, names: list[str]) -> DatasetParts | Dataset:
-        """All that was taken in, to be read by parts, where it can be; FormatError where there is no mesh."""
-        if any(section.space.homogeneous for section in self._sections):
-            # which planes belong together depends on all elements
-            return self.dataset(names)
+    def parts(self, names: list[str]) -> DatasetParts:
+        """All that was taken in, to be read by parts; FormatError where there is no mesh."""
         rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}

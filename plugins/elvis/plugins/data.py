@@ -160,8 +160,7 @@ def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset |
         return _whole_of(paths, series, reading)
     if not _is_native(paths, reading):
         return _part_of_conversion(paths, reading, ranks)
-    parts = _native_parts(paths, reading)
-    return parts if isinstance(parts, Dataset) else parts.part(ranks.rank, ranks.size, is_last=True)
+    return _native_parts(paths, reading).part(ranks.rank, ranks.size, is_last=True)
 
 
 def _part_of_conversion(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
@@ -184,11 +183,9 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
     return _native_parts(paths, reading)
 
 
-def _native_parts(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
+def _native_parts(paths: Sequence[Path], reading: Reading) -> DatasetParts:
     """The same of native files that are one state."""
     parts = read_parts(*paths)
-    if isinstance(parts, Dataset):
-        return reading.moment.of_one_state(parts)
     return replace(parts, whole=reading.moment.of_one_state(parts.whole))
 
 

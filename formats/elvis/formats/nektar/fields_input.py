@@ -285,8 +285,7 @@ def assemble_part(
 ) -> tuple[tuple[Field, ...], dict[str, tuple[Ints, ...]]]:
     """The blocks of fields of the whole on the elements that a part of its mesh has, and their rows in the whole.
 
-    sections  without Fourier directions
-    whole     see `without_values`
+    whole  see `without_values`
     """
     on_mesh = _OnMesh(mesh)
     found = {(own.name, block.expansion): block for own in _fields(sections, mesh) for block in own.blocks}
@@ -303,7 +302,9 @@ def assemble_part(
 def _block_with_ids(found: Block | None, wanted: Block) -> Block:
     """A block with the elements of another, which has no coefficients, in their order; None has no elements."""
     if found is None:
-        width = coefficient_counts(wanted.expansion.shape, np.array([wanted.expansion.modes]))[0]
+        own = wanted.expansion
+        planes = 1 if own.homogeneous is None else len(own.homogeneous.z_ids)
+        width = planes * coefficient_counts(own.shape, np.array([own.modes]))[0]
         return replace(wanted, coefficients=frozen_floats(np.empty((0, width))))
     if np.array_equal(found.element_ids, wanted.element_ids):
         return found
@@ -397,7 +398,7 @@ def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
 
 
 def _unite_planes(parts: list[Piece]) -> list[Piece]:
-    """Parts of runs that were split along the homogeneous direction, put together plane after plane."""
+    """What was split along a homogeneous direction, plane after plane; in a part of a mesh what is so in the whole."""
     found: dict[object, Piece] = {}
     for piece in parts:
         if piece.expansion.homogeneous is None or piece.expansion.homogeneous.strips:
