@@ -23,6 +23,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 #: how far maps of the same element may differ, in parts of the size of coordinates: rounding of other programs' numbers
@@ -81,7 +82,7 @@ class CommonElements:
         found = _turning(block.expansion, *self.symmetries[kind])
         assert found is not None
         expansion, matrix = found
-        return expansion, block.coefficients[rows] @ matrix
+        return expansion, row_products(block.coefficients[rows], matrix)
 
 
 def common_elements(first: Dataset, second: Dataset) -> CommonElements:

@@ -7,7 +7,7 @@ so several ranks find what one would.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,8 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
     blocks = geometry(dataset)
     tallies = [_Tally.of(dataset, blocks)]
     if isinstance(whole, Portion):
-        own = whole.of(_deciding(dataset, blocks, quantities))
+        alone = replace(whole, dataset=replace(dataset, others={}, shared={}, rates=None))
+        own = alone.of(_deciding(dataset, blocks, quantities))
         every = ranks.gather((tallies[0], own), f"what is in {dataset.mesh.count} elements")
         if not every:
             return {}

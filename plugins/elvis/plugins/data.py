@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from elvis.core.common_elements import common_elements
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
+from elvis.core.portions.portion import Portion
 from elvis.core.terminal import stage
 from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
@@ -19,7 +21,6 @@ from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
-    from elvis.core.portions.portion import Portion
     from elvis.core.ranks import Ranks
     from elvis.formats.nektar.dataset_parts import DatasetParts
     from elvis.plugins.kept_conversions import Work
@@ -101,13 +102,20 @@ def open_data(
 
 
 def open_part(
-    paths: Sequence[Path], reading: Reading, report: Callable[[str], object], ranks: Ranks
+    paths: Sequence[Path],
+    reading: Reading,
+    report: Callable[[str], object],
+    ranks: Ranks,
+    *,
+    divides_others: bool = False,
 ) -> Dataset | PluginData | Portion:
     """The part that one of several ranks has of what `open_data` opens, if the files are one state; else the whole.
 
     What isn't native the first rank converts, and all read.
+    divides_others  whether of other datasets, which expressions may name, parts are enough, if these hold the same
+                    elements; else nothing is divided where there are others
     """
-    return _open(paths, reading, report, lambda files, how: _part_of(files, how, ranks))
+    return _open(paths, reading, report, lambda files, how: _part_of(files, how, ranks, divides_others))
 
 
 def open_parts(
@@ -153,14 +161,39 @@ def _whole_of(paths: Sequence[Path], series: Series | None, reading: Reading) ->
     return reading.moment.of_one_state(state_with_others(paths, reading))
 
 
-def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
-    """As `dataset_of`, of files that are one state a part."""
+def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks, divides_others: bool = False) -> Dataset | Portion:
+    """As `dataset_of`, of files that are one state a part; see `open_part`."""
     paths, series = _series_of(paths, reading)
-    if series is not None or reading.others:
+    if series is not None or (reading.others and not divides_others):
         return _whole_of(paths, series, reading)
-    if not _is_native(paths, reading):
-        return _part_of_conversion(paths, reading, ranks)
-    return _native_parts(paths, reading).part(ranks.rank, ranks.size, is_last=True)
+    if _is_native(paths, reading):
+        found: Dataset | Portion = _native_parts(paths, reading).part(ranks.rank, ranks.size, is_last=True)
+    else:
+        found = _part_of_conversion(paths, reading, ranks)
+    if reading.others:
+        found = (isinstance(found, Portion) and _beside_parts(found, reading, ranks)) or _whole_of(paths, None, reading)
+    return found
+
+
+def _beside_parts(own: Portion, reading: Reading, ranks: Ranks) -> Portion | None:
+    """A part in which expressions may name other datasets, of which each rank has its part, too.
+
+    None where a part doesn't hold the same elements for one of the ranks.
+    """
+    parts = {
+        name: _part_of(files, Reading(is_kept=reading.is_kept), ranks)
+        for name, files in files_of_others(reading.others).items()
+    }
+    others = {name: part.dataset for name, part in parts.items() if isinstance(part, Portion)}
+    dataset = beside_others(own.dataset, others)
+    is_empty = not len(dataset.mesh.domain_ids())
+    has_all = len(others) == len(parts) and (is_empty or dataset.shared.keys() == others.keys())
+    if not all(ranks.exchange(has_all, f"other data: {', '.join(reading.others)}")):
+        return None
+    if is_empty:
+        # what holds nothing is of the same kind as what others hold
+        dataset = replace(dataset, shared={name: common_elements(dataset, other) for name, other in others.items()})
+    return replace(own, dataset=dataset)
 
 
 def _part_of_conversion(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:

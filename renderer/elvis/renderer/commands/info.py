@@ -133,7 +133,9 @@ def _opened(data: Data, series: Series | None, quantities: Sequence[str], ranks:
     from elvis.core.quantities import Expression
 
     def comes_apart(dataset: Dataset) -> bool:
-        return all(Expression.of(dataset, text).is_local for text in quantities)
+        known = [Expression.of(dataset, text) for text in quantities]
+        # elements that may hold an end of a range are told to the first rank without those of other data
+        return all(each.is_local and not any(":" in name for name in each.fields) for each in known)
 
     found = data.part(ranks, comes_apart) if series is None else None
     if isinstance(found, NativeSource) and found.portion is not None:

@@ -102,7 +102,7 @@ class Data:
         if ranks.size == 1:
             return self.source(quantities)
         with mapped():
-            opened = open_part(self.paths, self.reading(quantities), warn, ranks)
+            opened = open_part(self.paths, self.reading(quantities), warn, ranks, divides_others=True)
         if isinstance(opened, Portion) and not comes_apart(opened.dataset):
             return None
         return self.source_of(opened, ranks)
