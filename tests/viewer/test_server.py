@@ -10,8 +10,9 @@ from types import SimpleNamespace
 import pytest
 from driving import PATIENCE, finished
 
+from elvis.core.errors import ElvisError
 from elvis.scene.files import read_scene
-from elvis.viewer.server import serve
+from elvis.viewer.server import Server, serve
 
 
 def fetch(address, **headers):
@@ -174,3 +175,8 @@ def test_idle_seconds_count_from_the_last_one_who_left(monkeypatch):
         return found
 
     assert finished(main()) == [True, False]
+
+
+def test_an_address_of_another_machine_is_refused_in_a_sentence():
+    with pytest.raises(ElvisError, match=r"at 192\.0\.2\.1:0: it is no address of this machine; --host and --port"):
+        finished(Server(None).start("192.0.2.1", 0))

@@ -73,7 +73,9 @@ class Server:
             await site.start()
         except OSError as error:
             await self._runner.cleanup()
-            raise ElvisError(f"cannot listen at {host}:{port}: {error.strerror}; --port takes another one") from error
+            # asyncio gives no number where the host has no address of this machine
+            reason = error.strerror or "it is no address of this machine"
+            raise ElvisError(f"cannot listen at {host}:{port}: {reason}; --host and --port take others") from error
         self.session.start()
         return int(self._runner.addresses[0][1])
 
