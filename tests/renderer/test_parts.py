@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from elvis.core.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
+from elvis.core.portions.portion import is_even
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated, with_field
@@ -21,8 +22,9 @@ from elvis.plugins.command import elvis
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.renderer import rendering
+from elvis.renderer.bricks import Bricks, InMemory
 from elvis.renderer.completing import completed
-from elvis.renderer.parts import RankPart, drawable, in_parts, of_bricks, what_matters
+from elvis.renderer.parts import RankPart, drawable, is_local, what_matters
 from elvis.renderer.rendering import Pictures
 from elvis.scene import (
     Camera,
@@ -116,6 +118,14 @@ def metis(dataset, count):
     return [np.sort(ids[part == number]) for number in range(count)]
 
 
+def in_parts(dataset, scene, parts):
+    """The elements of a dataset that a scene depends on, found part by part."""
+    if not is_local(dataset, is_even(dataset), [scene]):
+        return dataset
+    whole = Portion.whole(dataset)
+    return drawable(unite([what_matters(whole.of(ids), [scene]) for ids in parts]))
+
+
 def written(renderer, dataset, scene, folder):
     """The bytes of a picture and of its record, what is told of pixels, and how many elements were drawn."""
     whole = completed(dataset, scene)
@@ -134,7 +144,7 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
     drawn = renderer("vulkan")
     expected = written(drawn, bent, scene, tmp_path)
     for parts in cuts(bent):
-        assert written(drawn, in_parts(bent, [scene], parts), scene, tmp_path) == expected
+        assert written(drawn, in_parts(bent, scene, parts), scene, tmp_path) == expected
     assert expected[2][0]["certain"] > 200
 
 
@@ -256,7 +266,7 @@ def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):
     scene = Scene(field="u", objects=(Faces(("all",), LINES), Isosurface((0.6,))), camera="iso", size=(96, 72))
     drawn = renderer("vulkan")
     expected = written(drawn, mixed, scene, tmp_path)
-    assert all(written(drawn, in_parts(mixed, [scene], own), scene, tmp_path) == expected for own in cuts(mixed)[2:])
+    assert all(written(drawn, in_parts(mixed, scene, own), scene, tmp_path) == expected for own in cuts(mixed)[2:])
 
 
 def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
@@ -284,15 +294,88 @@ def test_bricks_of_files_are_drawn_as_all(bent, tmp_path, monkeypatch):
     expected = drawn_by_command(command, tmp_path)
     parts = read_parts(*read)
     assert 4 * parts.bytes == whole
-    asked = []
-    part = DatasetParts.part
-    monkeypatch.setattr(DatasetParts, "part", lambda own, *numbers: asked.append(numbers) or part(own, *numbers))
+    asked = bricks_asked_for(monkeypatch)
     monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
     assert drawn_by_command([*command, "--memory", str(int(0.72 * whole))], tmp_path) == expected
-    assert asked == [(0, 2), (1, 2)]
-    light = [SCENES["volume"]]
-    assert of_bricks(parts, light, 0.3 * whole) is None
-    assert of_bricks(parts, light, 2.0 * whole) is None
+    assert [chosen.sum() for chosen in asked] == [1, 1, 1, 1]
+    assert (asked[1] ^ asked[2] ^ asked[3]).all()
+
+
+def bricks_asked_for(monkeypatch):
+    """Which bricks files and datasets in memory are asked for, each time."""
+    asked = []
+    for source in (DatasetParts, InMemory):
+        of = source.of
+        monkeypatch.setattr(source, "of", lambda own, chosen, of=of: asked.append(chosen) or of(own, chosen))
+    return asked
+
+
+def seen_from(angle):
+    """A camera that is given whole, as those of films that go round."""
+    eye = (0.5 + 3.0 * np.cos(angle), 0.5 + 3.0 * np.sin(angle), 1.5)
+    return Camera(eye, (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.6)
+
+
+NEXT = {
+    "planes": [Scene(plane=replace(TILTED, point=(0.5, 0.45, z)), range="all") for z in (0.52, 0.2)],
+    "cuts with faces that a word chooses": [
+        Scene(objects=(CutSurface(replace(UPRIGHT, point=(x, 0.5, 0.5)), LINES), Faces(("element:40",))), camera="iso")
+        for x in (0.3, 0.9)
+    ],
+    "cameras": [Scene(objects=(Faces(("all",), LINES),), camera=seen_from(angle)) for angle in (0.2, 1.7)],
+    "values": [Scene(objects=(Isosurface((value,), style=LINES),), camera="iso", box=True) for value in (0.35, 0.8)],
+    "times": [Scene(objects=(CutSurface(Implicit("x + t - 0.5")),), camera="-x", time=time) for time in (0.1, -0.3)],
+}
+
+
+@pytest.mark.parametrize("name", NEXT)
+def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monkeypatch):
+    monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)
+    asked, memory = bricks_asked_for(monkeypatch), 3.9 * Portion.whole(bent).bytes
+    scenes = [replace(scene, field="u", size=(96, 72)) for scene in NEXT[name]]
+    read = []
+    with Pictures(bent) as whole, Pictures(Bricks(InMemory(bent), lambda: bent)) as pictures:
+        for scene in scenes:
+            del asked[:]
+            frame = pictures.draw(replace(scene, memory=memory, outputs=("a.npz",)))
+            read.append(sum(int(chosen.sum()) for chosen in asked))
+            frame = replace(frame, scene=replace(frame.scene, memory=None, outputs=()))
+            for folder, drawn in (("a", frame), ("b", whole.draw(scene))):
+                (tmp_path / folder).mkdir(exist_ok=True)
+                drawn.save(tmp_path / folder / "picture.png")
+                drawn.save(tmp_path / folder / "picture.npz")
+            for kind in ("png", "npz"):
+                own, wanted = (tmp_path / folder / f"picture.{kind}" for folder in "ab")
+                assert own.read_bytes() == wanted.read_bytes()
+    assert read[0] >= 40
+    assert read[1] >= 40 if name == "times" else read[1] < 0.9 * read[0]
+
+
+def test_films_read_bricks_of_files(bent, tmp_path, monkeypatch):
+    """The whole never; frames are those without a limit."""
+    files = [str(path) for path in write(bent, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")]
+    command = ["animate", *files[:1], str(tmp_path / "a.fld"), "--field", "u", "--plane", "0.5,0.45,0.52:0.3,0.2,1"]
+    command += [
+        "--size",
+        "48x36",
+        "--frames",
+        "3",
+        "--key",
+        "plane.point=[0.5,0.45,0.52]:[0.5,0.45,0.3]",
+        "--workers",
+        "1",
+    ]
+    frames = []
+    for number, more in enumerate(([], ["--memory", str(int(2.9 * Portion.whole(bent).bytes))])):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        result = CliRunner().invoke(elvis, [*command, *more, "-o", str(folder)], standalone_mode=False)
+        assert result.exit_code == 0, (result.exception, result.output)
+        frames.append([path.read_bytes() for path in sorted(folder.glob("*.png"))])
+        monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)
+        monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
+    assert len(frames[0]) == 3
+    assert frames[0] == frames[1]
 
 
 def drawn_by_command(command, folder):
@@ -306,7 +389,7 @@ def drawn_by_command(command, folder):
 
 def test_a_cut_asks_for_few_elements(bent):
     scene = Scene(field="u", plane=TILTED, size=(96, 72))
-    count = sum(map(len, in_parts(bent, [scene], along_curve(bent, 2)).mesh.elements.values()))
+    count = sum(map(len, in_parts(bent, scene, along_curve(bent, 2)).mesh.elements.values()))
     assert count < 100
 
 

@@ -36,6 +36,11 @@ def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def among(numbers: Ints, others: Ints) -> Bools:
+    """(n,) which of numbers are among others; where there are none, others are not looked at, as ``np.isin`` would."""
+    return np.isin(numbers, others) if len(numbers) else np.zeros(0, bool)
+
+
 def distinct(numbers: Ints) -> Ints:
     """(m,) the numbers (n,), ascending, each once; the same array where they are so already.
 

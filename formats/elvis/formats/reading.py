@@ -79,7 +79,7 @@ def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     Of HDF5 that is mapped (`elvis.formats.nektar.hdf5.mapped`) little more than this part is in memory at any time.
     Raises as `read`, and for what is wrong with other parts not always.
     """
-    return _staged(paths, lambda reader, names: reader.parts(names).part(number, count, is_last=True))
+    return _staged(paths, lambda reader, names: reader.parts(names).part(number, count))
 
 
 def read_parts(*paths: str | Path) -> DatasetParts:

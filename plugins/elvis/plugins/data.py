@@ -167,7 +167,7 @@ def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks, divides_othe
     if series is not None or (reading.others and not divides_others):
         return _whole_of(paths, series, reading)
     if _is_native(paths, reading):
-        found: Dataset | Portion = _native_parts(paths, reading).part(ranks.rank, ranks.size, is_last=True)
+        found: Dataset | Portion = _native_parts(paths, reading).part(ranks.rank, ranks.size)
     else:
         found = _part_of_conversion(paths, reading, ranks)
     if reading.others:

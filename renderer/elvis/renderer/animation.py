@@ -17,9 +17,9 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.moments import Moment
 from elvis.core.quantities import Expression, Names
 from elvis.core.terminal import warn
-from elvis.plugins.data import open_data
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded
+from elvis.renderer.bricks import opening_for
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.request import reading_for
 from elvis.scene import Camera, Scene
@@ -99,7 +99,7 @@ class Film:
         self._texts, self._field = reading.quantities, scene.field
         self._device, self._pictures = scene.device, None
         if self.series is None:
-            self._pictures = Pictures(open_data(self.files, reading, warn), scene.device)
+            self._pictures = Pictures(opening_for([scene])(self.files, reading, warn), scene.device)
         self._moment: Moment | None = None
         # one thread alone reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")

@@ -7,76 +7,22 @@ are the same to the byte, whatever the parts are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset
-from elvis.core.portions.partition import along_curve
-from elvis.core.portions.portion import Portion, is_even, unite
+from elvis.core.portions.portion import Portion, unite
 from elvis.core.ranks import Ranks
-from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance, has_volumes
 from elvis.scene import Scene
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
-
-#: how much memory elements take, on the host and on a device, while they are drawn, in parts of their coefficients
-_TIMES = 4
-
-
-def in_parts(dataset: Dataset, scenes: Sequence[Scene], parts: Iterable[Ints]) -> Dataset:
-    """The elements of a dataset that scenes depend on, found part by part; ``parts`` have ids of elements."""
-    if not _are_few(dataset, is_even(dataset), scenes):
-        return dataset
-    whole = Portion.whole(dataset)
-    return replace(drawable(unite([what_matters(whole.of(ids), scenes) for ids in parts])), **_beside(dataset))
-
-
-def in_bricks(dataset: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
-    """The elements of a dataset that a scene depends on, if all would take more than the scene's memory.
-
-    They are found brick by brick.  SceneError where they, too, take more.
-    """
-    if scene.memory is None:
-        return dataset
-    if isinstance(dataset, PluginData):
-        raise SceneError(f"memory: what the plugin {dataset.name} opens is drawn as a whole: leave it out")
-    needed = _TIMES * Portion.whole(dataset).bytes
-    if needed <= scene.memory:
-        return dataset
-    found = in_parts(dataset, [scene], along_curve(dataset, int(np.ceil(needed / scene.memory))))
-    needed = _TIMES * Portion.whole(found).bytes
-    if needed > scene.memory:
-        whose = (
-            "the elements that the picture depends on" if found is not dataset else "all elements, which count here,"
-        )
-        raise SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {scene.memory:.3g}")
-    return found
-
-
-def of_bricks(parts: DatasetParts, scenes: Sequence[Scene], memory: float) -> Dataset | None:
-    """The elements of data in files that scenes depend on, read and found brick by brick; None where that is no use.
-
-    It isn't where all elements take no more than ``memory`` in bytes, or all of them count.
-    """
-    count = int(np.ceil(_TIMES * parts.bytes / memory))
-    if count < 2:
-        return None
-    first = parts.part(0, count)
-    beside = _beside(first.dataset)
-    if not _are_few(first.dataset, first.is_even, scenes):
-        return None
-    found = [what_matters(first, scenes)]
-    del first
-    found += [what_matters(parts.part(number, count), scenes) for number in range(1, count)]
-    return replace(drawable(unite(found)), **beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,32 +64,27 @@ def of_ranks(
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
         own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
         dataset = data.dataset if isinstance(data, Portion) else data
-        is_local, beside = _is_local(dataset, own.is_even, scenes[key]), _beside(dataset)
+        has_less, besides = is_local(dataset, own.is_even, scenes[key]), beside(dataset)
         del data, dataset
-        own = what_matters(own, scenes[key]) if is_local else own
-        found[key] = RankPart(own, ranks, beside)
-        if not is_local:
+        own = what_matters(own, scenes[key]) if has_less else own
+        found[key] = RankPart(own, ranks, besides)
+        if not has_less:
             whole[key] = own
         del own
     every = ranks.exchange(whole, repr(scenes))
     return {key: part.united([some[key] for some in every]) if key in whole else part for key, part in found.items()}
 
 
-def _beside(dataset: Dataset) -> dict[str, Any]:
+def beside(dataset: Dataset) -> dict[str, Any]:
     """What a dataset has beside elements and what portions have."""
     return {"others": dataset.others, "shared": dataset.shared, "rates": dataset.rates}
 
 
-def _are_few(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
-    """Whether scenes depend on less than all elements; ``even``: see `_is_local`."""
-    return not any(has_volumes(scene) for scene in scenes) and _is_local(dataset, even, scenes)
-
-
-def _is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
+def is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
     """Whether scenes may depend on less than all elements; ``even``: the fields of the whole have the same ones."""
     if not even or any(other_device(scene.device) for scene in scenes):
         return False
-    return all(Relevance(dataset, _whole_scene(dataset, scene)).is_local for scene in scenes)
+    return all(Relevance(dataset, whole_scene(dataset, scene)).is_local for scene in scenes)
 
 
 def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
@@ -151,7 +92,7 @@ def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
     if any(has_volumes(scene) for scene in scenes):
         return portion
     dataset = drawable(portion)
-    found = [Relevance(dataset, _whole_scene(dataset, scene)).ids() for scene in scenes]
+    found = [Relevance(dataset, whole_scene(dataset, scene)).ids() for scene in scenes]
     return portion.of(np.unique(np.concatenate(found)))
 
 
@@ -162,7 +103,7 @@ def drawable(portion: Portion) -> Dataset:
     return replace(dataset, fields=tuple(fields))
 
 
-def _whole_scene(dataset: Dataset, scene: Scene) -> Scene:
+def whole_scene(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its field and its objects."""
     if not scene.field and not dataset.solution:
         scene = of_mesh(scene)

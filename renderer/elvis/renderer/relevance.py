@@ -7,8 +7,9 @@ altogether, such as its view or ranges over all data, those elements count that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +31,6 @@ from elvis.plugins.volume import Part, Quantity, Volume
 from elvis.renderer.passes.solids.hits import triangles
 from elvis.renderer.traversal import ROUNDING
 from elvis.scene import (
-    Camera,
     Cone,
     CutSurface,
     Cylinder,
@@ -46,7 +46,7 @@ from elvis.scene import (
     VolumeRendering,
     unit,
 )
-from elvis.scene.fitting import faced_plane
+from elvis.scene.fitting import faced_plane, is_given
 from elvis.scene.quantities import quantities
 from elvis.scene.view import named_camera
 
@@ -56,6 +56,22 @@ _SLACK = 1e-9
 _AT_ONCE = 1 << 16
 #: times the rounding of a Jacobian up to which it may be none at all
 _FLAT = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What tells of n elements which of them are shown.
+
+    ids     (n,)
+    boxes   (n, 6)
+    ends    by quantity (n, 2): an element shows no value outside; infinite where that isn't known
+    chosen  by word (n,) which have faces that it chooses
+    """
+
+    ids: Ints
+    boxes: Boxes
+    ends: Mapping[str, Floats]
+    chosen: Mapping[str, Bools]
 
 
 class Relevance:
@@ -114,6 +130,21 @@ class Relevance:
                 mask[np.flatnonzero(own)[:1]] = True
         return np.unique(np.concatenate([*found, self._ids_of(masks)]))
 
+    @property
+    def decided_by(self) -> Hashable:
+        """What `deciding` depends on but for the elements, and for values on surfaces, whose holders are shown."""
+        every = self.scene.every_object
+        counted = [item.quantity for item in every if isinstance(item, Isosurface | VolumeRendering)]
+        axes = None if self._axes is None else self._axes.tobytes()
+        return self.texts, self._names_of_ends, axes, tuple(counted), self.words
+
+    def looked_at(self) -> Iterator[Looked]:
+        """What tells which elements are shown, for each part of the volume."""
+        for number, part in enumerate(self._volume.parts):
+            ends = {name: _ends(self._quantity(part, name), len(part)) for name, _ in self.levels()}
+            chosen = {word: masks[number] for word, masks in self._of_faces.items()}
+            yield Looked(part.element_ids, part.boxes, ends, chosen)
+
     def _ids_of(self, masks: Sequence[Bools]) -> Ints:
         """(n,) ids of elements in masks of the volume's parts."""
         own = [part.element_ids[mask] for part, mask in zip(self._volume.parts, masks, strict=True)]
@@ -130,6 +161,13 @@ class Relevance:
 
     def _ends(self) -> Iterator[Ints]:
         """Elements that decide certified ranges over all data."""
+        for name in self._names_of_ends:
+            with suppress(ElvisError):
+                yield deciding_elements(self.dataset, Expression.of(self.dataset, name))
+
+    @cached_property
+    def _names_of_ends(self) -> tuple[str, ...]:
+        """The quantities whose certified ranges over all data a picture depends on."""
         scene, names = self.scene, list[str]()
         if scene.range == "all":
             names += [scene.field, *(item.style.quantity or scene.field for item in _surfaces(scene))]
@@ -143,9 +181,7 @@ class Relevance:
                 names.append(style.contours.quantity or scene.field)
             names += style.lic.components if style.lic else ()
         names += "xyz" if scene.box or scene.axes else ""
-        for name in dict.fromkeys(names):
-            with suppress(ElvisError):
-                yield deciding_elements(self.dataset, Expression.of(self.dataset, name))
+        return tuple(dict.fromkeys(names))
 
     def _outermost(self, part: Part) -> Bools:
         """(n,) elements at the ends of the domain, along the axes and as the camera sees it."""
@@ -163,16 +199,22 @@ class Relevance:
             return finite
         boxes = boxes[finite].astype(np.float64)
         rows = [row for column in boxes.T for row in (column.argmin(), column.argmax(), np.abs(column).argmax())]
-        camera = self.scene.camera
-        if isinstance(camera, str):
-            camera = named_camera(camera, faced_plane(self.scene))
-        if self.scene.only_plane is None and isinstance(camera, Camera):
-            # as pictures are fitted: of elements that reach as far any will do
-            axes = np.array(camera.basis()[:2]).T
+        if self._axes is not None:
+            # of elements that reach as far any will do
             for corner in range(8):
-                places = boxes[:, [3 * (corner >> axis & 1) + axis for axis in range(3)]] @ axes
+                places = boxes[:, [3 * (corner >> axis & 1) + axis for axis in range(3)]] @ self._axes
                 rows += [*places.argmin(axis=0), *places.argmax(axis=0)]
         return np.asarray(finite[np.unique(rows)])
+
+    @cached_property
+    def _axes(self) -> Floats | None:
+        """(3, 2) axes along which the view is fitted to all elements; None where it isn't."""
+        camera = self.scene.camera
+        if self.scene.only_plane is not None or is_given(camera):
+            return None
+        if isinstance(camera, str):
+            camera = named_camera(camera, faced_plane(self.scene))
+        return np.array(camera.basis()[:2]).T
 
     def _counted(self, part: Part) -> Bools:
         """(n,) elements that are counted though they aren't drawn, as their quantity is not a number, or is an
@@ -189,15 +231,16 @@ class Relevance:
             mask |= np.isnan(low) | np.isnan(high)
             for value in item.values if isinstance(item, Isosurface) else ():
                 mask |= np.maximum(np.abs(high - value), np.abs(value - low)) <= 8.0 * rounding
-                mask[np.nan_to_num(_rounding(own, value)).argmax()] = True
-        for name, value in self._levels():
+                for some in (0.0, value):
+                    mask[np.nan_to_num(_rounding(own, some)).argmax()] = True
+        for name, value in self.levels():
             own = self._quantity(part, name)
             stand_in = own.level(value) if own.level is not None else None
             if not (own if stand_in is None else stand_in[0]).degree:
                 mask |= self._level(part, name, value)
         return mask
 
-    def _levels(self) -> Iterator[tuple[str, float]]:
+    def levels(self) -> Iterator[tuple[str, float]]:
         """Quantities and their values on surfaces that are found by these."""
         for item in self.scene.every_object:
             if isinstance(item, Isosurface):
@@ -238,13 +281,18 @@ class Relevance:
         return mask if stand_in is None else mask | _may_have(stand_in[0], len(part), stand_in[1])
 
     @cached_property
+    def words(self) -> tuple[str, ...]:
+        """All that choose faces, each once."""
+        items = [item for item in self.scene.every_object if isinstance(item, Faces)]
+        return tuple(dict.fromkeys(word for item in items for word in item.select))
+
+    @cached_property
     def _of_faces(self) -> dict[str, list[Bools]]:
         """For each word that chooses faces, and each part, (n,) elements that have such faces."""
         parts = self._volume.parts
-        words = [word for item in self.scene.every_object if isinstance(item, Faces) for word in item.select]
-        if not words or not sum(map(len, parts)):
+        if not self.words or not sum(map(len, parts)):
             return {}
-        chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in words}
+        chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in self.words}
         faces = faces_of(self.dataset, self._volume)
         for word, masks in chosen.items():
             # what no part has is missed where all are together
@@ -275,6 +323,16 @@ def _rounding(own: Part | Quantity, value: float) -> Floats:
     low, high = own.bounds()
     greatest = np.nan_to_num(np.maximum(np.abs(low), np.abs(high)), posinf=abs(value))
     return ROUNDING * greatest if own.rounding is None else own.rounding()
+
+
+def _ends(own: Part | Quantity, count: int) -> Floats:
+    """(n, 2) the least and the greatest value that `_may_have` finds, infinite where another quantity stands in."""
+    if own.bounds is None or own.level is not None:
+        return np.tile([-np.inf, np.inf], (count, 1))
+    rounding = 8.0 * _rounding(own, 0.0)
+    low, high = own.bounds()
+    low, high = low - rounding, high + rounding
+    return np.stack([np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)], axis=1)
 
 
 def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
@@ -308,9 +366,9 @@ def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
     Distances from them change by no more than one moves: from the middle of a box by half its diagonal, along a
     plane's normal by half its sides together.
     """
-    middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
-    reach = np.linalg.norm(half, axis=1)
     with np.errstate(invalid="ignore"):
+        middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
+        reach = np.linalg.norm(half, axis=1)
         if isinstance(surface, Plane):
             normal = surface.basis()[2]
             slack += _SLACK * float(np.abs(surface.point).max())

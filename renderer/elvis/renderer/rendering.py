@@ -20,13 +20,13 @@ from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
-from elvis.plugins.data import open_data
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
+from elvis.renderer.bricks import Bricks, InMemory, opening_for
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
@@ -37,7 +37,7 @@ from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
 from elvis.renderer.other_data import OtherData
-from elvis.renderer.parts import RankPart, in_bricks
+from elvis.renderer.parts import RankPart
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.rank_pictures import RankPicture
@@ -89,25 +89,31 @@ def render(
     return frame
 
 
-def _render(data: Dataset | PluginData, scene: Scene, device: str, progress: Progress | None) -> Frame:
+def _render(data: Dataset | PluginData | Bricks, scene: Scene, device: str, progress: Progress | None) -> Frame:
     """A picture of data that are at hand."""
     with Pictures(data, device, progress) as pictures:
         return pictures.draw(scene)
 
 
-def _at_hand(asked: Request) -> Dataset | PluginData:
+def _at_hand(asked: Request) -> Dataset | PluginData | Bricks:
     """The data, read where they are files, as the scene says."""
     if asked.data is not None:
         return asked.data
     scene = asked.scene
     if not scene.data:
         raise SceneError("expected data first: what read returns, or the mesh and field files; found none")
-    return open_data([Path(file) for file in scene.data], reading_for([scene]), warn)
+    return opening_for([scene])([Path(file) for file in scene.data], reading_for([scene]), warn)
 
 
 def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
     """What is to be drawn, by dimension."""
     return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
+
+
+def _timed(data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
+    """The data with the time that the scene gives, unless they are a moment of a series."""
+    is_one_state = isinstance(data, Dataset) and data.rates is None and scene.time is not None
+    return replace(data, time=scene.time) if isinstance(data, Dataset) and is_one_state else data
 
 
 def _is_exact(scene: Scene) -> bool:
@@ -152,13 +158,15 @@ class Pictures:
 
     def __init__(
         self,
-        data: Dataset | PluginData | RankPart,
+        data: Dataset | PluginData | RankPart | Bricks,
         device: str = "auto",
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
     ) -> None:
         self._part, self.device, self.ranks = data if isinstance(data, RankPart) else None, device, ranks
-        self.data = data.dataset if isinstance(data, RankPart) else data
+        self._bricks = data if isinstance(data, Bricks) else None
+        self._drawn: Dataset | None = None
+        self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
         self._progress = progress
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
@@ -188,7 +196,7 @@ class Pictures:
         """Take other data for the next pictures; the device stays."""
         if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
             share(data.mesh)
-        self.data, self._kind, self._checked = data, None, None
+        self.data, self._bricks, self._kind, self._checked = data, None, None, None
         self._quantities = ()
 
     def draw(self, scene: Scene) -> Frame:
@@ -199,8 +207,7 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
-        if isinstance(data, Dataset) and data.rates is None and scene.time is not None:
-            data = replace(data, time=scene.time)
+        data = _timed(data, scene)
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
@@ -210,8 +217,7 @@ class Pictures:
         remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *_rates(data, scene))
         if self._part is not None:
             data = self._of_ranks(self._part, scene)
-        if scene.memory is not None:
-            data, self._quantities = in_bricks(data, scene), ()
+        data = self._in_bricks(data, scene)
         if other is not None:
             return _note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
@@ -225,6 +231,19 @@ class Pictures:
         if self._renderer is None:
             self._renderer = Renderer(self.device, self._progress, self.ranks)
         return self._renderer
+
+    def _in_bricks(self, data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
+        """The elements that a picture depends on, where there is a limit of memory, or where data come in bricks."""
+        if scene.memory is None and self._bricks is None:
+            return data
+        if isinstance(data, PluginData):
+            raise SceneError(f"memory: what the plugin {data.name} opens is drawn as a whole: leave it out")
+        if self._bricks is None:
+            self._bricks = Bricks(InMemory(data), lambda: data)
+        found = self._bricks.elements(scene)
+        if found is not self._drawn:
+            self._drawn, self._quantities = found, ()
+        return _timed(found, scene)
 
     def _of_ranks(self, part: RankPart, scene: Scene) -> Dataset:
         """The elements that this rank's rows of a picture depend on; the renderer knows which rows."""

@@ -42,7 +42,7 @@ def automatic(
     camera, plane = scene.camera, faced_plane(scene)
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
-    if _is_given(camera):
+    if is_given(camera):
         return scene if scene.size else replace(scene, size=LARGEST)
     if isinstance(camera, str):
         camera = named_camera(camera, plane)
@@ -70,10 +70,10 @@ def is_of_elements(scene: Scene) -> bool:
     surfaces = [clip.surface for clip in scene.clip]
     surfaces += [item.surface for item in scene.every_object if isinstance(item, CutSurface)]
     others = [item for item in scene.every_object if not isinstance(item, CutSurface | Faces)]
-    return _is_given(scene.camera) or not (others or any(isinstance(surface, Implicit) for surface in surfaces))
+    return is_given(scene.camera) or not (others or any(isinstance(surface, Implicit) for surface in surfaces))
 
 
-def _is_given(camera: Camera | str | None) -> bool:
+def is_given(camera: Camera | str | None) -> bool:
     """Whether nothing of a camera is to be fitted."""
     return isinstance(camera, Camera) and (camera.fov is not None or camera.height is not None)
 

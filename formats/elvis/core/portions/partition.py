@@ -12,15 +12,24 @@ from elvis.core.shapes import Shape
 
 
 def along_curve(dataset: Dataset, count: int) -> list[Ints]:
-    """Ids of the elements of each of ``count`` parts: ranges along a Z-shaped curve through their first vertices.
+    """Ids of the elements of each of ``count`` parts, which are ranges along a curve (see `numbers_along_curve`)."""
+    elements = dataset.mesh.elements
+    ids = np.concatenate([own.ids for own in elements.values()])
+    numbers = np.concatenate([*numbers_along_curve(dataset, count).values()])
+    return [frozen_ints(np.sort(ids[numbers == number])) for number in range(count)]
 
-    Parts have about as many elements as others: those with one first vertex stay together.
+
+def numbers_along_curve(dataset: Dataset, count: int) -> dict[Shape, Ints]:
+    """For each shape of the elements (n,) which of ``count`` parts each is in.
+
+    Parts are ranges along a Z-shaped curve through first vertices.  They have about as many elements as others: those
+    with one first vertex stay together.
     """
     mesh = dataset.mesh
-    ids = np.concatenate([own.ids for own in mesh.elements.values()])
     first = _first_vertices(mesh)
     parts = cut_curve(mesh.vertices, np.bincount(first, minlength=len(mesh.vertices)), count)[first]
-    return [frozen_ints(np.sort(ids[parts == number])) for number in range(count)]
+    starts = np.cumsum([len(own) for own in mesh.elements.values()])[:-1]
+    return dict(zip(mesh.elements, np.split(parts, starts), strict=True))
 
 
 def cut_curve(vertices: Floats, held: Ints, count: int) -> Ints:

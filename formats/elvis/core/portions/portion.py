@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
 from elvis.core.portions.partition import along_curve
@@ -76,8 +76,8 @@ class Portion:
         mesh = self.dataset.mesh
         kept = _kept_rows(mesh, ids)
         rows = {kind: self.rows[kind][own] for kind, own in kept.items()}
-        curved_edges = np.flatnonzero(np.isin(mesh.edge_curves.rows, kept[Shape.SEGMENT]))
-        curved_faces = np.flatnonzero(np.isin(mesh.face_curves.rows, _face_numbers(mesh, kept)))
+        curved_edges = np.flatnonzero(among(mesh.edge_curves.rows, kept[Shape.SEGMENT]))
+        curved_faces = np.flatnonzero(among(mesh.face_curves.rows, _face_numbers(mesh, kept)))
         fields, blocks = [], {}
         for field in self.dataset.fields:
             chosen = [np.flatnonzero(np.isin(block.element_ids, ids)) for block in field.blocks]

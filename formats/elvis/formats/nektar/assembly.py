@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, frozen_view
+from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Composite, Counts, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
@@ -345,7 +345,7 @@ def _face_curves(raw: RawGeometry, faces: Lookup) -> Curves:
     """Curved faces: this many points as a triangle or a square of them needs."""
     curves = raw.face_curves
     nodal = np.isin(curves.kinds, [kind for kind in PointsType if kind.is_triangular])
-    on_triangle = np.isin(curves.entities, _ids(raw, Shape.TRIANGLE))
+    on_triangle = among(curves.entities, _ids(raw, Shape.TRIANGLE))
     side = np.rint(np.sqrt(np.clip(curves.counts, 0, None).astype(float))).astype(np.int64)
     half = ((np.sqrt(8.0 * np.clip(curves.counts, 0, None) + 1) - 1) / 2 + 0.5).astype(np.int64)
     _check_counts(curves, nodal <= on_triangle, "nodes of a triangle on triangles only")

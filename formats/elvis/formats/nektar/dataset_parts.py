@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion, carriers, is_even
+from elvis.core.shapes import Shape
 from elvis.formats.nektar import expansions, fields_input
 from elvis.formats.nektar.assembly import RawGeometry, assemble
 from elvis.formats.nektar.expansions import RawRule
@@ -43,16 +49,27 @@ class DatasetParts:
         values = (section.values for section in self.sections)
         return tables + points + sum(own.nbytes for own in values if own is not None)
 
-    def part(self, number: int, count: int, *, is_last: bool = False) -> Portion:
-        """One of ``count`` parts, a range of elements along a curve; where that is found once for all of them.
+    def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
+        """For each shape of the elements (n,) which of ``count`` parts each is in: they are ranges along a curve.
 
-        is_last  whether no other is asked for, so that what the mesh is in files takes no memory any longer
-        FormatError where the part is wrong.
+        FormatError where there are no elements, or what parts need of the whole can't be.
         """
+        return self._cut_into(count).numbers
+
+    def _cut_into(self, count: int) -> RawParts:
+        """The mesh in parts; where these are is found once for all of them."""
         if self._cut is None or self._cut.count != count:
             assert self.raw is not None
             self._cut = RawParts(self.raw, count, carriers(self.whole))
-        part = self._cut.part(number)
+        return self._cut
+
+    def of(self, chosen: Bools, *, is_last: bool = False) -> Portion:
+        """Some of the parts together, (count,) which.
+
+        is_last  whether no other is asked for, so that what the mesh is in files takes no memory any longer
+        FormatError where they are wrong.
+        """
+        part = self._cut_into(len(chosen)).of(chosen)
         if is_last:
             self.raw = self._cut = None
         mesh = with_remarks(assemble(part.raw, is_part=True), self.remarks)
@@ -60,3 +77,7 @@ class DatasetParts:
         dataset = replace(self.whole, mesh=mesh, fields=fields, expansions=expansions.resolve(self.rules, mesh))
         numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.counts, part.triangles)
         return Portion(dataset, *numbers, is_even(self.whole)).with_sides(part.sides)
+
+    def part(self, number: int, count: int) -> Portion:
+        """One of ``count`` parts, as the last that is asked for."""
+        return self.of(np.arange(count) == number, is_last=True)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Ints, distinct
+from elvis.core.arrays import Bools, Ints, distinct
 from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mesh import Counts
@@ -49,8 +50,9 @@ class RawPart:
 
 
 class RawParts:
-    """A mesh as files hold it, cut into parts, which are ranges along a curve; see `RawParts.part`.
+    """A mesh as files hold it, cut into parts, which are ranges along a curve; see `RawParts.of`.
 
+    numbers   for each shape of the elements (n,) which part each is in
     carriers  ids of the elements between which sides are inner ones, None for all
     FormatError where there are no elements, or what parts need of the whole can't be.
     """
@@ -61,7 +63,7 @@ class RawParts:
             check_elements(raw)
             self._lookups = lookups_of(raw)
             self._vertices = coordinates(raw.vertices, raw.space, "vertices")
-            self._parts = self._cut(count)
+            self.numbers = self._cut(count)
             self._counts = counts_of(raw, self._lookups)
 
     @contextmanager
@@ -72,14 +74,14 @@ class RawParts:
         except FormatError as error:
             raise error.within(self.raw.file, "GEOMETRY") from error
 
-    def part(self, number: int) -> RawPart:
-        """One of the parts; FormatError where what it is made of can't be."""
+    def of(self, chosen: Bools) -> RawPart:
+        """Some of the parts together, (count,) which; FormatError where what they are made of can't be."""
         with self._errors():
-            return self._part(number)
+            return self._of(chosen)
 
-    def _part(self, number: int) -> RawPart:
+    def _of(self, chosen: Bools) -> RawPart:
         raw, top = self.raw, self.raw.dimension
-        rows: dict[Shape | None, Ints] = {shape: np.flatnonzero(own == number) for shape, own in self._parts.items()}
+        rows: dict[Shape | None, Ints] = {shape: np.flatnonzero(chosen[own]) for shape, own in self.numbers.items()}
         used = {top: self._numbers(rows, top)}
         for dimension in range(top - 1, -1, -1):
             used[dimension] = self._used(rows, dimension + 1)
@@ -93,7 +95,7 @@ class RawParts:
             edge_curves=_some_curves(raw.edge_curves, edges),
             face_curves=_some_curves(raw.face_curves, faces),
         )
-        sides = self._inner_sides(used[top - 1]) if top > 1 else _NONE
+        sides = used[top - 1][self._is_inner[used[top - 1]]] if top > 1 else _NONE
         triangles = len(raw.tables[Shape.TRIANGLE][0]) if Shape.TRIANGLE in raw.tables else 0
         return RawPart(own, rows, edges, faces, sides, self._counts, triangles)
 
@@ -159,20 +161,19 @@ class RawParts:
         numbers = self._lookups[dimension].rows(curves.entities, "curves")
         return np.flatnonzero(np.isin(numbers, used.get(dimension, _NONE)))
 
-    def _inner_sides(self, own: Ints) -> Ints:
-        """Those of the own sides (n,) that have elements on both sides."""
+    @cached_property
+    def _is_inner(self) -> Bools:
+        """(n,) whether sides, by their numbers, have elements on both sides; found once for all parts."""
         dimension = self.raw.dimension
-        is_own = np.zeros(self._lookups[dimension - 1].count, bool)
-        is_own[own] = True
         carrier = None if self._carriers is None else Lookup(self._carriers, "element")
-        counts = np.zeros(len(own), np.int64)
+        counts = np.zeros(self._lookups[dimension - 1].count, np.uint8)
         for shape in self._shapes(dimension):
             ids = self.raw.tables[shape][0]
             for span in chunks(len(ids), AT_ONCE):
                 chosen = span if carrier is None else span.start + np.flatnonzero(carrier.present(ids[span]))
-                sides = self._members(shape, chosen)
-                np.add.at(counts, np.searchsorted(own, sides[is_own[sides]]), 1)
-        return own[counts > 1]
+                # of the type of the counts, else it takes forty times as long
+                np.add.at(counts, self._members(shape, chosen).reshape(-1), np.uint8(1))
+        return np.asarray(counts > 1)
 
 
 def _some_curves(curves: RawCurves, which: Ints) -> RawCurves:

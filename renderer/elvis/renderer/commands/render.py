@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from elvis.core.ranks import Ranks
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
+    from elvis.renderer.bricks import Bricks
     from elvis.renderer.parts import RankPart
     from elvis.scene import Scene
     from elvis.scene.frame import Frame
 
     #: what scenes are drawn of
-    Opened: TypeAlias = Dataset | PluginData | RankPart
+    Opened: TypeAlias = Bricks | Dataset | PluginData | RankPart
 
 T = TypeVar("T")
 #: part of what is seen beyond which ambiguous pixels are reported
@@ -145,33 +146,17 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
 
     from elvis.formats.nektar.hdf5 import mapped
     from elvis.plugins.data import open_part
+    from elvis.renderer.bricks import opening_for
     from elvis.renderer.parts import of_ranks
 
     alike: dict[object, list[Scene]] = {}
     for scene in scenes:
         alike.setdefault(_key(scene), []).append(scene)
-    with mapped(if_so=ranks.size > 1 or any(scene.memory for scene in scenes)):
-        if ranks.size == 1:
-            return {key: _in_memory(some, is_kept) for key, some in alike.items()}
+    if ranks.size == 1:
+        return {key: _open(some, opening_for(some), is_kept) for key, some in alike.items()}
+    with mapped():
         share = partial(open_part, ranks=ranks)
         return dict(of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks))
-
-
-def _in_memory(scenes: list[Scene], is_kept: bool) -> Dataset | PluginData:
-    """The data of scenes, which are the same; with a limit of memory what the pictures depend on, where it can be."""
-    from elvis.formats.nektar.dataset_parts import DatasetParts
-    from elvis.plugins.data import open_data, open_parts
-    from elvis.renderer.parts import of_bricks
-
-    limits = [scene.memory for scene in scenes if scene.memory is not None]
-    if len(limits) == len(scenes):
-        opened = _open(scenes, open_parts, is_kept)
-        if not isinstance(opened, DatasetParts):
-            return opened
-        found = of_bricks(opened, scenes, min(limits))
-        if found is not None:
-            return found
-    return _open(scenes, open_data, is_kept)
 
 
 def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:
@@ -182,6 +167,7 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
     from itertools import compress
 
     from elvis.plugins.opening import PluginData
+    from elvis.renderer.bricks import Bricks
     from elvis.renderer.completing import other_device
     from elvis.renderer.parts import RankPart
     from elvis.scene.commandline.composing import in_one_range
@@ -198,7 +184,7 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
         if shared is not None:
             scenes = tuple(replace(scene, range=shared) for scene in scenes)
             frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
-    every = [own.dataset if isinstance(own, RankPart) else own for own in opened.values()]
+    every = [own.dataset if isinstance(own, RankPart | Bricks) else own for own in opened.values()]
     datasets = [own for own in every if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
     return frames, [*rates, *(remark for own in datasets for remark in own.remarks)]

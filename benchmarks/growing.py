@@ -1,0 +1,210 @@
+"""Memory of PyFR with pictures over many steps: the first process's, as UCX watches memory and as it doesn't.
+
+    python benchmarks/growing.py [--steps 1000] [--cells 3] [--size 300x200] [--ranks 2]
+
+Anonymous memory and the heap in use are noted after each ten steps (Linux, glibc).  A straight line is fitted to those
+of the last nine tenths of the steps; its error is that of blocks of ten values, as those next to each other are alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hosting import mixed
+from measuring import ENVIRONMENT
+from tables import Table
+
+from elvis.renderer import pyfr_host
+
+#: steps from one note to the next
+EVERY = 10
+#: values that are averaged before a line is fitted to them
+BLOCK = 10
+#: stands for PyFR's library of small products
+LIBRARY = Path(__file__).parent.parent / "tests" / "renderer" / "pyfr" / "xsmm.c"
+CONFIG = """
+[backend]
+precision = double
+[backend-openmp]
+cflags = -O0
+[constants]
+gamma = 1.4
+[solver]
+system = euler
+order = 3
+[solver-time-integrator]
+scheme = euler
+controller = none
+tstart = 0
+tend = {end}
+dt = 1e-6
+[solver-interfaces]
+riemann-solver = rusanov
+[solver-interfaces-quad]
+flux-pts = gauss-legendre
+[solver-interfaces-tri]
+flux-pts = williams-shunn
+[solver-elements-hex]
+soln-pts = gauss-legendre
+[solver-elements-pri]
+soln-pts = williams-shunn~gauss-legendre
+[solver-elements-pyr]
+soln-pts = gauss-legendre
+[solver-elements-tet]
+soln-pts = shunn-ham
+[soln-bcs-wall]
+type = slp-adia-wall
+[soln-ics]
+rho = 1 + 0.2*exp(-((x - 1)*(x - 1) + (y - 1)*(y - 1) + (z - 2)*(z - 2)))
+u = 0.1*y
+v = 0
+w = 0
+p = 1
+[soln-plugin-elvis]
+scene = scene.toml
+output = rho.png
+"""
+#: PyFR's own commands, with a partitioner that deals elements out
+PARTITION = """
+import sys
+import numpy as np
+from pyfr.__main__ import main
+from pyfr.partitioners.base import BasePartitioner
+
+class Dealt(BasePartitioner):
+    name, has_part_weights, has_multiple_constraints = "dealt", True, True
+    int_opts, enum_opts, dflt_opts = [], {}, {}
+
+    def _partition_graph(self, graph, partwts):
+        return np.arange(len(graph.vtab) - 1, dtype=np.int32) * len(partwts) // (len(graph.vtab) - 1)
+
+main()
+"""
+
+
+class _MallInfo(ctypes.Structure):
+    """What ``mallinfo2`` of glibc gives: number 4 is what is mapped, 7 what is in use of the rest, in bytes."""
+
+    _fields_ = [(f"field_{number}", ctypes.c_size_t) for number in range(10)]
+
+
+def heap() -> int:
+    """Bytes of the heap that are in use, mapped pieces included."""
+    ask = ctypes.CDLL(None).mallinfo2
+    ask.restype = _MallInfo
+    found = ask()
+    return int(found.field_4 + found.field_7)
+
+
+def anonymous() -> int:
+    """Bytes of anonymous memory of this process."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("RssAnon"))
+
+
+class Noting(pyfr_host.Host):
+    """The plugin, whose first process notes its memory."""
+
+    notes: list[tuple[int, int, int]]
+
+    def __call__(self, intg: Any) -> None:
+        super().__call__(intg)
+        step = int(intg.nacptsteps)
+        if self._session is not None and step % EVERY == 0:
+            self.notes = [*getattr(self, "notes", []), (step, anonymous(), heap())]
+
+    def finalise(self, intg: Any) -> None:
+        if self._session is not None:
+            notes = {"notes": self.notes, "drawn": self._session.drawn, "faults": self._session.faults}
+            Path("notes.json").write_text(json.dumps(notes))
+        super().finalise(intg)
+
+
+def host() -> None:
+    """PyFR with that plugin."""
+    pyfr_host.Host = Noting  # type: ignore[misc]
+    pyfr_host.run()
+
+
+def prepared(folder: Path, cells: int, ranks: int, steps: int, size: list[int]) -> None:
+    """The mesh in parts, the configuration, the scene, and the library."""
+    mesh = mixed(folder, cells)
+    words = ["partition", "add", "-f", "-p", "dealt", "-e", "balanced", mesh.name, str(ranks)]
+    subprocess.run([sys.executable, "-c", PARTITION, *words], cwd=folder, check=True)
+    (folder / "case.ini").write_text(CONFIG.format(end=1e-6 * steps))
+    (folder / "scene.toml").write_text(f'field = "rho"\nsize = {size}\n')
+    subprocess.run(["cc", "-O1", "-shared", "-fPIC", LIBRARY, "-o", folder / "libxsmm.so"], check=True)
+
+
+def measured(folder: Path, ranks: int, settings: dict[str, str]) -> dict[str, Any]:
+    """What one run notes."""
+    own = {"PYFR_XSMM_LIBRARY_PATH": str(folder / "libxsmm.so"), "PYFR_OMP_CACHE_DIR": str(folder / "cache")}
+    environment = {**ENVIRONMENT, **own, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parent), **settings}
+    code = "import growing; growing.host()"
+    mpiexec = [str(Path(sys.executable).parent / "mpiexec"), "-n", str(ranks), sys.executable, "-c", code]
+    subprocess.run(
+        [*mpiexec, "run", "-b", "openmp", "mixed.pyfrm", "case.ini"], cwd=folder, env=environment, check=True
+    )
+    found: dict[str, Any] = json.loads((folder / "notes.json").read_text())
+    assert not found["faults"], found["faults"]
+    return found
+
+
+def slope(steps: Any, values: Any) -> tuple[float, float]:
+    """Slope of the line through values (n,) at steps (n,), and its standard error, by averages of blocks."""
+    count = len(steps) // BLOCK
+    x, y = (np.asarray(own[-count * BLOCK :], np.float64).reshape(count, BLOCK).mean(axis=1) for own in (steps, values))
+    (rate, _), covariance = np.polyfit(x - x.mean(), y, 1, cov=True)
+    return float(rate), float(np.sqrt(covariance[0, 0]))
+
+
+def row(name: str, found: dict[str, Any]) -> list[str]:
+    """A line of the table."""
+    steps, memory, used = np.array(found["notes"]).T
+    late = steps > steps[-1] // 10
+    cells = [name, f"{found['drawn']:,}"]
+    for own in (memory, used):
+        cells += [f"{own[late][0] / 2**20:.2f}", f"{own[-1] / 2**20:.2f}"]
+        cells.append("{:+.0f} ± {:.0f}".format(*slope(steps[late], own[late])))
+    return cells
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--cells", type=int, default=3)
+    parser.add_argument("--size", default="300x200")
+    parser.add_argument("--ranks", type=int, default=2)
+    asked = parser.parse_args()
+    columns = [
+        "",
+        "pictures",
+        "anonymous MiB, early",
+        "late",
+        "bytes a step",
+        "heap MiB, early",
+        "late",
+        "bytes a step",
+    ]
+    table = Table(
+        f"The first of {asked.ranks} processes of PyFR over {asked.steps:,} steps with a picture each", columns
+    )
+    with tempfile.TemporaryDirectory(prefix="elvis-growing-") as name:
+        folder = Path(name)
+        prepared(folder, asked.cells, asked.ranks, asked.steps, list(map(int, asked.size.split("x"))))
+        for title, settings in {"as it is": {}, "UCX_MEM_EVENTS=n": {"UCX_MEM_EVENTS": "n"}}.items():
+            table.rows.append(row(title, measured(folder, asked.ranks, {**settings})))
+            print(table.text(), flush=True)
+
+
+if __name__ == "__main__":
+    main()

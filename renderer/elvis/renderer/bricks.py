@@ -1,0 +1,272 @@
+"""Data that are looked at brick by brick: what is found in each is kept, so that a next picture reads few of them.
+
+Bricks have some tens of elements and are ranges along a curve.  A first picture reads all, as many at a time as there
+is memory for, and notes in which box each lies, between which values, and whether it has faces that words choose.
+Others read those alone in which something may be shown, and look at their elements.  Elements that decide what holds
+for a picture altogether, such as ranges over all, are kept for all pictures for which the same things decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.mapping.boxes import Boxes
+from elvis.core.portions.partition import numbers_along_curve
+from elvis.core.portions.portion import Portion, unite
+from elvis.core.shapes import Shape
+from elvis.formats.nektar.dataset_parts import DatasetParts
+from elvis.formats.nektar.hdf5 import mapped
+from elvis.plugins.data import Reading, open_data, open_parts
+from elvis.plugins.opening import PluginData
+from elvis.renderer.parts import beside, drawable, is_local, whole_scene
+from elvis.renderer.relevance import Looked, Relevance, has_volumes, meets
+from elvis.scene import CutSurface, Implicit, Scene
+from elvis.scene.errors import SceneError
+
+#: how much memory elements take, on the host and on a device, while they are drawn, in parts of their coefficients
+_TIMES = 4
+#: elements of a brick, about
+ELEMENTS = 64
+
+
+#: is told of plugins that fail
+Report: TypeAlias = Callable[[str], object]
+#: what files hold, as a reading says
+Opening: TypeAlias = Callable[[Sequence[Path], Reading, Report], "Dataset | PluginData | Bricks"]
+
+
+class Source(Protocol):
+    """Data that can be had in parts.
+
+    whole  all of them, at least the ids of the elements
+    """
+
+    whole: Dataset
+
+    @property
+    def bytes(self) -> int:
+        """How much memory the arrays of all take."""
+
+    def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
+        """For each shape of the elements (n,) which of ``count`` parts each is in."""
+
+    def of(self, chosen: Bools) -> Portion:
+        """Some of the parts together, (count,) which."""
+
+
+class InMemory:
+    """A dataset that is at hand."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.whole, self._portion = dataset, Portion.whole(dataset)
+        self._numbers: dict[int, dict[Shape, Ints]] = {}
+
+    @property
+    def bytes(self) -> int:
+        """See `Source`."""
+        return self._portion.bytes
+
+    def numbers(self, count: int) -> Mapping[Shape, Ints]:
+        """See `Source`."""
+        if count not in self._numbers:
+            self._numbers = {count: numbers_along_curve(self.whole, count)}
+        return self._numbers[count]
+
+    def of(self, chosen: Bools) -> Portion:
+        """See `Source`."""
+        numbers, elements = self.numbers(len(chosen)), self.whole.mesh.elements
+        return self._portion.of(np.concatenate([elements[shape].ids[chosen[own]] for shape, own in numbers.items()]))
+
+
+@dataclass(eq=False)
+class Digest:
+    """What is known of bricks.
+
+    boxes   (count, 6) that hold their elements
+    ends    by quantity (count, 2) the ends of what its elements may show
+    chosen  by word (count,) which have faces that it chooses
+    """
+
+    boxes: Boxes
+    ends: dict[str, Floats] = field(default_factory=dict)
+    chosen: dict[str, Bools] = field(default_factory=dict)
+
+    @staticmethod
+    def of(count: int) -> Digest:
+        """Of bricks of which nothing was looked at."""
+        return Digest(np.tile(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), (count, 1)))
+
+    def note(self, looked: Looked, bricks: Ints) -> None:
+        """Take what was found of elements of these bricks (n,)."""
+        _widen(self.boxes, bricks, looked.boxes)
+        for name, ends in looked.ends.items():
+            _widen(self.ends.setdefault(name, np.tile([np.inf, -np.inf], (len(self.boxes), 1))), bricks, ends)
+        for word, mask in looked.chosen.items():
+            self.chosen.setdefault(word, np.zeros(len(self.boxes), bool))[bricks[mask]] = True
+
+    def joined(self, other: Digest) -> Digest:
+        """What is known by both: other quantities and words of the same bricks."""
+        return Digest(self.boxes, {**self.ends, **other.ends}, {**self.chosen, **other.chosen})
+
+    def knows(self, relevance: Relevance) -> bool:
+        """Whether it tells where something of a scene may be shown."""
+        names = {name for name, _ in relevance.levels()}
+        return names <= self.ends.keys() and set(relevance.words) <= self.chosen.keys()
+
+    def shown(self, relevance: Relevance) -> Bools:
+        """(count,) bricks in which something of the scene may be shown."""
+        scene = relevance.scene
+        mask, held = np.zeros(len(self.boxes), bool), self.boxes[:, 0] < np.inf
+        for name, value in relevance.levels():
+            low, high = self.ends[name].T
+            mask |= (low <= value) & (value <= high)
+        for word in relevance.words:
+            mask |= self.chosen[word]
+        for item in scene.every_object:
+            if isinstance(item, CutSurface) and not isinstance(item.surface, Implicit):
+                mask[held] |= meets(item.surface, self.boxes[held])
+        return mask
+
+
+class Bricks:
+    """Data whose pictures may take no more than a scene's memory.
+
+    source  gives them in parts
+    whole   gives all of them, where that fits, or a picture depends on all
+    """
+
+    def __init__(self, source: Source, whole: Callable[[], Dataset]) -> None:
+        self._source, self._open = source, whole
+        self._count = -(-source.whole.mesh.count // ELEMENTS)
+        self._time: float | None = None
+        self._digest: Digest | None = None
+        self._deciding: dict[Hashable, Portion] = {}
+
+    @cached_property
+    def whole(self) -> Dataset:
+        """All data, kept from when they are first asked for."""
+        return self._open()
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """A few of the elements, for names and kinds."""
+        return replace(drawable(self._head), **beside(self._source.whole))
+
+    @cached_property
+    def _head(self) -> Portion:
+        """The first brick that has elements."""
+        first = min(int(own.min()) for own in self._source.numbers(self._count).values() if len(own))
+        return self._source.of(np.arange(self._count) == first)
+
+    def elements(self, scene: Scene) -> Dataset:
+        """The elements that a scene depends on, all if they take no more than its memory, or if any may count.
+
+        SceneError where they take more.
+        """
+        memory = np.inf if scene.memory is None else scene.memory
+        needed = _TIMES * self._source.bytes
+        if needed <= memory:
+            return self.whole
+        self._take_time(scene)
+        head = self._timed(self.dataset)
+        if has_volumes(scene) or not is_local(head, self._head.is_even, [scene]):
+            raise _too_much(needed, "all elements, which count here,", memory)
+        found = self._found(Relevance(head, whole_scene(head, scene)), int(np.ceil(needed / memory)))
+        needed = _TIMES * found.bytes
+        if needed > memory:
+            raise _too_much(needed, "the elements that the picture depends on", memory)
+        return replace(drawable(found), **beside(self._source.whole))
+
+    def _found(self, relevance: Relevance, count: int) -> Portion:
+        """The elements that a scene depends on; ``count`` times fewer than all are read at once.
+
+        relevance  of the scene, for a few elements
+        """
+        scene, key, known = relevance.scene, relevance.decided_by, self._digest
+        if known is not None and known.knows(relevance) and key in self._deciding:
+            read = self._read(np.flatnonzero(known.shown(relevance)), count)
+            shown = (portion.of(Relevance(drawable(portion), scene).shown()[0]) for portion in read)
+            return unite([self._deciding[key], *shown])
+        digest, found, deciding = Digest.of(self._count), list[Portion](), list[Portion]()
+        for portion in self._read(np.arange(self._count), count):
+            own = Relevance(drawable(portion), scene)
+            for looked in own.looked_at():
+                digest.note(looked, self._bricks_of(portion, looked.ids))
+            deciding.append(portion.of(own.deciding()))
+            found += [deciding[-1], portion.of(own.shown()[0])]
+        self._digest = digest if known is None else known.joined(digest)
+        self._deciding[key] = unite(deciding)
+        return unite(found)
+
+    def _take_time(self, scene: Scene) -> None:
+        """Forget what depends on another time."""
+        if scene.time != self._time:
+            self._time, self._digest = scene.time, None
+            self._deciding.clear()
+
+    def _timed(self, dataset: Dataset) -> Dataset:
+        """The data at the time of the scene, as `Pictures.draw` gives it to all of one state."""
+        is_given = self._time is not None and self._source.whole.rates is None
+        return replace(dataset, time=self._time) if is_given else dataset
+
+    def _read(self, bricks: Ints, count: int) -> Iterator[Portion]:
+        """The elements of bricks (n,), as many bricks at once as a part is that ``count`` make the whole of."""
+        at_once = max(1, self._count // count)
+        for start in range(0, len(bricks), at_once):
+            chosen = np.zeros(self._count, bool)
+            chosen[bricks[start : start + at_once]] = True
+            portion = self._source.of(chosen)
+            yield replace(portion, dataset=self._timed(portion.dataset))
+
+    def _bricks_of(self, portion: Portion, ids: Ints) -> Ints:
+        """(n,) the brick of each of the elements with these ids (n,) of a portion."""
+        numbers, elements = self._source.numbers(self._count), portion.dataset.mesh.elements
+        every = np.concatenate([own.ids for own in elements.values()])
+        bricks = np.concatenate([numbers[shape][portion.rows[shape]] for shape in elements]).astype(np.int64)
+        order = np.argsort(every)
+        return np.asarray(bricks[order[np.searchsorted(every, ids, sorter=order)]])
+
+
+def opening_for(scenes: Sequence[Scene]) -> Opening:
+    """What opens files of which nothing but pictures of scenes is made: in bricks where all limit their memory."""
+    return _open_bricks if all(scene.memory is not None for scene in scenes) else open_data
+
+
+def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dataset | PluginData | Bricks:
+    """What `open_data` opens, in bricks if the files are native and one state; HDF5 must stay as it is meanwhile."""
+    with mapped():
+        opened = open_parts(paths, reading, report)
+    if not isinstance(opened, DatasetParts):
+        return opened
+
+    def whole() -> Dataset:
+        found = open_data(paths, reading, report)
+        assert isinstance(found, Dataset)  # no plugin has opened the files
+        return found
+
+    return Bricks(opened, whole)
+
+
+def _too_much(needed: float, whose: str, memory: float) -> SceneError:
+    return SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {memory:.3g}")
+
+
+def _widen(ranges: NDArray[Any], rows: Ints, found: NDArray[Any]) -> None:
+    """Make ranges (n, 2 k), low and high corners, hold those that are found (m, 2 k) for these of their rows (m,)."""
+    if not len(rows):
+        return
+    order = np.argsort(rows, kind="stable")
+    starts = np.flatnonzero(np.append(True, np.diff(rows[order]) > 0))
+    own, half = rows[order[starts]], ranges.shape[1] // 2
+    low, high = found[order, :half], found[order, half:]
+    ranges[own, :half] = np.minimum(ranges[own, :half], np.minimum.reduceat(low, starts))
+    ranges[own, half:] = np.maximum(ranges[own, half:], np.maximum.reduceat(high, starts))
