@@ -351,33 +351,6 @@ def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monk
     assert read[1] >= 40 if name == "times" else read[1] < 0.9 * read[0]
 
 
-def test_films_read_bricks_of_files(bent, tmp_path, monkeypatch):
-    """The whole never; frames are those without a limit."""
-    files = [str(path) for path in write(bent, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")]
-    command = ["animate", *files[:1], str(tmp_path / "a.fld"), "--field", "u", "--plane", "0.5,0.45,0.52:0.3,0.2,1"]
-    command += [
-        "--size",
-        "48x36",
-        "--frames",
-        "3",
-        "--key",
-        "plane.point=[0.5,0.45,0.52]:[0.5,0.45,0.3]",
-        "--workers",
-        "1",
-    ]
-    frames = []
-    for number, more in enumerate(([], ["--memory", str(int(2.9 * Portion.whole(bent).bytes))])):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        result = CliRunner().invoke(elvis, [*command, *more, "-o", str(folder)], standalone_mode=False)
-        assert result.exit_code == 0, (result.exception, result.output)
-        frames.append([path.read_bytes() for path in sorted(folder.glob("*.png"))])
-        monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)
-        monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
-    assert len(frames[0]) == 3
-    assert frames[0] == frames[1]
-
-
 def drawn_by_command(command, folder):
     """The bytes of a picture and of its record."""
     names = [folder / name for name in ("b.png", "b.npz")]

@@ -256,6 +256,12 @@ def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dat
     return Bricks(opened, whole)
 
 
+def timed(data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
+    """The data with the time that the scene gives, unless they are a moment of a series."""
+    is_one_state = isinstance(data, Dataset) and data.rates is None and scene.time is not None
+    return replace(data, time=scene.time) if isinstance(data, Dataset) and is_one_state else data
+
+
 def _too_much(needed: float, whose: str, memory: float) -> SceneError:
     return SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {memory:.3g}")
 

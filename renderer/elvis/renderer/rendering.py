@@ -26,7 +26,7 @@ from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
-from elvis.renderer.bricks import Bricks, InMemory, opening_for
+from elvis.renderer.bricks import Bricks, InMemory, opening_for, timed
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
@@ -110,12 +110,6 @@ def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
     return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
-def _timed(data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
-    """The data with the time that the scene gives, unless they are a moment of a series."""
-    is_one_state = isinstance(data, Dataset) and data.rates is None and scene.time is not None
-    return replace(data, time=scene.time) if isinstance(data, Dataset) and is_one_state else data
-
-
 def _is_exact(scene: Scene) -> bool:
     """Whether the scene asks for more than colours, such as what hides the box, or doesn't say what it is for."""
     return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
@@ -196,8 +190,7 @@ class Pictures:
         """Take other data for the next pictures; the device stays."""
         if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
             share(data.mesh)
-        self.data, self._bricks, self._kind, self._checked = data, None, None, None
-        self._quantities = ()
+        self.data, self._bricks, self._kind, self._checked, self._quantities = data, None, None, None, ()
 
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
@@ -207,7 +200,7 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
-        data = _timed(data, scene)
+        data = timed(data, scene)
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
@@ -238,12 +231,11 @@ class Pictures:
             return data
         if isinstance(data, PluginData):
             raise SceneError(f"memory: what the plugin {data.name} opens is drawn as a whole: leave it out")
-        if self._bricks is None:
-            self._bricks = Bricks(InMemory(data), lambda: data)
+        self._bricks = self._bricks or Bricks(InMemory(data), lambda: data)
         found = self._bricks.elements(scene)
         if found is not self._drawn:
             self._drawn, self._quantities = found, ()
-        return _timed(found, scene)
+        return timed(found, scene)
 
     def _of_ranks(self, part: RankPart, scene: Scene) -> Dataset:
         """The elements that this rank's rows of a picture depend on; the renderer knows which rows."""
