@@ -57,3 +57,18 @@ def test_our_own_plugin_wins_and_the_other_is_still_listed():
     sharing = [p.distribution for p in registry.every_plugin("elvis.commands") if p.name == "plugins"]
     assert len(sharing) == 2
     assert sharing[1] == "miniature 1.2"
+
+
+def test_what_is_installed_or_removed_meanwhile_is_noticed(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = registry.plugins("elvis.volumes")
+    assert registry.plugins("elvis.volumes") == before
+
+    distribution = tmp_path / "late-3.dist-info"
+    distribution.mkdir()
+    (distribution / "METADATA").write_text("Metadata-Version: 2.1\nName: late\nVersion: 3\n")
+    (distribution / "entry_points.txt").write_text("[elvis.volumes]\nlate = json:dumps\n")
+    assert registry.plugins("elvis.volumes")["late"].distribution == "late 3"
+
+    distribution.rename(tmp_path / "gone")
+    assert registry.plugins("elvis.volumes") == before

@@ -8,8 +8,12 @@ A distribution offers a plugin by a line in its ``pyproject.toml``::
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import Distribution, EntryPoint, entry_points
+from typing import TypeAlias
 
 from elvis.core.errors import ElvisError
 
@@ -24,6 +28,8 @@ GROUPS = {
 }
 #: our own plugins come first, so that no other distribution can take their names away
 _OWN = "elvis-viz"
+#: where distributions are looked for, and when each place was changed last, in ns; None where it is absent
+Places: TypeAlias = tuple[tuple[str, int | None], ...]
 
 
 class PluginError(ElvisError):
@@ -63,7 +69,29 @@ def plugins(group: str) -> dict[str, Plugin]:
 
 
 def every_plugin(group: str) -> list[Plugin]:
-    """All plugins of a group, also those that share a name; the one that counts comes first."""
+    """All plugins of a group, also those that share a name; the one that counts comes first.
+
+    They are looked for again where a distribution has come or gone since the last time.
+    """
+    return list(_found(group, _places()))
+
+
+def _places() -> Places:
+    """Where distributions are looked for, as it is now."""
+    return tuple((path, _changed(path)) for path in sys.path)
+
+
+def _changed(path: str) -> int | None:
+    """When a folder of ``sys.path`` was changed last, in ns; the empty path is the working folder."""
+    try:
+        return os.stat(path or os.curdir).st_mtime_ns
+    except OSError:
+        return None
+
+
+@lru_cache(maxsize=2 * len(GROUPS))
+def _found(group: str, places: Places) -> tuple[Plugin, ...]:
+    """All plugins of a group, from metadata of every distribution in these places, which take 10 to 20 ms to read."""
     points = entry_points(group=group)
     owners: dict[int, str] = {}
     for point in points:
@@ -71,7 +99,7 @@ def every_plugin(group: str) -> list[Plugin]:
         if id(point.dist) not in owners:
             owners[id(point.dist)] = _owner(point.dist) if point.dist else "an unknown distribution"
     found = [Plugin(point.group, point.name, owners[id(point.dist)], point) for point in points]
-    return sorted(found, key=lambda p: (p.name, not p.distribution.startswith(_OWN + " "), p.distribution))
+    return tuple(sorted(found, key=lambda p: (p.name, not p.distribution.startswith(_OWN + " "), p.distribution)))
 
 
 def load(group: str, name: str) -> object:
