@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs
 from elvis.scene.figure import DATES, settings
@@ -54,6 +54,8 @@ class Plot:
         for panel, (name, curves) in zip(panels, self.values.items(), strict=True):
             for place, curve, color in zip(self.places, curves, colors, strict=True):
                 panel.plot(self.times, curve, color=color, label=_plain(place), marker=marker, linewidth=1.2)
+                alone = _alone(curve)
+                panel.plot(self.times[alone], curve[alone], ".", color=color)
             panel.set_ylabel(_plain(name))
             panel.grid(alpha=0.3)
         panels[-1].set_xlabel(self.over)
@@ -63,6 +65,12 @@ class Plot:
         elif count == 1 and self.places[0]:
             panels[0].set_title(_plain(self.places[0]), fontsize="medium")
         return figure
+
+
+def _alone(curve: Floats) -> Bools:
+    """(n,) which of the values (n,), NaN where there is none, have no other beside them: a line shows none of these."""
+    known = np.pad(np.isfinite(curve), 1)
+    return np.asarray(known[1:-1] & ~known[:-2] & ~known[2:])
 
 
 @dataclass(frozen=True, eq=False)

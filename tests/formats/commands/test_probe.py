@@ -1,5 +1,6 @@
 import csv
 import io
+import re
 
 import click
 import numpy as np
@@ -221,6 +222,9 @@ def test_even_steps_of_a_curve(channel, elvis, tmp_path):
     assert "length" in (tmp_path / "u.svg").read_text()
     round_z = table(elvis("probe", *channel, "--along", "circle:0,0,0.5:0,0,1:0.5", "-n", 4))
     np.testing.assert_allclose(round_z["u"], 0.75, atol=1e-12)
+    alone = tmp_path / "alone.svg"
+    elvis("probe", *channel, "--along", "line:0,0,1:0,0,9", "-n", 300, "--fields", "u", "--plot", alone)
+    assert len(re.findall("<use[^>]*#440154", alone.read_text())) == 1, "a value with none beside it is a dot"
     for wrong, sentence in (("arc:0,0", "expected a curve, one of line"), ("line:0,0", "expected line:P:Q")):
         with pytest.raises(ElvisError, match=sentence):
             elvis("probe", *channel, "--along", wrong)
