@@ -41,6 +41,12 @@ def among(numbers: Ints, others: Ints) -> Bools:
     return np.isin(numbers, others) if len(numbers) else np.zeros(0, bool)
 
 
+def rows_of(ids: Ints, wanted: Ints) -> Ints:
+    """(m,) the row of each of the wanted ids (m,) among distinct ids (n,), which hold all of them, in any order."""
+    order = np.argsort(ids, kind="stable")
+    return np.asarray(order[np.searchsorted(ids, wanted, sorter=order)])
+
+
 def distinct(numbers: Ints) -> Ints:
     """(m,) the numbers (n,), ascending, each once; the same array where they are so already.
 

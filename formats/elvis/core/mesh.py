@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints, rows_of
 from elvis.core.shapes import Shape
 
 
@@ -30,8 +30,7 @@ class Entities:
 
     def rows_of(self, ids: Ints) -> Ints:
         """(n,) rows of entities with these ids (n,), each of which is there."""
-        order = np.argsort(self.ids, kind="stable")
-        return np.asarray(order[np.searchsorted(self.ids, ids, sorter=order)])
+        return rows_of(self.ids, ids)
 
     @staticmethod
     def none(members: int) -> Entities:

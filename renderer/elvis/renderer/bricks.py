@@ -17,7 +17,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.portions.partition import numbers_along_curve
@@ -215,8 +215,7 @@ class Bricks:
 
     def _timed(self, dataset: Dataset) -> Dataset:
         """The data at the time of the scene, as `Pictures.draw` gives it to all of one state."""
-        is_given = self._time is not None and self._source.whole.rates is None
-        return replace(dataset, time=self._time) if is_given else dataset
+        return timed(dataset, self._time) if self._source.whole.rates is None else dataset
 
     def _read(self, bricks: Ints, count: int) -> Iterator[Portion]:
         """The elements of bricks (n,), as many bricks at once as a part is that ``count`` make the whole of."""
@@ -232,8 +231,7 @@ class Bricks:
         numbers, elements = self._source.numbers(self._count), portion.dataset.mesh.elements
         every = np.concatenate([own.ids for own in elements.values()])
         bricks = np.concatenate([numbers[shape][portion.rows[shape]] for shape in elements]).astype(np.int64)
-        order = np.argsort(every)
-        return np.asarray(bricks[order[np.searchsorted(every, ids, sorter=order)]])
+        return np.asarray(bricks[rows_of(every, ids)])
 
 
 def opening_for(scenes: Sequence[Scene]) -> Opening:
@@ -256,10 +254,9 @@ def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dat
     return Bricks(opened, whole)
 
 
-def timed(data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
-    """The data with the time that the scene gives, unless they are a moment of a series."""
-    is_one_state = isinstance(data, Dataset) and data.rates is None and scene.time is not None
-    return replace(data, time=scene.time) if isinstance(data, Dataset) and is_one_state else data
+def timed(dataset: Dataset, time: float | None) -> Dataset:
+    """The data with the time that a scene gives, unless they are a moment of a series."""
+    return dataset if time is None or dataset.rates is not None else replace(dataset, time=time)
 
 
 def _too_much(needed: float, whose: str, memory: float) -> SceneError:

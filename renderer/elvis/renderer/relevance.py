@@ -141,7 +141,7 @@ class Relevance:
     def looked_at(self) -> Iterator[Looked]:
         """What tells which elements are shown, for each part of the volume."""
         for number, part in enumerate(self._volume.parts):
-            ends = {name: _ends(self._quantity(part, name), len(part)) for name, _ in self.levels()}
+            ends = {name: _values_held(self._quantity(part, name), len(part)) for name, _ in self.levels()}
             chosen = {word: masks[number] for word, masks in self._of_faces.items()}
             yield Looked(part.element_ids, part.boxes, ends, chosen)
 
@@ -325,7 +325,7 @@ def _rounding(own: Part | Quantity, value: float) -> Floats:
     return ROUNDING * greatest if own.rounding is None else own.rounding()
 
 
-def _ends(own: Part | Quantity, count: int) -> Floats:
+def _values_held(own: Part | Quantity, count: int) -> Floats:
     """(n, 2) the least and the greatest value that `_may_have` finds, infinite where another quantity stands in."""
     if own.bounds is None or own.level is not None:
         return np.tile([-np.inf, np.inf], (count, 1))

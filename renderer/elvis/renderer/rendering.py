@@ -200,7 +200,7 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
-        data = timed(data, scene)
+        data = timed(data, scene.time) if isinstance(data, Dataset) else data
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
@@ -235,7 +235,7 @@ class Pictures:
         found = self._bricks.elements(scene)
         if found is not self._drawn:
             self._drawn, self._quantities = found, ()
-        return timed(found, scene)
+        return timed(found, scene.time)
 
     def _of_ranks(self, part: RankPart, scene: Scene) -> Dataset:
         """The elements that this rank's rows of a picture depend on; the renderer knows which rows."""

@@ -80,19 +80,14 @@ def faces_of(dataset: Dataset, name: str) -> list[Faces]:
 
 def _members(mesh: Mesh, block: GeometryBlock) -> Ints:
     """(n, sides) rows of the sides of the block's elements: faces, triangles first, or edges."""
-    return np.asarray(mesh.of(block.expansion.shape).members[_rows(mesh, block)])
-
-
-def _rows(mesh: Mesh, block: GeometryBlock) -> Ints:
-    ids = mesh.of(block.expansion.shape).ids
-    order = np.argsort(ids)
-    return np.asarray(order[np.searchsorted(ids, block.element_ids, sorter=order)])
+    elements = mesh.of(block.expansion.shape)
+    return np.asarray(elements.members[elements.rows_of(block.element_ids)])
 
 
 def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:
     """The wanted sides of a block's elements, which then are wanted no more."""
     shape = block.expansion.shape
-    vertices = local_vertices(mesh, shape)[_rows(mesh, block)]
+    vertices = local_vertices(mesh, shape)[mesh.of(shape).rows_of(block.element_ids)]
     for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
         entity, first = np.unique(members[:, number], return_index=True)
         rows = first[wanted[entity]]

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import bernstein_values
@@ -95,7 +95,7 @@ class Validity:
     @property
     def range(self) -> Range | None:
         """Of all elements together, close to what is attained; None where no map is finite."""
-        return _range_of(self, self.ends)
+        return _widest(_range_of(self), self.ends)
 
     @property
     def failing_rows(self) -> Ints:
@@ -132,9 +132,7 @@ def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
     every = ranks.gather(told, f"the Jacobian of {dataset.mesh.count} elements")
     if not every:
         return None
-    found, ends = _Facts.united([facts for facts, *_ in every]), None
-    for *_, one in every:
-        ends = _range_of(found.part(found.element_ids[:0]), ends, one)
+    found, ends = _Facts.united([facts for facts, *_ in every]), _widest(*(own for *_, own in every))
     found.look_closer([block for _, some, *_ in every for block in some], space, ends)
     return found.result(space > dataset.mesh.dimension, sum(count for *_, count, _ in every), ends)
 
@@ -315,12 +313,11 @@ class _Facts:
     ) -> Iterator[tuple[Ints, GeometryBlock, Floats, Floats]]:
         """Some of the rows, their maps, box nets and what rounding may amount to, one expansion after another."""
         ids = self.element_ids[rows]
-        order = np.argsort(ids)
         for block in blocks:
             own = _rows(block, np.isin(block.element_ids, ids))
             if len(own):
                 found = determinant(own.expansion, own.coefficients, space)
-                here = rows[order[np.searchsorted(ids, own.element_ids, sorter=order)]]
+                here = rows[rows_of(ids, own.element_ids)]
                 yield here, own, box_nets(found.space, found.net.T), found.error
 
     def _subtract_squares(self, row: int, block: GeometryBlock, net: Floats, error: float) -> None:
@@ -374,13 +371,18 @@ def _length(squares: Floats) -> Floats:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def _range_of(found: Validity | _Facts, *further: Range | None) -> Range | None:
-    """The range of elements and of further ones; None where no map is finite."""
-    known = [each for each in further if each is not None]
-    if np.isfinite(found.least).any():
-        lower, least_value = (float(np.nanmin(values)) for values in (found.lower, found.least))
-        upper, greatest = (float(np.nanmax(values)) for values in (found.upper, found.greatest))
-        known.append(Range(lower, upper, least_value, greatest))
+def _range_of(found: Validity | _Facts) -> Range | None:
+    """The range of elements; None where no map is finite."""
+    if not np.isfinite(found.least).any():
+        return None
+    lower, least_value = (float(np.nanmin(values)) for values in (found.lower, found.least))
+    upper, greatest = (float(np.nanmax(values)) for values in (found.upper, found.greatest))
+    return Range(lower, upper, least_value, greatest)
+
+
+def _widest(*ranges: Range | None) -> Range | None:
+    """The range of what several ranges are of; None where there is none."""
+    known = [each for each in ranges if each is not None]
     if not known:
         return None
     lower, least_value = (min(getattr(each, name) for each in known) for name in ("lower", "least"))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, rows_of
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins import volume_checks
 from elvis.plugins.evaluation_service import EvaluationService
@@ -165,6 +165,5 @@ def _check_picture(volume: Volume, service: EvaluationService, path: str | Path 
     for part in volume.parts:
         here = seen & np.isin(frame.element, part.element_ids)
         if part.evaluate is not None and here.any() and frame.reference is not None:
-            order = np.argsort(part.element_ids)
-            rows = order[np.searchsorted(part.element_ids, frame.element[here], sorter=order)]
+            rows = rows_of(part.element_ids, frame.element[here])
             _check_host_evaluation(part, rows, frame.reference[here], frame.position[here], frame.field[here])
