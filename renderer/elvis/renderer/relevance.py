@@ -326,13 +326,13 @@ def _rounding(own: Part | Quantity, value: float) -> Floats:
 
 
 def _values_held(own: Part | Quantity, count: int) -> Floats:
-    """(n, 2) the least and the greatest value that `_may_have` finds, infinite where another quantity stands in."""
+    """(n, 2) ends between which `_may_have` finds all values; infinite if one is not known, or another stands in."""
     if own.bounds is None or own.level is not None:
         return np.tile([-np.inf, np.inf], (count, 1))
-    rounding = 8.0 * _rounding(own, 0.0)
     low, high = own.bounds()
-    low, high = low - rounding, high + rounding
-    return np.stack([np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)], axis=1)
+    # the rounding beside an infinite end depends on the value that is asked for
+    is_known, rounding = np.isfinite(low) & np.isfinite(high), 8.0 * _rounding(own, 0.0)
+    return np.stack([np.where(is_known, low - rounding, -np.inf), np.where(is_known, high + rounding, np.inf)], axis=1)
 
 
 def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
