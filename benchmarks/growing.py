@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 from hosting import mixed
-from measuring import ENVIRONMENT
+from measuring import ENVIRONMENT, anonymous_memory
+from pyfr_running import CONFIG, deal, prepared
 from tables import Table
 
 from elvis.renderer import pyfr_host
@@ -28,26 +29,10 @@ from elvis.renderer import pyfr_host
 EVERY = 10
 #: values that are averaged before a line is fitted to them
 BLOCK = 10
-#: stands for PyFR's library of small products
-LIBRARY = Path(__file__).parent.parent / "tests" / "renderer" / "pyfr" / "xsmm.c"
-CONFIG = """
-[backend]
-precision = double
-[backend-openmp]
-cflags = -O0
-[constants]
-gamma = 1.4
-[solver]
-system = euler
-order = 3
-[solver-time-integrator]
-scheme = euler
-controller = none
-tstart = 0
-tend = {end}
-dt = 1e-6
-[solver-interfaces]
-riemann-solver = rusanov
+#: a step in time
+STEP = 1e-6
+#: of the configuration what it doesn't share with others
+OWN = """
 [solver-interfaces-quad]
 flux-pts = gauss-legendre
 [solver-interfaces-tri]
@@ -60,8 +45,6 @@ soln-pts = williams-shunn~gauss-legendre
 soln-pts = gauss-legendre
 [solver-elements-tet]
 soln-pts = shunn-ham
-[soln-bcs-wall]
-type = slp-adia-wall
 [soln-ics]
 rho = 1 + 0.2*exp(-((x - 1)*(x - 1) + (y - 1)*(y - 1) + (z - 2)*(z - 2)))
 u = 0.1*y
@@ -71,22 +54,6 @@ p = 1
 [soln-plugin-elvis]
 scene = scene.toml
 output = rho.png
-"""
-#: PyFR's own commands, with a partitioner that deals elements out
-PARTITION = """
-import sys
-import numpy as np
-from pyfr.__main__ import main
-from pyfr.partitioners.base import BasePartitioner
-
-class Dealt(BasePartitioner):
-    name, has_part_weights, has_multiple_constraints = "dealt", True, True
-    int_opts, enum_opts, dflt_opts = [], {}, {}
-
-    def _partition_graph(self, graph, partwts):
-        return np.arange(len(graph.vtab) - 1, dtype=np.int32) * len(partwts) // (len(graph.vtab) - 1)
-
-main()
 """
 
 
@@ -104,12 +71,6 @@ def heap() -> int:
     return int(found.field_4 + found.field_7)
 
 
-def anonymous() -> int:
-    """Bytes of anonymous memory of this process."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("RssAnon"))
-
-
 class Noting(pyfr_host.Host):
     """The plugin, whose first process notes its memory."""
 
@@ -119,7 +80,7 @@ class Noting(pyfr_host.Host):
         super().__call__(intg)
         step = int(intg.nacptsteps)
         if self._session is not None and step % EVERY == 0:
-            self.notes = [*getattr(self, "notes", []), (step, anonymous(), heap())]
+            self.notes = [*getattr(self, "notes", []), (step, anonymous_memory(), heap())]
 
     def finalise(self, intg: Any) -> None:
         if self._session is not None:
@@ -134,25 +95,20 @@ def host() -> None:
     pyfr_host.run()
 
 
-def prepared(folder: Path, cells: int, ranks: int, steps: int, size: list[int]) -> None:
-    """The mesh in parts, the configuration, the scene, and the library."""
+def lay_out(folder: Path, cells: int, ranks: int, steps: int, size: list[int]) -> None:
+    """The mesh in parts, the configuration and the scene."""
     mesh = mixed(folder, cells)
-    words = ["partition", "add", "-f", "-p", "dealt", "-e", "balanced", mesh.name, str(ranks)]
-    subprocess.run([sys.executable, "-c", PARTITION, *words], cwd=folder, check=True)
-    (folder / "case.ini").write_text(CONFIG.format(end=1e-6 * steps))
+    deal(mesh, range(ranks))
+    (folder / "case.ini").write_text(CONFIG.format(order=3, end=STEP * steps, step=STEP) + OWN)
     (folder / "scene.toml").write_text(f'field = "rho"\nsize = {size}\n')
-    subprocess.run(["cc", "-O1", "-shared", "-fPIC", LIBRARY, "-o", folder / "libxsmm.so"], check=True)
 
 
 def measured(folder: Path, ranks: int, settings: dict[str, str]) -> dict[str, Any]:
     """What one run notes."""
-    own = {"PYFR_XSMM_LIBRARY_PATH": str(folder / "libxsmm.so"), "PYFR_OMP_CACHE_DIR": str(folder / "cache")}
-    environment = {**ENVIRONMENT, **own, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parent), **settings}
+    around = {**ENVIRONMENT, **prepared(folder), "PYTHONPATH": str(Path(__file__).parent), **settings}
     code = "import growing; growing.host()"
     mpiexec = [str(Path(sys.executable).parent / "mpiexec"), "-n", str(ranks), sys.executable, "-c", code]
-    subprocess.run(
-        [*mpiexec, "run", "-b", "openmp", "mixed.pyfrm", "case.ini"], cwd=folder, env=environment, check=True
-    )
+    subprocess.run([*mpiexec, "run", "-b", "openmp", "mixed.pyfrm", "case.ini"], cwd=folder, env=around, check=True)
     found: dict[str, Any] = json.loads((folder / "notes.json").read_text())
     assert not found["faults"], found["faults"]
     return found
@@ -185,6 +141,9 @@ def main() -> None:
     parser.add_argument("--size", default="300x200")
     parser.add_argument("--ranks", type=int, default=2)
     asked = parser.parse_args()
+    least = 4 * EVERY * BLOCK
+    if asked.steps < least:
+        parser.error(f"--steps: expected {least} or more, so that a line can be fitted, found {asked.steps}")
     columns = [
         "",
         "pictures",
@@ -200,7 +159,7 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory(prefix="elvis-growing-") as name:
         folder = Path(name)
-        prepared(folder, asked.cells, asked.ranks, asked.steps, list(map(int, asked.size.split("x"))))
+        lay_out(folder, asked.cells, asked.ranks, asked.steps, list(map(int, asked.size.split("x"))))
         for title, settings in {"as it is": {}, "UCX_MEM_EVENTS=n": {"UCX_MEM_EVENTS": "n"}}.items():
             table.rows.append(row(title, measured(folder, asked.ranks, {**settings})))
             print(table.text(), flush=True)

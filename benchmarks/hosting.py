@@ -8,7 +8,6 @@ Without a mesh, one of hexahedra, pyramids, tetrahedra and prisms with N cells e
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -18,7 +17,11 @@ from typing import Any
 
 import h5py  # type: ignore[import-untyped]
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "renderer" / "pyfr"))
+
 from measuring import in_turn
+from pyfr_running import imported
 from tables import Table, seconds
 
 from elvis.plugins.registry import load
@@ -122,8 +125,7 @@ def mixed(folder: Path, cells: int) -> Path:
             elements += [(a, *two, g) for two in (*turning, *others)]
     source, mesh = folder / "mixed.msh", folder / "mixed.pyfrm"
     source.write_text(msh(nodes, elements))
-    code = "from pyfr.__main__ import main; main()"
-    subprocess.run([sys.executable, "-c", code, "import", source, mesh], check=True)
+    imported(source, mesh)
     return mesh
 
 

@@ -89,6 +89,11 @@ def memory() -> int:
     return _resident("VmRSS")
 
 
+def anonymous_memory() -> int:
+    """Resident memory of this process in bytes that is of no file, 0 where it can't be told."""
+    return _resident("RssAnon")
+
+
 def _resident(name: str) -> int:
     try:
         lines = Path("/proc/self/status").read_text().splitlines()

@@ -19,8 +19,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from cases import million
-from growing import anonymous
-from measuring import ENVIRONMENT
+from measuring import ENVIRONMENT, anonymous_memory
 from tables import Table, seconds
 
 from elvis.core.terminal import warn
@@ -55,7 +54,7 @@ def drawn(files: list[str], memory: float | None) -> list[dict[str, Any]]:
             pictures.draw(replace(scene, outputs=(str(path),))).save(path, plain=True)
             spent = {"s": perf_counter() - clock, "CPU s": process_time() - effort}
             mark = hashlib.sha256(path.read_bytes()).hexdigest()
-            found.append({**spent, "memory": anonymous(), "mark": mark})
+            found.append({**spent, "memory": anonymous_memory(), "mark": mark})
             clock, effort = perf_counter(), process_time()
     return found
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from pyfr_running import CONFIG, deal, imported, prepared
 
 from elvis.core.integrals import integrate
 from elvis.formats import open_series
@@ -17,30 +18,12 @@ from elvis.renderer import render
 
 #: how many squares the mesh has in a row and in a column
 WIDE, HIGH = 3, 2
-CONFIG = """
-[backend]
-precision = double
-[backend-openmp]
-cflags = -O0
-[constants]
-gamma = 1.4
-[solver]
-system = euler
-order = 2
-[solver-time-integrator]
-scheme = euler
-controller = none
-tstart = 0
-tend = 0.004
-dt = 0.001
-[solver-interfaces]
-riemann-solver = rusanov
+#: of the configuration what it doesn't share with others
+OWN = """
 [solver-interfaces-line]
 flux-pts = gauss-legendre
 [solver-elements-quad]
 soln-pts = gauss-legendre
-[soln-bcs-wall]
-type = slp-adia-wall
 [soln-ics]
 rho = 1 + 0.2*exp(-2*((x - 0.7)*(x - 0.7) + (y - 0.4)*(y - 0.4)))
 u = (1 - y)*exp(-2*((x - 1.5)*(x - 1.5) + (y - 1)*(y - 1)))
@@ -55,24 +38,6 @@ every = 2
 output = rho_{step}.png
 [soln-plugin-elvis-wrong]
 scene = wrong.toml
-"""
-#: PyFR's own commands, with a partitioner that gives each process half of the elements, out of order
-PREPARE = """
-import sys
-import numpy as np
-from pyfr.__main__ import main
-from pyfr.partitioners.base import BasePartitioner
-
-class Halves(BasePartitioner):
-    name, has_part_weights, has_multiple_constraints = "halves", True, True
-    int_opts, enum_opts, dflt_opts = [], {}, {}
-
-    def _partition_graph(self, graph, partwts):
-        return np.array([0, 0, 1, 0, 1, 1], np.int32)
-
-for words in ("import mesh.msh mesh.pyfrm", "partition add -f -p halves mesh.pyfrm 2"):
-    sys.argv[1:] = words.split()
-    main()
 """
 
 
@@ -100,27 +65,20 @@ def computed(tmp_path_factory):
     folder, programs = tmp_path_factory.mktemp("pyfr"), Path(sys.executable).parent
     if shutil.which("cc") is None or not (programs / "mpiexec").exists():
         pytest.skip("there is no C compiler or no mpiexec")
-    library = folder / "libxsmm.so"
-    source = Path(__file__).parent / "pyfr" / "xsmm.c"
-    subprocess.run(["cc", "-O1", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
-    environment = {
-        **os.environ,
-        "PYFR_XSMM_LIBRARY_PATH": str(library),
-        "PYFR_OMP_CACHE_DIR": str(folder / "cache"),
-        "OMP_NUM_THREADS": "1",
-        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
-    }
+    around = {**os.environ, **prepared(folder), "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
 
     def run(*words):
-        done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(words, cwd=folder, env=around, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         return done.stderr
 
     (folder / "mesh.msh").write_text(mesh_file())
-    (folder / "case.ini").write_text(CONFIG)
+    (folder / "case.ini").write_text(CONFIG.format(order=2, end=0.004, step=0.001) + OWN)
     (folder / "scene.toml").write_text('field = "rho"\nsize = [30, 20]\n')
     (folder / "wrong.toml").write_text('field = "temperature"\noutputs = ["wrong.png"]\n')
-    run(sys.executable, "-c", PREPARE)
+    imported(folder / "mesh.msh", folder / "mesh.pyfrm")
+    # each process has half of the elements, out of order
+    deal(folder / "mesh.pyfrm", [0, 0, 1, 0, 1, 1])
     host = ("-m", "elvis.renderer.pyfr_host", "run", "-b", "openmp", "mesh.pyfrm", "case.ini")
     return folder, run("mpiexec", "-n", "2", sys.executable, *host)
 
