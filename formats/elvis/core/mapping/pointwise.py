@@ -66,11 +66,16 @@ def gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
 
     Not finite where the Jacobian is singular; ElvisError where the patch lacks the field.
     """
+    own = reference_gradients(patch, field, rows, points)
+    duals = tangents.duals(jacobians(patch, rows, points))[:, :, : own.shape[1]]
+    return np.asarray(np.einsum("nci,ni->nc", duals, own))
+
+
+def reference_gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
+    """(n, d) derivatives of a field in the reference coordinates that it depends on; ElvisError as for `gradients`."""
     expansion, coefficients = _field(patch, field)
     own = points[:, : dimension(expansion)]
-    gradients = evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]
-    duals = tangents.duals(jacobians(patch, rows, points))[:, :, : gradients.shape[1]]
-    return np.asarray(np.einsum("nci,ni->nc", duals, gradients))
+    return evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]
 
 
 def _field(patch: Patch, field: int) -> tuple[Expansion, Floats]:

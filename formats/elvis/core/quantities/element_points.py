@@ -40,6 +40,11 @@ class ElementPoints:
         """(n, 3, D) derivatives of the world coordinates in the reference coordinates."""
         return pointwise.jacobians(self.patch, self.rows, self.points)
 
+    @cached_property
+    def duals(self) -> Floats:
+        """(n, 3, D) the world gradients of the reference coordinates, not finite where the Jacobian is singular."""
+        return tangents.duals(self.jacobians)
+
     def _derivative(self, field: int, order: int) -> Floats:
         """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN where the patch lacks it."""
         if self.patch.fields[field] is None:
@@ -50,10 +55,28 @@ class ElementPoints:
         return pointwise.values(self.patch, field, self.rows, self.points)
 
     def _gradients(self, field: int) -> Floats:
-        return pointwise.gradients(self.patch, field, self.rows, self.points)
+        own = pointwise.reference_gradients(self.patch, field, self.rows, self.points)
+        return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
 
     def _hessians(self, field: int) -> Floats:
-        return hessians(self.patch, field, self.rows, self.points)
+        """(n, 3, 3) in world coordinates; not finite where the Jacobian is singular.
+
+        From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
+        """
+        patch = self.patch
+        expansion, coefficients = patch.fields[field], patch.coefficients[field]
+        if patch.homogeneous or not patch.is_flat or expansion is None or coefficients is None:
+            raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
+        bent = hessians_at(expansion, coefficients, self.rows, self.points)
+        inverse = self.duals[:, :, : patch.shape.dimension]
+        with np.errstate(invalid="ignore"):
+            bent = bent - np.einsum("nc,ncij->nij", self.derivative(field, 1), self._bends)
+            return np.asarray(np.einsum("nai,nij,nbj->nab", inverse, bent, inverse))
+
+    @cached_property
+    def _bends(self) -> Floats:
+        """(n, 3, d, d) second derivatives of the map."""
+        return hessians_at(self.patch.geometry, self.patch.geometry_coefficients, self.rows, self.points)
 
 
 class Lattice(ElementPoints):
@@ -100,23 +123,4 @@ class Lattice(ElementPoints):
         points = self._lattice[:, : dimension(expansion)]
         own = evaluate_with_gradients(expansion, coefficients[self._elements], points)[1]
         own = own.reshape(len(self), -1)
-        duals = tangents.duals(self.jacobians)[:, :, : own.shape[1]]
-        return np.asarray(np.einsum("nci,ni->nc", duals, own))
-
-
-def hessians(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
-    """(n, 3, 3) second derivatives of a field in world coordinates; not finite where the Jacobian is singular.
-
-    From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
-    """
-    expansion, coefficients = patch.fields[field], patch.coefficients[field]
-    d = patch.shape.dimension
-    if patch.homogeneous or not patch.is_flat or expansion is None or coefficients is None:
-        raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
-    bent = hessians_at(expansion, coefficients, rows, points)
-    maps = hessians_at(patch.geometry, patch.geometry_coefficients, rows, points)
-    gradients = pointwise.gradients(patch, field, rows, points)
-    inverse = tangents.duals(pointwise.jacobians(patch, rows, points))[:, :, :d]
-    with np.errstate(invalid="ignore"):
-        bent = bent - np.einsum("nc,ncij->nij", gradients, maps)
-        return np.asarray(np.einsum("nai,nij,nbj->nab", inverse, bent, inverse))
+        return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))

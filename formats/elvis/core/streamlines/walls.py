@@ -144,9 +144,9 @@ class WallVelocity(Velocity):
     def _places(self, number: int, row: Ints, points: Floats) -> tuple[Piece, ElementPoints]:
         """Points on faces as points of elements, with the normals of the wall, which stages beyond it need, too."""
         piece = self.pieces[number]
-        rows, inner = piece.rows[row], piece.places(points)
-        normals = outward(piece, pointwise.jacobians(piece.patch, rows, inner))
-        return piece, ElementPoints(piece.patch, rows, inner, normals)
+        places = ElementPoints(piece.patch, piece.rows[row], piece.places(points))
+        places.normals = outward(piece, places.jacobians)
+        return piece, places
 
 
 def _face_patch(piece: Piece) -> Patch:
