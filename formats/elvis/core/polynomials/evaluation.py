@@ -63,6 +63,11 @@ def evaluate_at_with_gradients(
     return values, gradients
 
 
+def is_small(expansion: Expansion, points: Floats) -> bool:
+    """Whether a table of modes at points (n, d) is one that may be kept, and would be made in one batch."""
+    return len(points) * mode_count(expansion) <= _BATCH
+
+
 def _width(coefficients: Floats) -> int:
     return int(np.prod(coefficients.shape[1:]))
 

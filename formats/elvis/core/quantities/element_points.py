@@ -7,12 +7,13 @@ from functools import cache, cached_property
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.polynomials.curvature import hessians_at
-from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
-from elvis.core.polynomials.expansion import dimension
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients, is_small
+from elvis.core.polynomials.expansion import dimension, values, values_and_gradients
 
 
 class ElementPoints:
@@ -26,6 +27,7 @@ class ElementPoints:
     def __init__(self, patch: Patch, rows: Ints, points: Floats, normals: Floats | None = None) -> None:
         self.patch, self.rows, self.points, self.normals = patch, rows, points, normals
         self.derivative = cache(self._derivative)
+        self._tables, self._sloped_tables = cache(self._table), cache(self._sloped_table)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -52,11 +54,33 @@ class ElementPoints:
         return (self._values, self._gradients, self._hessians)[order](field)
 
     def _values(self, field: int) -> Floats:
-        return pointwise.values(self.patch, field, self.rows, self.points)
+        expansion, coefficients = self._own(field)
+        if not is_small(expansion, self.points):
+            return pointwise.values(self.patch, field, self.rows, self.points)
+        return np.asarray(np.einsum("nm,nm->n", coefficients[self.rows], self._tables(expansion)))
 
     def _gradients(self, field: int) -> Floats:
-        own = pointwise.reference_gradients(self.patch, field, self.rows, self.points)
+        expansion, coefficients = self._own(field)
+        if is_small(expansion, self.points):
+            own = np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_tables(expansion))
+        else:
+            own = pointwise.reference_gradients(self.patch, field, self.rows, self.points)
         return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
+
+    def _own(self, field: int) -> tuple[Expansion, Floats]:
+        """The expansion and the coefficients (e, m) of a field that the patch has."""
+        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
+        assert expansion is not None
+        assert coefficients is not None
+        return expansion, coefficients
+
+    def _table(self, expansion: Expansion) -> Floats:
+        """(n, m) values of modes, which fields share."""
+        return values(expansion, self.points[:, : dimension(expansion)])
+
+    def _sloped_table(self, expansion: Expansion) -> Floats:
+        """(n, d, m) their reference gradients."""
+        return values_and_gradients(expansion, self.points[:, : dimension(expansion)])[1]
 
     def _hessians(self, field: int) -> Floats:
         """(n, 3, 3) in world coordinates; not finite where the Jacobian is singular.
@@ -64,8 +88,8 @@ class ElementPoints:
         From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
         """
         patch = self.patch
-        expansion, coefficients = patch.fields[field], patch.coefficients[field]
-        if patch.homogeneous or not patch.is_flat or expansion is None or coefficients is None:
+        expansion, coefficients = self._own(field)
+        if patch.homogeneous or not patch.is_flat:
             raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
         bent = hessians_at(expansion, coefficients, self.rows, self.points)
         inverse = self.duals[:, :, : patch.shape.dimension]
@@ -110,16 +134,12 @@ class Lattice(ElementPoints):
         return positions, jacobians
 
     def _values(self, field: int) -> Floats:
-        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
-        assert expansion is not None
-        assert coefficients is not None
+        expansion, coefficients = self._own(field)
         points = self._lattice[:, : dimension(expansion)]
         return evaluate(expansion, coefficients[self._elements], points).reshape(-1)
 
     def _gradients(self, field: int) -> Floats:
-        expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
-        assert expansion is not None
-        assert coefficients is not None
+        expansion, coefficients = self._own(field)
         points = self._lattice[:, : dimension(expansion)]
         own = evaluate_with_gradients(expansion, coefficients[self._elements], points)[1]
         own = own.reshape(len(self), -1)
