@@ -58,7 +58,7 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
     """Write all files of the pages; those of solvers where their folder is there."""
     import generate
 
-    write(wing(), folder / "wing.xml")
+    write(wing(3 if quick else 5), folder / "wing.xml")
     _write_waves(folder)
     generate.main(folder)
     if find_spec("gmsh"):
@@ -91,16 +91,16 @@ def _wave(time: float, x: Floats) -> Floats:
     return waves
 
 
-def wing() -> Dataset:
-    """Tetrahedra, pyramids, prisms and a hexahedron, all of them bent, with four fields of order 4."""
-    dataset = Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=4))
+def wing(modes: int = 5) -> Dataset:
+    """Tetrahedra, pyramids, prisms and a hexahedron, all of them bent, with four fields of so many modes each way."""
+    dataset = Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=min(modes, 4)))
     functions = {
         "p": lambda x: np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + x[:, 2] ** 2,
         "u": lambda x: 1 - x[:, 2] ** 2,
         "v": lambda x: x[:, 0] * x[:, 1],
         "w": lambda x: 0.1 * x[:, 0],
     }
-    fields = (approximated(dataset, name, function, modes=5) for name, function in functions.items())
+    fields = (approximated(dataset, name, function, modes) for name, function in functions.items())
     return replace(dataset, fields=tuple(fields))
 
 

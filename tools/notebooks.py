@@ -14,20 +14,24 @@ import io
 import json
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
 
 
-def run(path: Path) -> dict[str, Any]:
-    """The notebook with what its cells print and show, in the current folder; an exception of a cell comes out."""
+def run(path: Path, changed: Callable[[str], str] = str) -> dict[str, Any]:
+    """The notebook with what its cells print and show, in the current folder; an exception of a cell comes out.
+
+    changed  what runs in place of a cell's source, for tests
+    """
     notebook: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     names: dict[str, Any] = {"__name__": "__main__"}
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     for number, cell in enumerate(code, 1):
         cell["execution_count"] = number
-        cell["outputs"] = _outputs("".join(cell["source"]), f"{path.name} cell {number}", names, number)
+        cell["outputs"] = _outputs(changed("".join(cell["source"])), f"{path.name} cell {number}", names, number)
     return notebook
 
 
