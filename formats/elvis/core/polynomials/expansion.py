@@ -229,9 +229,10 @@ def values(expansion: Expansion, points: Floats) -> Floats:
     eta = collapse(expansion.shape, xi)
     tables = [part.values(eta[:, i]) for i, part in enumerate(plan.factors)]
     if expansion.shape in _TENSOR:
-        spatial = _lattice_product(*(_take(table, line) for table, line in zip(tables, plan.lines, strict=True)))
+        modes = _lattice_product(*_taken(tables, plan.lines))
     else:
-        spatial = _product(*(_take(table, index) for table, index in zip(tables, plan.index, strict=True)))
+        modes = _product(*_taken(tables, plan.index))
+    spatial = np.ascontiguousarray(modes.T)
     if expansion.homogeneous is None:
         return spatial
     return _outer(wave_values(expansion.homogeneous, zeta), spatial)
@@ -249,7 +250,7 @@ def line_values(expansion: Expansion, lines: Sequence[Floats]) -> list[Floats]:
     """
     plan = product_plan(expansion)
     tables = [part.values(line) for part, line in zip(plan.factors, lines, strict=True)]
-    return [_take(table, index) for table, index in zip(tables, plan.index, strict=True)]
+    return [np.ascontiguousarray(table.T) for table in _taken(tables, plan.index)]
 
 
 def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, Floats]:
@@ -257,8 +258,15 @@ def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, 
     plan, xi, zeta = _split(expansion, points)
     eta = collapse(expansion.shape, xi)
     tables = [part.tables(eta[:, i]) for i, part in enumerate(plan.factors)]
-    v, s, w = ([_take(table[k], index) for table, index in zip(tables, plan.index, strict=True)] for k in range(3))
-    spatial, gradients = _product(*v), np.stack(_GRADIENTS[expansion.shape]((1 + eta) / 2, v, s, w), axis=1)
+    if expansion.shape in _TENSOR:
+        modes, slopes = _of_lattice(*(_taken([table[k] for table in tables], plan.lines) for k in range(2)))
+    else:
+        v, s, w = (_taken([table[k] for table in tables], plan.index) for k in range(3))
+        modes, slopes = _product(*v), _GRADIENTS[expansion.shape]((1 + eta.T) / 2, v, s, w)
+    spatial = np.ascontiguousarray(modes.T)
+    gradients = np.empty((len(spatial), len(slopes), len(modes)))
+    for i, slope in enumerate(slopes):
+        gradients[:, i] = slope.T
     if expansion.homogeneous is None:
         return spatial, gradients
 
@@ -286,8 +294,9 @@ def _waves(planes: Homogeneous, zeta: Floats) -> list[tuple[Floats, Floats]]:
     return [f.fourier(basis, ids, zeta[:, i]) for i, (basis, ids) in enumerate(numbers)]
 
 
-def _take(table: Floats, index: Ints) -> Floats:
-    return np.take(table, index, axis=1)
+def _taken(tables: Sequence[Floats], numbers: Sequence[Ints]) -> list[Floats]:
+    """Of each direction's table (k, n) the rows with its numbers (m,)."""
+    return [np.take(table, own, axis=0) for table, own in zip(tables, numbers, strict=True)]
 
 
 def _product(first: Floats, *others: Floats) -> Floats:
@@ -298,10 +307,18 @@ def _product(first: Floats, *others: Floats) -> Floats:
 
 
 def _lattice_product(first: Floats, *others: Floats) -> Floats:
-    """(n, m) all products of factors (n, k) of each direction, those of the first running fastest."""
+    """(m, n) all products of factors (k, n) of each direction, those of the first running fastest."""
     for other in others:
-        first = (other[:, :, None] * first[:, None, :]).reshape(len(first), -1)
+        first = (other[:, None] * first[None]).reshape(-1, first.shape[1])
     return first
+
+
+def _of_lattice(v: Sequence[Floats], s: Sequence[Floats]) -> tuple[Floats, list[Floats]]:
+    """(m, n) all products of values (k, n) of each direction, and their derivatives in each direction."""
+    slopes = []
+    for i in range(len(v)):
+        slopes.append(_lattice_product(*(s[j] if i == j else v[j] for j in range(len(v)))))
+    return _lattice_product(*v), slopes
 
 
 def _outer(plane: Floats, spatial: Floats) -> Floats:
@@ -309,48 +326,33 @@ def _outer(plane: Floats, spatial: Floats) -> Floats:
     return (plane[:, :, None] * spatial[:, None, :]).reshape(len(spatial), -1)
 
 
-# Gradients by shape: h = (1 + eta)/2 (n, d); values v, derivatives s and values over c w of each direction, (n, m).
+# Gradients by shape: h = (1 + eta)/2 (d, n); values v, derivatives s and values over c w of each direction, (m, n).
 
-_Columns = Sequence[Floats]
-
-
-def _segment(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
-    return [s[0]]
+_Rows = Sequence[Floats]
 
 
-def _quadrilateral(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
-    return [s[0] * v[1], v[0] * s[1]]
-
-
-def _hexahedron(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
-    return [s[0] * v[1] * v[2], v[0] * s[1] * v[2], v[0] * v[1] * s[2]]
-
-
-def _triangle(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
+def _triangle(h: Floats, v: _Rows, s: _Rows, w: _Rows) -> list[Floats]:
     first = s[0] * w[1]
-    return [first, h[:, :1] * first + v[0] * s[1]]
+    return [first, h[0] * first + v[0] * s[1]]
 
 
-def _prism(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
+def _prism(h: Floats, v: _Rows, s: _Rows, w: _Rows) -> list[Floats]:
     first = s[0] * v[1] * w[2]
-    return [first, v[0] * s[1] * v[2], h[:, :1] * first + v[0] * v[1] * s[2]]
+    return [first, v[0] * s[1] * v[2], h[0] * first + v[0] * v[1] * s[2]]
 
 
-def _pyramid(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
+def _pyramid(h: Floats, v: _Rows, s: _Rows, w: _Rows) -> list[Floats]:
     first, second = s[0] * v[1] * w[2], v[0] * s[1] * w[2]
-    return [first, second, h[:, :1] * first + h[:, 1:2] * second + v[0] * v[1] * s[2]]
+    return [first, second, h[0] * first + h[1] * second + v[0] * v[1] * s[2]]
 
 
-def _tetrahedron(h: Floats, v: _Columns, s: _Columns, w: _Columns) -> list[Floats]:
+def _tetrahedron(h: Floats, v: _Rows, s: _Rows, w: _Rows) -> list[Floats]:
     first, second = s[0] * w[1] * w[2], v[0] * s[1] * w[2]
-    common = h[:, :1] * first
-    return [first, common + second, common + h[:, 1:2] * second + v[0] * v[1] * s[2]]
+    common = h[0] * first
+    return [first, common + second, common + h[1] * second + v[0] * v[1] * s[2]]
 
 
-_GRADIENTS: Mapping[Shape, Callable[[Floats, _Columns, _Columns, _Columns], list[Floats]]] = {
-    Shape.SEGMENT: _segment,
-    Shape.QUADRILATERAL: _quadrilateral,
-    Shape.HEXAHEDRON: _hexahedron,
+_GRADIENTS: Mapping[Shape, Callable[[Floats, _Rows, _Rows, _Rows], list[Floats]]] = {
     Shape.TRIANGLE: _triangle,
     Shape.PRISM: _prism,
     Shape.PYRAMID: _pyramid,

@@ -25,7 +25,7 @@ from elvis.core.polynomials.quadrature import gauss, lobatto
 
 
 class Tables(NamedTuple):
-    """Values, derivatives and values divided by c = (1 - z)/2, each (n, k), of k factors at n points.
+    """Values, derivatives and values divided by c = (1 - z)/2, each (k, n), of k factors at n points.
 
     ``divided`` is 0 for factors that c does not divide: the factors that multiply them there have no derivative.
     """
@@ -43,7 +43,7 @@ class Factors(Protocol):
         ...
 
     def values(self, points: Floats) -> Floats:
-        """(n, k) the values alone."""
+        """(k, n) the values alone."""
         ...
 
 
@@ -69,39 +69,57 @@ class JacobiFactors:
 
     def tables(self, points: Floats) -> Tables:
         """Values, derivatives and values over c; exact at z = 1 too."""
-        power, exponent = self.rows[:, 0], self.rows[:, 1]
-        c, u = (1 - points) / 2, ((1 + points) / 2)[:, None]
-        falling = powers_of(c, power.max(initial=0) + 1).T
-        jacobis, derivatives = self._jacobis(points)
+        power = self.rows[:, 0]
+        falling = powers_of((1 - points) / 2, power.max(initial=0) + 1)
+        g, dg = self._without_falling(points)
 
-        # f = c^power g with g = u^exponent P; then f' = c^power g' - power/2 c^(power - 1) g
-        g = self.scales * np.where(exponent, u * jacobis, jacobis)
-        dg = self.scales * np.where(exponent, u * derivatives + jacobis / 2, derivatives)
-        divided = np.where(power > 0, falling[:, np.maximum(power - 1, 0)] * g, 0.0)
-        return Tables(falling[:, power] * g, falling[:, power] * dg - power / 2 * divided, divided)
+        # f = c^power g; then f' = c^power g' - power/2 c^(power - 1) g
+        divided = np.zeros_like(g)
+        falls = self._falling
+        divided[falls] = falling[power[falls] - 1] * g[falls]
+        factor = falling[power]
+        g *= factor
+        dg *= factor
+        dg[falls] -= (power[falls] / 2)[:, None] * divided[falls]
+        return Tables(g, dg, divided)
 
     def values(self, points: Floats) -> Floats:
         """Values alone, in half the time."""
         power, exponent = self.rows[:, 0], self.rows[:, 1]
         c, u = (1 - points) / 2, (1 + points) / 2
         falling = powers_of(c, power.max(initial=0) + 1)
-
-        # a row for each factor, since rows are contiguous
         result = np.empty((len(self.rows), len(points)))
         for alpha, beta, chosen, degrees in self._families:
             jacobis = jacobi(int(degrees.max()), alpha, beta, points)
             for row, degree in zip(chosen, degrees, strict=True):
                 rising = u * jacobis[degree] if exponent[row] else jacobis[degree]
                 result[row] = falling[power[row]] * (self.scales[row] * rising)
-        return np.ascontiguousarray(result.T)
+        return result
 
-    def _jacobis(self, points: Floats) -> tuple[Floats, Floats]:
-        """(n, k) values and derivatives of the Jacobi polynomials; one recurrence for each pair (alpha, beta)."""
-        values, derivatives = np.empty((2, len(points), len(self.rows)))
+    def _without_falling(self, points: Floats) -> tuple[Floats, Floats]:
+        """(k, n) values and derivatives of g = scale u^exponent P; one recurrence for each pair (alpha, beta)."""
+        values, derivatives = np.empty((2, len(self.rows), len(points)))
         for alpha, beta, chosen, degrees in self._families:
             table = jacobi_with_derivative(int(degrees.max()), alpha, beta, points)
-            values[:, chosen], derivatives[:, chosen] = table[0][degrees].T, table[1][degrees].T
+            values[chosen], derivatives[chosen] = table[0][degrees], table[1][degrees]
+        rises = self._rising
+        u = (1 + points) / 2
+        derivatives[rises] = u * derivatives[rises] + values[rises] / 2
+        values[rises] *= u
+        scales = self.scales[:, None]
+        values *= scales
+        derivatives *= scales
         return values, derivatives
+
+    @cached_property
+    def _rising(self) -> Ints:
+        """The factors with u."""
+        return np.flatnonzero(self.rows[:, 1])
+
+    @cached_property
+    def _falling(self) -> Ints:
+        """The factors with c."""
+        return np.flatnonzero(self.rows[:, 0])
 
     @cached_property
     def _families(self) -> list[tuple[float, float, Ints, Ints]]:
@@ -186,14 +204,14 @@ class LineFactors:
         elif self.basis is Basis.CHEBYSHEV:
             ends = jacobi(self.count - 1, -0.5, -0.5, np.ones(1))
             values, derivatives = (
-                table.T / ends[:, 0] for table in jacobi_with_derivative(self.count - 1, -0.5, -0.5, points)
+                table / ends for table in jacobi_with_derivative(self.count - 1, -0.5, -0.5, points)
             )
         elif self.basis is Basis.MONOMIAL:
-            degrees = np.arange(self.count)
-            values = points[:, None] ** degrees
-            derivatives = degrees * points[:, None] ** np.maximum(degrees - 1, 0)
+            degrees = np.arange(self.count)[:, None]
+            values = points**degrees
+            derivatives = degrees * points ** np.maximum(degrees - 1, 0)
         else:
-            values, derivatives = fourier(self.basis, range(self.count), points)
+            values, derivatives = (table.T for table in fourier(self.basis, range(self.count), points))
         return Tables(values, derivatives, np.zeros_like(values))
 
     def values(self, points: Floats) -> Floats:
@@ -207,10 +225,10 @@ def lagrange_nodes(basis: Basis, count: int) -> Floats:
 
 
 def _lagrange(basis: Basis, count: int, points: Floats) -> tuple[Floats, Floats]:
-    """(n, count) values and derivatives, summed in Legendre polynomials."""
+    """(count, n) values and derivatives, summed in Legendre polynomials."""
     values, derivatives = jacobi_with_derivative(count - 1, 0, 0, points)
     matrix = _legendre_of_lagrange(basis, count)
-    return values.T @ matrix, derivatives.T @ matrix
+    return (values.T @ matrix).T, (derivatives.T @ matrix).T
 
 
 @cache
