@@ -65,11 +65,11 @@ def test_a_report_of_a_family(files, tmp_path):
     numbers = json.loads((report / "summary.json").read_text())
     assert numbers["orders"]["p"][0] is None
     assert "Order of convergence" in (report / "index.html").read_text()
-    (tmp_path / "small.toml").write_text("size = [30, 20]\n")
+    (tmp_path / "small.toml").write_text("size = [60, 40]\n")
     run(files["b"], files["same"], "-o", report, "--scene", tmp_path / "small.toml")
     assert not (report / "plots").exists()
     images = [np.asarray(Image.open(report / "pictures" / f"0-{number}.png")) for number in range(3)]
-    assert [image.shape[:2] for image in images] == [(20, 30)] * 3
+    assert [image.shape[:2] for image in images] == [(40, 60)] * 3
     assert np.abs(images[0].astype(int) - images[1]).max() < 32 < np.abs(images[0].astype(int) - images[2]).max()
     page = (report / "index.html").read_text()
     assert page.count("<h2>Maps of p</h2>") == 1

@@ -203,9 +203,7 @@ class LineFactors:
             values, derivatives = _lagrange(self.basis, self.count, points)
         elif self.basis is Basis.CHEBYSHEV:
             ends = jacobi(self.count - 1, -0.5, -0.5, np.ones(1))
-            values, derivatives = (
-                table / ends for table in jacobi_with_derivative(self.count - 1, -0.5, -0.5, points)
-            )
+            values, derivatives = (table / ends for table in jacobi_with_derivative(self.count - 1, -0.5, -0.5, points))
         elif self.basis is Basis.MONOMIAL:
             degrees = np.arange(self.count)[:, None]
             values = points**degrees
