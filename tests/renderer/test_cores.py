@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
@@ -11,6 +12,7 @@ from elvis.formats import write
 from elvis.plugins.command import elvis
 from elvis.renderer import Camera, Scene, Streamlines, Style, render
 from elvis.scene.errors import SceneError
+from elvis.scene.files import read_scene
 
 CENTRE = np.array([0.45, 0.52, 0.5])
 AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
@@ -28,13 +30,17 @@ def vortex(shape, bend):
     return Dataset(mesh, tuple(approximated(bare, name, component(axis), 4) for axis, name in enumerate("uvw")))
 
 
-@pytest.mark.sampled(least=2, free=("shape",))
-@pytest.mark.parametrize("shape", Shape.of_dimension(3))
+@pytest.fixture(scope="module")
+def bent():
+    """What is found once in these data, others draw, too; cores of all shapes are in tests/formats."""
+    return vortex(Shape.PRISM, 0.04)
+
+
 @pytest.mark.parametrize("device", ["auto", "reference"])
-def test_tubes_around_a_tilted_axis(shape, device):
+def test_tubes_around_a_tilted_axis(bent, device):
     lines = Streamlines(cores="acceleration", radius=RADIUS, style=Style(quantity="w"))
     camera = Camera((3.0, -2.0, 1.2), (0.5, 0.5, 0.5), height=1.4)
-    frame = render(vortex(shape, 0.04), objects=[lines], camera=camera, size=(48, 48), device=device)
+    frame = render(bent, objects=[lines], camera=camera, size=(48, 48), device=device)
     hits = frame.position[frame.status == 1]
     offset = hits - CENTRE
     height = offset @ AXIS
@@ -69,14 +75,12 @@ def test_settings_that_don_t_go_together(settings, words):
 
 
 def test_an_option(tmp_path):
-    def run(*words):
-        outcome = CliRunner().invoke(elvis, ["render", *map(str, words)], standalone_mode=False)
-        assert outcome.exception is None
-
     write(vortex(Shape.HEXAHEDRON, 0.0), tmp_path / "a.xml", tmp_path / "a.fld")
     text = "cores=acceleration;radius=0.05;least_length=0.2"
-    kept = ["--save-scene", tmp_path / "a.toml", "-o", tmp_path / "a.png"]
-    run(tmp_path / "a.xml", tmp_path / "a.fld", "--streamlines", text, "--size", "24x24", *kept)
-    assert 'cores = "acceleration"' in (tmp_path / "a.toml").read_text()
-    run(tmp_path / "a.toml", "-o", tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    words = [tmp_path / "a.xml", tmp_path / "a.fld", "--streamlines", text, "--size", "24x24", "-o", tmp_path / "a.png"]
+    command = ["render", *map(str, words), "--save-scene", str(tmp_path / "a.toml")]
+    outcome = CliRunner().invoke(elvis, command, standalone_mode=False)
+    assert outcome.exception is None
+    (shown,) = read_scene(tmp_path / "a.toml").objects
+    assert shown == Streamlines(cores="acceleration", radius=0.05, least_length=0.2)
+    assert len(np.unique(np.asarray(Image.open(tmp_path / "a.png")).reshape(-1, 3), axis=0)) > 5

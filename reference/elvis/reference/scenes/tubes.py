@@ -6,8 +6,9 @@ samples but what interpolation through these says, and no bound takes part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -29,8 +30,10 @@ from elvis.scene.flow import RADIUS, course_of, curves_in
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: points through which a step is interpolated, samples of it, halvings between samples, rays looked at together
-_NODES, _SAMPLES, _HALVINGS, _AT_ONCE = 28, 65, 52, 1 << 13
+#: points through which a step is interpolated, samples of it, halvings between samples
+_NODES, _SAMPLES, _HALVINGS = 28, 65, 52
+#: steps, and rays near them, that are looked at together
+_STEPS, _AT_ONCE = 256, 1 << 13
 _POINTS = chebyshev.chebpts1(_NODES)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 _U = np.linspace(-1.0, 1.0, _SAMPLES)
@@ -45,27 +48,58 @@ class _Step:
     part: float
     element: int
 
-    def points(self, u: Floats) -> Floats:
-        """(n, 3) at parameters (n,)."""
-        return np.asarray(chebyshev.chebval(u, self.series).T)
 
-    def tangents(self, u: Floats) -> Floats:
-        """(n, 3) derivatives there."""
-        return np.asarray(chebyshev.chebval(u, chebyshev.chebder(self.series)).T)
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps of lines, together.
+
+    series   (28, n, 6)  Chebyshev coefficients of places in the world, and of their derivatives
+    nets     (n, 8, 3)   Bernstein coefficients of places in elements, 0 beyond the dimension of these
+    part     (n,)
+    element  (n,)        ids
+    """
+
+    series: Floats
+    nets: Floats
+    part: Floats
+    element: Ints
+
+    @staticmethod
+    def of(steps: Sequence[_Step]) -> _Steps:
+        """Steps, at least one."""
+        count = len(steps)
+        series, nets = np.zeros((_NODES, count, 6)), np.zeros((count, 8, 3))
+        for k, step in enumerate(steps):
+            nets[k, :, : step.net.shape[1]] = step.net
+            series[:, k, :3] = step.series
+        series[:-1, :, 3:] = chebyshev.chebder(series[:, :, :3])
+        part, element = np.array([step.part for step in steps]), np.array([step.element for step in steps])
+        return _Steps(series, nets, part, element)
+
+    def samples(self) -> tuple[Floats, Floats]:
+        """(n, 65, 3) places and derivatives, evenly apart."""
+        found = chebyshev.chebval(_U, self.series).transpose(0, 2, 1)
+        return found[..., :3], found[..., 3:]
+
+    def at(self, u: Floats) -> tuple[Floats, Floats]:
+        """(n, 3) places and derivatives, at one parameter (n,) of each."""
+        found = chebyshev.chebval(u[:, None], self.series, tensor=False)
+        return found[:, :3], found[:, 3:]
 
     def reference(self, u: Floats) -> Floats:
-        """(n, 3) places in the element."""
-        t = 0.5 * (u + 1.0) * self.part
-        found = np.zeros((len(u), 3))
-        found[:, : self.net.shape[1]] = bernstein_at(np.broadcast_to(self.net, (len(u), *self.net.shape)), t)
-        return found
+        """(n, 3) places in elements, at one parameter (n,) of each."""
+        return bernstein_at(self.nets, 0.5 * (u + 1.0) * self.part)
+
+    def take(self, which: Ints) -> _Steps:
+        """Some of them (n,), by number."""
+        return _Steps(self.series[:, which], self.nets[which], self.part[which], self.element[which])
 
 
 @dataclass(frozen=True, eq=False)
 class _Met:
-    """Balls of a step that rays meet first or last: pixel (n,), place along the ray (n,), parameter (n,)."""
+    """Balls of steps that rays meet first or last: number of the ray (n,), place along it (n,), parameter (n,)."""
 
-    pixel: Ints
+    ray: Ints
     along: Floats
     u: Floats
     rank: Ints
@@ -80,9 +114,9 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
         half = 0.5 * shown.width * float(np.linalg.norm(view.column))
         radius, growth = (0.0, half) if view.perspective else (half, 0.0)
     columns = []
-    for step in steps:
+    while some := list(islice(steps, _STEPS)):
         check_time()
-        columns.append(_intervals(step, view, radius, growth))
+        columns.append(_intervals(_Steps.of(some), view, radius, growth))
     if not columns:
         return Crossings.none()
     return union(np.concatenate(columns), quantities)
@@ -136,25 +170,32 @@ def _steps(pieces: Iterator[tuple[Velocity, Piece]]) -> Iterator[_Step]:
             yield _Step(_TO_SERIES @ world[k], net, float(piece.part[k]), int(own.element_ids[piece.row[k]]))
 
 
-def _intervals(step: _Step, view: View, radius: float, growth: float) -> np.ndarray:
-    """Rows of ``INTERVAL``: where rays enter and leave the balls of a step."""
-    pixel = near_pixels(step.points(_U), view, radius, growth)
+def _intervals(steps: _Steps, view: View, radius: float, growth: float) -> np.ndarray:
+    """Rows of ``INTERVAL``: where rays enter and leave the balls of steps."""
+    places, tangents = steps.samples()
+    near = [near_pixels(own, view, radius, growth) for own in places]
+    every = np.repeat(np.arange(len(near)), [len(own) for own in near])
+    pixels = np.concatenate(near)
     found = [np.zeros(0, INTERVAL)]
-    for start in range(0, len(pixel), _AT_ONCE):
-        some = pixel[start : start + _AT_ONCE]
-        enters = _met(step, view, some, radius, growth, 1.0)
-        leaves = _met(step, view, some, radius, growth, -1.0)
+    for start in range(0, len(pixels), _AT_ONCE):
+        pixel, step = pixels[start : start + _AT_ONCE], every[start : start + _AT_ONCE]
+        rays = _Rays.of(view, pixel, radius, growth)
+        samples = places[step], tangents[step]
+        enters = _met(steps, step, rays, samples, 1.0)
+        leaves = _met(steps, step, rays, samples, -1.0)
         # of a ray that a step meets several times the first entrance goes with the first exit
-        both = np.intersect1d(enters.pixel * _SAMPLES + enters.rank, leaves.pixel * _SAMPLES + leaves.rank, True, True)
+        both = np.intersect1d(enters.ray * _SAMPLES + enters.rank, leaves.ray * _SAMPLES + leaves.rank, True, True)
         one, other = both[1], both[2]
+        ray = enters.ray[one]
+        own, first, last = steps.take(step[ray]), enters.u[one], leaves.u[other]
         rows = np.zeros(len(one), INTERVAL)
-        rows["pixel"], rows["element"] = enters.pixel[one], step.element
+        rows["pixel"], rows["element"] = pixel[ray], own.element
         rows["enters"], rows["leaves"] = enters.along[one], leaves.along[other]
-        rows["first"], rows["last"] = step.reference(enters.u[one]), step.reference(leaves.u[other])
+        rows["first"], rows["last"] = own.reference(first), own.reference(last)
         # normals lead away from the middle of the ball
-        origins, directions = view.rays(rows["pixel"] % view.width, rows["pixel"] // view.width)
-        rows["entrance"] = origins + rows["enters"][:, None] * directions - step.points(enters.u[one])
-        rows["exit"] = origins + rows["leaves"][:, None] * directions - step.points(leaves.u[other])
+        origins, directions = rays.origins[ray], rays.directions[ray]
+        rows["entrance"] = origins + rows["enters"][:, None] * directions - own.at(first)[0]
+        rows["exit"] = origins + rows["leaves"][:, None] * directions - own.at(last)[0]
         found.append(rows)
     return np.concatenate(found)
 
@@ -175,47 +216,69 @@ def near_pixels(points: Floats, view: View, radius: float, growth: float) -> Int
     return np.asarray((rows * view.width + columns).ravel())
 
 
-def _met(step: _Step, view: View, pixel: Ints, radius: float, growth: float, way: float) -> _Met:
-    """The first (``way`` 1) or last (-1) places of rays in balls, wherever these change from nearer to farther.
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """Rays, and how thick tubes are that they meet.
+
+    origins, directions  (n, 3)
+    lengths              (n,) of the directions
+    still                (n,) radius at the origins
+    forward              (3,) by which it grows with places
+    """
+
+    origins: Floats
+    directions: Floats
+    lengths: Floats
+    still: Floats
+    forward: Floats
+
+    @staticmethod
+    def of(view: View, pixel: Ints, radius: float, growth: float) -> _Rays:
+        """Those of pixels (n,); radii grow with depth."""
+        origins, directions = view.rays(pixel % view.width, pixel // view.width)
+        forward = growth * view.camera.basis()[2]
+        still = radius + (origins - np.asarray(view.camera.eye)) @ forward
+        return _Rays(origins, directions, np.linalg.norm(directions, axis=1), still, forward)
+
+
+def _met(steps: _Steps, step: Ints, rays: _Rays, samples: tuple[Floats, Floats], way: float) -> _Met:
+    """The first (``way`` 1) or last (-1) places of rays in balls of steps (n,), one each, of which samples are given,
+    wherever these change from nearer to farther.
 
     With s along the ray, a across it and w^2 = R^2 - |a|^2, that is where w s' + a a' - R R' comes from below zero.
     """
-    origins, directions = view.rays(pixel % view.width, pixel // view.width)
-    lengths = np.linalg.norm(directions, axis=1)
-    unit = directions / lengths[:, None]
-    forward = growth * view.camera.basis()[2]
-    still = radius + (origins - np.asarray(view.camera.eye)) @ forward
+    unit = rays.directions / rays.lengths[:, None]
 
     def seen(ray: Ints, points: Floats, tangents: Floats) -> tuple[Floats, Floats, Floats]:
         """What changes its sign, the square of w, and s, of points (…, 3) along rays."""
         own = unit[ray]
-        away = points - origins[ray]
+        away = points - rays.origins[ray]
         along = np.einsum("...i,...i->...", away, own)
         across = away - along[..., None] * own
-        thick = still[ray] + away @ forward
+        thick = rays.still[ray] + away @ rays.forward
         room = thick**2 - np.einsum("...i,...i->...", across, across)
         rate = np.einsum("...i,...i->...", tangents, own)
-        change = np.einsum("...i,...i->...", across, tangents) - thick * (tangents @ forward)
+        change = np.einsum("...i,...i->...", across, tangents) - thick * (tangents @ rays.forward)
         return way * rate * np.sqrt(np.maximum(room, 0.0)) + change, room, along
 
-    every = np.arange(len(pixel))[:, None]
-    sign, room, _ = seen(np.repeat(every, _SAMPLES, axis=1), step.points(_U)[None], step.tangents(_U)[None])
+    sign, room, _ = seen(np.arange(len(step))[:, None], *samples)
     turns = (sign[:, :-1] < 0) & (sign[:, 1:] >= 0)
     ray, place = np.nonzero(turns)
     low, high = _U[place].copy(), _U[place + 1].copy()
+    own = steps.take(step[ray])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        below = seen(ray, step.points(middle), step.tangents(middle))[0] < 0
+        below = seen(ray, *own.at(middle))[0] < 0
         low, high = np.where(below, middle, low), np.where(below, high, middle)
 
     # both ends of the step count, too, where nothing comes before or after
     starts, ends = np.flatnonzero(sign[:, 0] >= 0), np.flatnonzero(sign[:, -1] < 0)
     ray = np.concatenate([ray, starts, ends])
     u = np.concatenate([0.5 * (low + high), np.full(len(starts), -1.0), np.full(len(ends), 1.0)])
-    _, room, along = seen(ray, step.points(u), step.tangents(u))
+    _, room, along = seen(ray, *steps.take(step[ray]).at(u))
     hit = np.flatnonzero(room > 0)
     hit = hit[np.lexsort([u[hit], ray[hit]])]
-    own = ray[hit]
-    rank = np.arange(len(own)) - np.searchsorted(own, own)
-    depth = (along[hit] - way * np.sqrt(room[hit])) / lengths[own]
-    return _Met(pixel[own], depth, u[hit], rank)
+    own_ray = ray[hit]
+    rank = np.arange(len(own_ray)) - np.searchsorted(own_ray, own_ray)
+    depth = (along[hit] - way * np.sqrt(room[hit])) / rays.lengths[own_ray]
+    return _Met(own_ray, depth, u[hit], rank)
