@@ -18,8 +18,8 @@ from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
-#: of eight pictures, with a million pixels in all
-WIDE = (380, 330)
+#: of eight pictures, with a quarter of a million pixels in all
+WIDE = (190, 165)
 PARALLEL = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 VIEWS = {"parallel": PARALLEL, "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=40.0)}
 
@@ -49,9 +49,13 @@ def iso(renderer):
     return draw
 
 
-def cube(shape, function, modes=None, cells=2, curved_mesh=True):
-    """The unit cube, bent, with a field given in world coordinates: of the orders that hold a quadric exactly."""
+def cube(shape, function, modes=None, cells=None, curved_mesh=True):
+    """The unit cube, bent, with a field given in world coordinates: of the orders that hold a quadric exactly.
+
+    Of two cells a side; of bent pyramids, six of which fill one and each of which takes much work, of one.
+    """
     modes = modes or (5 if curved_mesh else 4)
+    cells = cells or (1 if curved_mesh and shape is Shape.PYRAMID else 2)
     mesh = grid(shape, cells)
     return with_field(curved(mesh, bent, 3) if curved_mesh else mesh, function, modes)
 

@@ -145,11 +145,12 @@ def expressed(renderer):
     return draw
 
 
-@pytest.mark.parametrize("text", ["max({D}, 0.4*u - {D}^2/(2 + u))", "exp({D})*abs(u - 0.5) + 0.02*x"])
-def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_samples(expressed, files, text):
+def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_samples(expressed, files):
     """Whatever a distance does to them: samples before a certain hit, or on a certain miss, are on one side."""
     dataset = bodies(files)["spikes"][0]
-    text, value, view = text.format(D=f"distance('{files / 'spikes.ply'}')"), 0.15, view_of(3)
+    distance = f"distance('{files / 'spikes.ply'}')"
+    text = f"max({distance}, exp({distance})*abs(0.4*u - 0.2) - {distance}^2/(2 + u) + 0.02*x)"
+    value, view = 0.15, view_of(3)
     hits = expressed(dataset, text, view, value)
     hit, sure = hits.owner != NOBODY, hits.status != Status.AMBIGUOUS
     assert 0.05 < hit.mean() < 0.9

@@ -17,7 +17,7 @@ from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.line_pieces import Curves, curves
 from elvis.core.streamlines.marks import marks
 from elvis.core.streamlines.pathlines import path_curves, streak_curves
-from elvis.core.streamlines.ribbons import Ribbons, ribbons
+from elvis.core.streamlines.ribbons import Ribbons, check_space, ribbons
 from elvis.core.streamlines.tracer import Tracer
 from elvis.scene.errors import SceneError
 from elvis.scene.frusta import Frusta
@@ -118,6 +118,11 @@ def _followed(
 
 def ribbons_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:
     """The ribbons of an object, likewise; SceneError, too, where the velocity has no derivatives."""
+    # before lines are followed, which may take long
+    try:
+        check_space(data)
+    except ElvisError as error:
+        raise SceneError(f"streamlines: {error}") from error
     found = curves_in(data, item, make)
     known = _STRIPS.setdefault(found, {})
     return _kept(known, item.across, lambda: ribbons(data, found.pieces, course_of(item).velocity, item.across))

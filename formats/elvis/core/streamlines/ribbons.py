@@ -70,6 +70,13 @@ class Ribbons:
         return len(self.pieces)
 
 
+def check_space(source: FlowSource) -> None:
+    """ElvisError for surfaces in space, whose lines have no ribbons."""
+    data = flow_data(source)
+    if data.dimension != data.space:
+        raise ElvisError("ribbons: expected 2D data in the plane or 3D data, found surfaces in space")
+
+
 def ribbons(
     data: FlowSource,
     pieces: Pieces,
@@ -83,9 +90,8 @@ def ribbons(
 
     ElvisError for surfaces in space, and where the velocity has no derivatives.
     """
+    check_space(data)
     data = flow_data(data)
-    if data.dimension != data.space:
-        raise ElvisError("ribbons: expected 2D data in the plane or 3D data, found surfaces in space")
     twist = _Twist(data, velocity)
     pieces = pieces.along_lines()
     done, solved, deviations = [], [], []
