@@ -78,12 +78,12 @@ class _Steps:
 
     def samples(self) -> tuple[Floats, Floats]:
         """(n, 65, 3) places and derivatives, evenly apart."""
-        found = chebyshev.chebval(_U, self.series).transpose(0, 2, 1)
+        found = np.asarray(chebyshev.chebval(_U, self.series).transpose(0, 2, 1), np.float64)
         return found[..., :3], found[..., 3:]
 
     def at(self, u: Floats) -> tuple[Floats, Floats]:
         """(n, 3) places and derivatives, at one parameter (n,) of each."""
-        found = chebyshev.chebval(u[:, None], self.series, tensor=False)
+        found = np.asarray(chebyshev.chebval(u[:, None], self.series, tensor=False), np.float64)
         return found[:, :3], found[:, 3:]
 
     def reference(self, u: Floats) -> Floats:
