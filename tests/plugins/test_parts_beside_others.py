@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from elvis.core.norms import quantity_norms
-from elvis.core.portions import Portion
+from elvis.core.portions import unite
+from elvis.core.portions.borrowing import borrowing
 from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
@@ -30,32 +31,32 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize("size", [2, 30])
 @pytest.mark.parametrize("other", ["same", "renamed", "other"])
-def test_norms_of_differences_are_those_of_one_process(folder, other, size):
-    """With ranks that have no elements, too; what holds other elements all read whole."""
+def test_differences_in_parts_are_those_of_one_process(folder, other, size):
+    """With ranks that have no elements, too; in other elements values are found with all of them alone."""
     files = [folder / "a.xml", folder / "a.fld"]
     reading = Reading(others=(f"ref={folder / other}.xml,{folder / other}.fld",))
 
     def found(ranks):
-        part = open_part(files, reading, str, ranks, divides_others=True)
-        assert isinstance(part, Portion) == (other != "other")
-        if isinstance(part, Dataset):
-            return {}
+        part = open_part(files, replace(reading, ranks=ranks), str)
         expression = Expression.of(part.dataset, "u - ref:u")
-        assert expression.is_local
-        # of the other no more is there than the same elements
+        assert expression.is_local == (other != "other") == bool(part.dataset.shared)
+        # of the other, too, no more is there than a part
         assert part.dataset.others["ref"].mesh.excerpt is not None
-        return quantity_norms(part.dataset, [expression], ranks)
+        borrowed = borrowing(part, ["u - ref:u"], ranks)
+        assert list(borrowed.dataset) == ["u"]
+        return borrowed.alone, quantity_norms(part.dataset, [expression], ranks) if expression.is_local else {}
 
-    first, *others = played(size, found)
+    every = played(size, found)
+    first, *others = (norms for _, norms in every)
     assert not any(others)
-    if first:
-        whole = open_data(files, reading)
-        assert first == quantity_norms(whole, [Expression.of(whole, "u - ref:u")])
-        assert first["u - ref:u"].l2 > 0
-
-
-def test_pictures_have_others_whole(folder):
-    """What is seen may be located in any of their elements."""
-    reading = Reading(others=(f"ref={folder / 'same'}.xml,{folder / 'same'}.fld",))
-    files = [folder / "a.xml", folder / "a.fld"]
-    assert played(2, lambda ranks: isinstance(open_part(files, reading, str, ranks), Dataset)) == [True, True]
+    whole = open_data(files, reading)
+    if other == "other":
+        return
+    assert first == quantity_norms(whole, [Expression.of(whole, "u - ref:u")])
+    assert first["u - ref:u"].l2 > 0
+    united = unite([part for part, _ in every]).dataset.field("ref:u")
+    blocks = [block for block in united.blocks if len(block)]
+    for own, wanted in zip(blocks, whole.field("ref:u").blocks, strict=True):
+        assert own.expansion == wanted.expansion
+        assert np.array_equal(own.element_ids, wanted.element_ids)
+        assert own.coefficients.tobytes() == wanted.coefficients.tobytes()

@@ -30,9 +30,12 @@ from elvis.core.shapes import Shape
 _SAME = 1e-12
 #: how far polynomials that are the same may differ at points, each of magnitude one
 _CLOSE = 1e-12
+_SHAPES = tuple(Shape)
 
 #: which corner of the second element each corner of the first one is
 Corners = tuple[int, ...]
+#: a shape, and the corner of the second element that each corner of the first one is
+Symmetry = tuple[Shape, Corners]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class CommonElements:
     element_ids  (n,)  in the first dataset, ascending
     others       (n,)  their ids in the second
     kinds        (n,)  numbers of the symmetries, -1 where reference coordinates are the same
-    symmetries   shape, and the corner of the second element that each corner of the first one is
+    symmetries   in ascending order
     is_whole     whether all elements of the first dataset are among them
     apart        the greatest distance of their maps in a coordinate, in parts of the size of coordinates
     """
@@ -50,7 +53,7 @@ class CommonElements:
     element_ids: Ints
     others: Ints
     kinds: Ints
-    symmetries: tuple[tuple[Shape, Corners], ...]
+    symmetries: tuple[Symmetry, ...]
     is_whole: bool
     apart: float
 
@@ -62,24 +65,50 @@ class CommonElements:
         return Field(name, tuple(self._blocks(of)), of.continuous)
 
     def _blocks(self, of: Field) -> Iterator[Block]:
+        for block in of.blocks:
+            rows, mine = self._rows(block)
+            for kind in np.unique(self.kinds[mine]).tolist():
+                yield self._block(block, rows, mine, None if kind < 0 else self.symmetries[kind])[0]
+
+    def in_parts(self, of: Field, name: str, symmetries: Sequence[Symmetry]) -> tuple[Field, list[tuple[int, Ints]]]:
+        """The same of parts of both datasets, with the blocks that there are in any part; for each of these which block
+        of the second dataset its elements are in, and their rows (n,) there.
+
+        symmetries  those of all parts, ascending
+        """
+        blocks, places = [], []
+        for number, block in enumerate(of.blocks):
+            rows, mine = self._rows(block)
+            own = [symmetry for symmetry in symmetries if symmetry[0] is block.expansion.shape]
+            for symmetry in (None, *own):
+                found, place = self._block(block, rows, mine, symmetry)
+                blocks.append(found)
+                places.append((number, place))
+        return Field(name, tuple(blocks), of.continuous), places
+
+    def _rows(self, block: Block) -> tuple[Ints, Ints]:
+        """(n,) rows of common elements in a block of the second dataset, and among all common elements."""
         order = np.argsort(self.others, kind="stable")
         known = self.others[order]
-        for block in of.blocks:
-            place = np.searchsorted(known, block.element_ids)
-            place = np.minimum(place, max(len(known) - 1, 0))
-            rows = np.flatnonzero(known[place] == block.element_ids) if len(known) else place[:0]
-            mine = order[place[rows]]
-            for kind in np.unique(self.kinds[mine]).tolist():
-                here = self.kinds[mine] == kind
-                expansion, coefficients = self._turned(block, rows[here], kind)
-                ids = self.element_ids[mine[here]]
-                yield Block(expansion, frozen_ints(ids), frozen_floats(coefficients))
+        place = np.searchsorted(known, block.element_ids)
+        place = np.minimum(place, max(len(known) - 1, 0))
+        rows = np.flatnonzero(known[place] == block.element_ids) if len(known) else place[:0]
+        return rows, order[place[rows]]
 
-    def _turned(self, block: Block, rows: Ints, kind: int) -> tuple[Expansion, Floats]:
+    def _block(self, block: Block, rows: Ints, mine: Ints, symmetry: Symmetry | None) -> tuple[Block, Ints]:
+        """The elements with a symmetry among some of a block, and their rows in it."""
+        numbers = [-1, *range(len(self.symmetries))]
+        known = dict(zip((None, *self.symmetries), numbers, strict=True))
+        here = self.kinds[mine] == known[symmetry] if symmetry in known else np.zeros(len(mine), bool)
+        expansion, coefficients = self._turned(block, rows[here], symmetry)
+        ids = self.element_ids[mine[here]]
+        return Block(expansion, frozen_ints(ids), frozen_floats(coefficients)), rows[here]
+
+    def _turned(self, block: Block, rows: Ints, symmetry: Symmetry | None) -> tuple[Expansion, Floats]:
         """Coefficients of some elements of a block in the first dataset's reference coordinates."""
-        if kind < 0:
+        if symmetry is None:
             return block.expansion, block.coefficients[rows] if len(rows) < len(block) else block.coefficients
-        found = _turning(block.expansion, *self.symmetries[kind])
+        found = _turning(block.expansion, *symmetry)
         assert found is not None
         expansion, matrix = found
         return expansion, row_products(block.coefficients[rows], matrix)
@@ -98,7 +127,7 @@ def common_elements(first: Dataset, second: Dataset) -> CommonElements:
     ours, theirs = geometry(first), geometry(second)
     size = max((float(np.abs(block.coefficients).max(initial=0.0)) for block in ours), default=0.0) or 1.0
     spaces = {block.expansion for one in second.solution for block in one.blocks}
-    symmetries: list[tuple[Shape, Corners]] = []
+    symmetries: list[Symmetry] = []
     parts: list[_Match] = []
     for one in ours:
         for two in theirs:
@@ -111,9 +140,7 @@ def common_elements(first: Dataset, second: Dataset) -> CommonElements:
 _Match = tuple[Ints, Ints, Ints, Floats]
 
 
-def _joined(
-    parts: Sequence[_Match], symmetries: Sequence[tuple[Shape, Corners]], total: int, size: float
-) -> CommonElements:
+def _joined(parts: Sequence[_Match], symmetries: Sequence[Symmetry], total: int, size: float) -> CommonElements:
     """Several matches as one, of ``total`` elements of the first dataset; elements of either dataset count once."""
     none = np.empty(0, np.int64)
     first: _Match = (none, none, none, np.empty(0))
@@ -121,9 +148,17 @@ def _joined(
     for own in (1, 0):
         rows = np.unique(columns[own], return_index=True)[1]
         columns = [column[rows] for column in columns]
-    ids, others, kinds = map(frozen_ints, columns[:3])
+    # numbers of symmetries don't depend on which of them comes first
+    ordered = sorted(symmetries, key=place_of)
+    number = np.array([*(ordered.index(symmetry) for symmetry in symmetries), -1])
+    ids, others, kinds = map(frozen_ints, (columns[0], columns[1], number[columns[2]]))
     apart = float(columns[3].max(initial=0.0)) / (size or 1.0)
-    return CommonElements(ids, others, kinds, tuple(symmetries), 0 < total == len(ids), apart)
+    return CommonElements(ids, others, kinds, tuple(ordered), 0 < total == len(ids), apart)
+
+
+def place_of(symmetry: Symmetry) -> tuple[int, Corners]:
+    """By what symmetries are ordered."""
+    return _SHAPES.index(symmetry[0]), symmetry[1]
 
 
 def _matched(
@@ -131,7 +166,7 @@ def _matched(
     two: GeometryBlock,
     tolerance: float,
     spaces: Iterable[Expansion],
-    symmetries: list[tuple[Shape, Corners]],
+    symmetries: list[Symmetry],
 ) -> Iterator[_Match]:
     """Common elements of two blocks of a shape.
 
@@ -169,7 +204,7 @@ def _is_symmetry(shape: Shape, corners: Corners, spaces: Iterable[Expansion]) ->
     return _symmetry(shape, corners) is not None and all(_turning(space, shape, corners) for space in own)
 
 
-def _number(shape: Shape, corners: Corners, symmetries: list[tuple[Shape, Corners]]) -> int:
+def _number(shape: Shape, corners: Corners, symmetries: list[Symmetry]) -> int:
     """That of a symmetry, which is noted; -1 where nothing turns."""
     if corners == tuple(range(len(corners))):
         return -1

@@ -141,6 +141,7 @@ class Dataset:
     others   datasets that expressions may name, by the names that they have in these: `ref:p`
     shared   the names of those that hold all elements of this one (`elvis.core.common_elements`), whose fields are
              fields of this one too, as `field("ref:p")`
+    borrowed  the names of those fields that are others' or derivatives in time, as parts of a dataset have them
     """
 
     mesh: Mesh
@@ -153,6 +154,7 @@ class Dataset:
     instant: Instant | None = None
     others: Mapping[str, Dataset] = default(default_factory=dict)
     shared: Mapping[str, CommonElements] = default(default_factory=dict)
+    borrowed: frozenset[str] = frozenset()
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -163,8 +165,8 @@ class Dataset:
 
     @property
     def solution(self) -> tuple[Field, ...]:
-        """The fields but for those that give the map, which are geometry."""
-        return tuple(field for field in self.fields if field.name not in self.map_names)
+        """The fields but for those that give the map, which are geometry, and those that are borrowed."""
+        return tuple(own for own in self.fields if own.name not in self.map_names and own.name not in self.borrowed)
 
     def beside(self, **others: Dataset) -> Dataset:
         """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""

@@ -11,12 +11,12 @@ import os
 import pickle
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from time import sleep
 from typing import Any, Protocol, TypeVar
 
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.needing import require_module
 
 T = TypeVar("T")
@@ -91,6 +91,24 @@ class Alone:
 
 
 ALONE = Alone()
+
+
+def agreed(ranks: Ranks, work: Callable[[], T], task: str) -> T:
+    """What a rank makes by its own work; FormatError at all of them where that fails with one for any.
+
+    It is that of the first rank, as of one process; that of another one names its part.
+    """
+    if ranks.size == 1:
+        return work()
+    error: FormatError | None = None
+    try:
+        found = work()
+    except FormatError as own:
+        error = own
+    for number, other in enumerate(ranks.exchange(error, task)):
+        if other is not None:
+            raise FormatError(f"part {number + 1} of {ranks.size}: {other}") if number else other
+    return found
 
 
 class Turns:

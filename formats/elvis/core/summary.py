@@ -7,7 +7,7 @@ so several ranks find what one would.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -44,8 +44,7 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
     blocks = geometry(dataset)
     tallies = [_Tally.of(dataset, blocks)]
     if isinstance(whole, Portion):
-        alone = replace(whole, dataset=replace(dataset, others={}, shared={}, rates=None))
-        own = alone.of(_deciding(dataset, blocks, quantities))
+        own = whole.of(_deciding(dataset, blocks, quantities)).alone
         every = ranks.gather((tallies[0], own), f"what is in {dataset.mesh.count} elements")
         if not every:
             return {}
@@ -143,7 +142,8 @@ class _Tally:
             for block in blocks
         ]
         signs = _Signs.of(blocks, dataset.mesh.space)
-        fields = {field.name: _Coefficients.of(field) for field in dataset.fields}
+        own = (field for field in dataset.fields if field.name not in dataset.borrowed)
+        fields = {field.name: _Coefficients.of(field) for field in own}
         return _Tally(len(dataset.mesh.domain_ids()), maps, signs, fields)
 
 

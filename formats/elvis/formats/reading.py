@@ -5,25 +5,28 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
+import numpy as np
+
+from elvis.core.arrays import Ints
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
-from elvis.core.portions.portion import Portion
+from elvis.core.portions.portion import Portion, carriers
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
-from elvis.formats.nektar.sections import Section
+from elvis.formats.nektar.sections import Section, lacking
 from elvis.formats.nektar.xml import GZIP_SIGNATURE, Element, head, load
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
@@ -105,13 +108,65 @@ def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = No
     choose  which fields are read, of those of a dataset whose fields have no blocks yet; others are passed over, and
             what is wrong with them is not found
     """
+    return _reader_of_fields(paths, choose).on_mesh_of(dataset)
+
+
+class StatesByPart:
+    """Field files, state after state, on a mesh in others: one of ``count`` parts of each is read.
+
+    mesh  the files that hold it; it is read once, unless fields of another state have other elements
+    """
+
+    def __init__(self, number: int, count: int, *mesh: Path) -> None:
+        self._number, self._count, self._files = number, count, mesh
+        self._mesh: DatasetParts | None = None  # the ids of all elements alone
+        self._last: Portion | None = None
+        self._carriers: Ints | None = None
+
+    def read(self, *paths: Path, choose: Choice | None = None) -> tuple[Portion, int]:
+        """The part of a state, and how many elements of all its fields the mesh lacks; all else as `with_fields`."""
+        with hdf5.mapped():
+            state, lacking = self._state(paths, choose)
+            carried = carriers(state.whole)
+            if self._last is None or not _is_same(carried, self._carriers):
+                if state.raw is None:
+                    # between whose elements sides are inner ones has changed: the mesh is cut anew
+                    self._mesh = None
+                    state, _ = self._state(paths, choose)
+                found = state.part(self._number, self._count)
+            else:
+                found = state.on(self._last)
+        self._last, self._carriers = replace(found, dataset=replace(found.dataset, fields=())), carried
+        return found, lacking
+
+    def lacking(self, *paths: Path, choose: Choice | None = None) -> int:
+        """The second of these alone."""
+        with hdf5.mapped():
+            return self._state(paths, choose)[1]
+
+    def _state(self, paths: Sequence[Path], choose: Choice | None) -> tuple[DatasetParts, int]:
+        """The fields of a state, on the mesh; this is forgotten as soon as a part is made, but for ids."""
+        reader, mesh = _reader_of_fields(paths, choose), self._mesh
+        if mesh is None:
+            mesh = read_parts(*self._files)
+            self._mesh = replace(mesh, raw=None, sections=())
+        return reader.on_parts_of(mesh)
+
+
+def _is_same(one: Ints | None, other: Ints | None) -> bool:
+    """Whether two lists of ids hold the same."""
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
+
+
+def _reader_of_fields(paths: Sequence[str | Path], choose: Choice | None) -> _Reader:
+    """What has taken in field files; FormatError where one can't be read."""
     reader = _Reader(choose)
     try:
         for path in paths:
             reader.add(Path(path))
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or paths[0]) from error
-    return reader.on_mesh_of(dataset)
+    return reader
 
 
 def is_native(path: Path) -> bool:
@@ -195,7 +250,16 @@ class _Reader:
             self._decode(dataset, self._choose)
         fields = fields_input.assemble(self._sections, dataset.mesh)
         found = replace(dataset, fields=fields, time=time_of(self._field_metadata), metadata=self._field_metadata)
-        return found, fields_input.lacking(self._sections, dataset.mesh)
+        return found, lacking(self._sections, dataset.mesh)
+
+    def on_parts_of(self, parts: DatasetParts) -> tuple[DatasetParts, int]:
+        """The same of a dataset that is read by parts."""
+        if self._choose is not None:
+            self._decode(parts.whole, self._choose)
+        mesh, metadata = parts.whole.mesh, self._field_metadata
+        fields = fields_input.without_values(self._sections, mesh)
+        whole = replace(parts.whole, fields=fields, time=time_of(metadata), metadata=metadata)
+        return replace(parts, whole=whole, sections=self._sections), lacking(self._sections, mesh)
 
     def _decode(self, dataset: Dataset, choose: Choice) -> None:
         """Keep the chosen fields alone, and decode what waited."""

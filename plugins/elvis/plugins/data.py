@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from elvis.core.common_elements import common_elements
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
 from elvis.core.portions.portion import Portion
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import stage
+from elvis.formats.nektar.hdf5 import mapped
 from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
+from elvis.plugins.others import Others
 from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
-    from elvis.core.ranks import Ranks
     from elvis.formats.nektar.dataset_parts import DatasetParts
     from elvis.plugins.kept_conversions import Work
     from elvis.plugins.series.series import Series
@@ -40,6 +41,7 @@ class Reading:
     others   datasets that expressions may name, each as NAME=FILE,FILE
     quantities  that alone will be asked for, the empty one for the first field: of steps of the native format only the
                 fields that these need are read; none where that is not known
+    ranks    that read the same, each its part
     """
 
     plugin: str | None = None
@@ -48,6 +50,7 @@ class Reading:
     moment: Moment = field(default_factory=Moment)
     others: tuple[str, ...] = ()
     quantities: tuple[str, ...] = ()
+    ranks: Ranks = ALONE
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
@@ -76,19 +79,6 @@ def pairs(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in found}
 
 
-def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
-    """``NAME=FILE,FILE`` texts by name; ElvisError for others."""
-    found: dict[str, tuple[Path, ...]] = {}
-    for text in texts:
-        name, _, files = (part.strip() for part in text.partition("="))
-        if not name.isidentifier() or not files or name in found:
-            raise ElvisError(
-                f"--other: expected NAME=FILE,FILE, such as ref=b.xml,b.fld, each name once, found {text!r}"
-            )
-        found[name] = tuple(Path(file) for file in files.split(","))
-    return found
-
-
 def open_data(
     paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
 ) -> Dataset | PluginData:
@@ -102,20 +92,14 @@ def open_data(
 
 
 def open_part(
-    paths: Sequence[Path],
-    reading: Reading,
-    report: Callable[[str], object],
-    ranks: Ranks,
-    *,
-    divides_others: bool = False,
+    paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
 ) -> Dataset | PluginData | Portion:
-    """The part that one of several ranks has of what `open_data` opens, if the files are one state; else the whole.
+    """The part that a rank of those of ``reading`` has of what `open_data` opens; the whole of what a plugin opens.
 
-    What isn't native the first rank converts, and all read.
-    divides_others  whether of other datasets, which expressions may name, parts are enough, if these hold the same
-                    elements; else nothing is divided where there are others
+    What isn't native the first rank converts, and all read.  Of other datasets, which expressions may name, each has
+    its part, too.
     """
-    return _open(paths, reading, report, lambda files, how: _part_of(files, how, ranks, divides_others))
+    return _open(paths, reading, report, part_of)
 
 
 def open_parts(
@@ -161,51 +145,27 @@ def _whole_of(paths: Sequence[Path], series: Series | None, reading: Reading) ->
     return reading.moment.of_one_state(state_with_others(paths, reading))
 
 
-def _part_of(paths: Sequence[Path], reading: Reading, ranks: Ranks, divides_others: bool = False) -> Dataset | Portion:
-    """As `dataset_of`, of files that are one state a part; see `open_part`."""
+def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
+    """The same of a part, that of one of the ranks of ``reading``."""
     paths, series = _series_of(paths, reading)
-    if series is not None or (reading.others and not divides_others):
-        return _whole_of(paths, series, reading)
+    if series is not None:
+        return series.part_at(reading.moment)
+    found, others = part_of_state(paths, reading), Others(reading)
+    dataset = others.beside(reading.moment.of_one_state(found.dataset))
+    return others.beside_part(replace(found, dataset=dataset))
+
+
+def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
+    """The same of files that are no series, such as one step of it; moments and other data are not looked at."""
+    ranks = reading.ranks
     if _is_native(paths, reading):
-        found: Dataset | Portion = _native_parts(paths, reading).part(ranks.rank, ranks.size)
-    else:
-        found = _part_of_conversion(paths, reading, ranks)
-    if reading.others:
-        found = (isinstance(found, Portion) and _beside_parts(found, reading, ranks)) or _whole_of(paths, None, reading)
-    return found
-
-
-def _beside_parts(own: Portion, reading: Reading, ranks: Ranks) -> Portion | None:
-    """A part in which expressions may name other datasets, of which each rank has its part, too.
-
-    None where a part doesn't hold the same elements for one of the ranks.
-    """
-    parts = {
-        name: _part_of(files, Reading(is_kept=reading.is_kept), ranks)
-        for name, files in files_of_others(reading.others).items()
-    }
-    others = {name: part.dataset for name, part in parts.items() if isinstance(part, Portion)}
-    dataset = beside_others(own.dataset, others)
-    is_empty = not len(dataset.mesh.domain_ids())
-    has_all = len(others) == len(parts) and (is_empty or dataset.shared.keys() == others.keys())
-    if not all(ranks.exchange(has_all, f"other data: {', '.join(reading.others)}")):
-        return None
-    if is_empty:
-        # what holds nothing is of the same kind as what others hold
-        dataset = replace(dataset, shared={name: common_elements(dataset, other) for name, other in others.items()})
-    return replace(own, dataset=dataset)
-
-
-def _part_of_conversion(paths: Sequence[Path], reading: Reading, ranks: Ranks) -> Dataset | Portion:
-    """The same of files that are converted."""
+        with mapped():
+            return read_parts(*paths).part(ranks.rank, ranks.size)
     from elvis.plugins.kept_conversions import part_of_conversion
 
     work = _work(paths, installed_converters(), reading)
     with _stage_of(work):
-        found = part_of_conversion(work, reading.is_kept, ranks)
-    if isinstance(found, Dataset):
-        return reading.moment.of_one_state(found)
-    return replace(found, dataset=reading.moment.of_one_state(found.dataset))
+        return part_of_conversion(work, reading.is_kept, ranks)
 
 
 def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
@@ -213,11 +173,6 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
     paths, series = _series_of(paths, reading)
     if series is not None or reading.others or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
-    return _native_parts(paths, reading)
-
-
-def _native_parts(paths: Sequence[Path], reading: Reading) -> DatasetParts:
-    """The same of native files that are one state."""
     parts = read_parts(*paths)
     return replace(parts, whole=reading.moment.of_one_state(parts.whole))
 
@@ -232,23 +187,20 @@ def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path],
     return paths, series_of(paths, reading)
 
 
+def check_readable(paths: Sequence[Path], reading: Reading) -> None:
+    """Errors of `dataset_of` for files that are missing, of no known format, or without a whole mesh: of HDF5, and of
+    what is converted, no values are read."""
+    paths = expanded(paths)
+    if _is_native(paths, reading):
+        with mapped():
+            read_parts(*paths)
+    else:
+        _work(paths, installed_converters(), reading)
+
+
 def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
     """As `state_of`, in which expressions may name other datasets."""
-    return beside_others(state_of(paths, reading), others_of(reading))
-
-
-def others_of(reading: Reading) -> dict[str, Dataset]:
-    """The datasets that expressions may name, by their names; raises as `read`, and ElvisError for no NAME=FILE."""
-    files = files_of_others(reading.others)
-    return {name: dataset_of(paths, Reading(is_kept=reading.is_kept)) for name, paths in files.items()}
-
-
-def beside_others(dataset: Dataset, others: Mapping[str, Dataset]) -> Dataset:
-    """A dataset in which expressions may name others, whose remarks it has, too."""
-    if not others:
-        return dataset
-    remarks = [f"{name}: {remark}" for name, other in others.items() for remark in other.remarks]
-    return replace(dataset.beside(**others), remarks=(*dataset.remarks, *remarks))
+    return Others(reading).beside(state_of(paths, reading))
 
 
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:

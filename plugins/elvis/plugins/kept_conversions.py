@@ -23,7 +23,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.portions import Portion
-from elvis.core.ranks import Ranks
+from elvis.core.ranks import Ranks, agreed
 from elvis.formats.nektar.geometry_output import place
 from elvis.formats.nektar.hdf5 import mapped
 from elvis.formats.reading import read, read_part
@@ -114,21 +114,22 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
     return replace(dataset, remarks=(*dataset.remarks, *remarks))
 
 
-def part_of_conversion(work: Work, is_kept: bool, ranks: Ranks) -> Dataset | Portion:
+def part_of_conversion(work: Work, is_kept: bool, ranks: Ranks) -> Portion:
     """The part of a conversion that one of several ranks has, which the first one makes or finds, and all read.
 
-    The whole where its native files don't reach all ranks, or hold no such data: then each converts.
+    Where its native files don't reach all ranks, or hold no such data, each converts.
     """
     task = f"converting {', '.join(str(path) for path in work.paths)}"
     with TemporaryDirectory(prefix="elvis-") as folder:
-        made, *_ = ranks.exchange(None if ranks.rank else _written(work, is_kept, Path(folder)), task)
+        # what the first one can't convert is the same for all of them
+        own = agreed(ranks, lambda: None if ranks.rank else _written(work, is_kept, Path(folder)), task)
+        made, *_ = ranks.exchange(own, task)
         if not all(ranks.exchange(made is not None and all(path.exists() for path in made.paths), task)):
-            return load_or_convert(work, is_kept)
+            return Portion.of_whole(load_or_convert(work, is_kept), ranks.rank, ranks.size)
         assert made is not None
         with mapped():
-            portion = read_part(ranks.rank, ranks.size, *made.paths)
-        # when all have read their parts the files may go
-        ranks.exchange(None, task)
+            # when all have read their parts the files may go
+            portion = agreed(ranks, lambda: read_part(ranks.rank, ranks.size, *made.paths), task)
     dataset = replace(_ordered(portion.dataset, made.keys), remarks=made.remarks)
     rows = {kind: portion.rows[kind] for kind in (*dataset.mesh.entities, None)}
     return replace(portion, dataset=dataset, rows=rows)

@@ -7,30 +7,41 @@ are the same to the byte, whatever the parts are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from elvis.core.dataset import Dataset
-from elvis.core.portions.portion import Portion, unite
+from elvis.core.errors import ElvisError
+from elvis.core.portions.borrowing import borrowing
+from elvis.core.portions.portion import Portion, is_even, unite
+from elvis.core.quantities import Expression
 from elvis.core.ranks import Ranks
+from elvis.plugins.data import Reading, open_data, open_part
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance, has_volumes
-from elvis.scene import Scene
+from elvis.scene import Scene, Streamlines
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
+from elvis.scene.quantities import quantities, vector_components
+
+#: what a rank has opened
+Opened: TypeAlias = Dataset | PluginData | Portion
+#: opens files, as a reading says, and is told of plugins that fail
+Opening: TypeAlias = Callable[[Sequence[Path], Reading, Callable[[str], object]], Opened]
 
 
 @dataclass(frozen=True, eq=False)
 class RankPart:
     """What one of several ranks has of data: elements of its part, of which each picture needs some.
 
-    portion  those that pictures depend on
-    beside   what the data have beside elements and what portions have
+    portion  those that pictures depend on, with all that these evaluate among its fields
+    beside   what the data have beside elements and what portions have, of which names alone count
     """
 
     portion: Portion
@@ -46,33 +57,89 @@ class RankPart:
         """The elements of portions."""
         return replace(drawable(unite(some)), **self.beside)
 
+    def timed(self, time: float | None) -> RankPart:
+        """The data with the time that a scene gives, unless they are a moment of a series."""
+        if time is None or self.beside["rates"] is not None or self.portion.dataset.time == time:
+            return self
+        dataset = replace(self.portion.dataset, time=time)
+        return replace(self, portion=replace(self.portion, dataset=dataset))
+
 
 def of_ranks(
-    opened: dict[object, Dataset | PluginData | Portion], scenes: Mapping[object, Sequence[Scene]], ranks: Ranks
+    opened: dict[object, Opened],
+    scenes: Mapping[object, Sequence[Scene]],
+    ranks: Ranks,
+    *,
+    for_others: bool = False,
 ) -> dict[object, Dataset | RankPart]:
     """For each of several ranks, the elements of its part of data that scenes depend on; where they may depend on any,
     all that there are.
 
     opened  what each rank has opened, its part or all; emptied, so that what is all takes no memory any longer
+    for_others  whether other scenes will be drawn that evaluate the same, so that all elements of the part stay
     Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
     """
-    found: dict[object, RankPart] = {}
+    found: dict[object, Dataset | RankPart] = {}
     whole: dict[object, Portion] = {}
     for key in list(opened):
         data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
+        if isinstance(data, Dataset) and not is_local(data, is_even(data), scenes[key]):
+            found[key] = data
+            continue
         own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
-        dataset = data.dataset if isinstance(data, Portion) else data
-        has_less, besides = is_local(dataset, own.is_even, scenes[key]), beside(dataset)
-        del data, dataset
-        own = what_matters(own, scenes[key]) if has_less else own
-        found[key] = RankPart(own, ranks, besides)
+        del data
+        has_less = is_local(own.dataset, own.is_even, scenes[key])
+        own = borrowing(own, _evaluated(own.dataset, scenes[key]), ranks)
+        besides = beside(own.dataset)
+        if has_less and not for_others:
+            own = what_matters(own, scenes[key])
+        found[key] = RankPart(own.alone, ranks, besides)
         if not has_less:
-            whole[key] = own
+            whole[key] = _with_others(own)
         del own
     every = ranks.exchange(whole, repr(scenes))
-    return {key: part.united([some[key] for some in every]) if key in whole else part for key, part in found.items()}
+    for key, part in found.items():
+        if isinstance(part, RankPart) and key in whole:
+            found[key] = _whole(part, [some[key] for some in every])
+    return found
+
+
+def whole_of(part: Portion, texts: Sequence[str], ranks: Ranks) -> Dataset:
+    """All that ranks have parts of, with all that quantities are made of."""
+    part = borrowing(part, texts, ranks)
+    every = ranks.exchange(_with_others(part), f"all elements for {', '.join(texts)}")
+    return _whole(RankPart(part.alone, ranks, beside(part.dataset)), every)
+
+
+def _with_others(part: Portion) -> Portion:
+    """A rank's part of data and of others, as it is sent to all."""
+    return replace(part.alone, others={name: other.alone for name, other in part.others.items()})
+
+
+def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
+    """All that there is, of what all ranks have, beside all of the others."""
+    others = part.beside["others"]
+    for name, other in others.items():
+        own = drawable(unite([portion.others[name] for portion in every]))
+        others = {**others, name: replace(own, **beside(other))}
+    return replace(part.united(every), others={}, shared={}).beside(**others)
+
+
+def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
+    """What opens a rank's part of files of which nothing but pictures of scenes is made.
+
+    All, where lines are drawn that go through the steps of a series.
+    """
+    goes_on = any(
+        isinstance(item, Streamlines) and item.since is not None for each in scenes for item in each.every_object
+    )
+
+    def opening(paths: Sequence[Path], reading: Reading, report: Callable[[str], object]) -> Opened:
+        return open_data(paths, reading, report) if goes_on else open_part(paths, replace(reading, ranks=ranks), report)
+
+    return opening
 
 
 def beside(dataset: Dataset) -> dict[str, Any]:
@@ -85,6 +152,18 @@ def is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
     if not even or any(other_device(scene.device) for scene in scenes):
         return False
     return all(Relevance(dataset, whole_scene(dataset, scene)).is_local for scene in scenes)
+
+
+def _evaluated(dataset: Dataset, scenes: Sequence[Scene]) -> list[str]:
+    """All that scenes of the whole evaluate, but for what says nothing, which shows when it is drawn."""
+    every = [whole_scene(dataset, scene) for scene in scenes]
+    found = dict.fromkeys(text for scene in every for text in (*quantities(scene), *vector_components(scene)))
+    for text in list(found):
+        try:
+            Expression.of(dataset, text)
+        except ElvisError:
+            del found[text]
+    return list(found)
 
 
 def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:

@@ -10,18 +10,18 @@ end, and send them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
-from elvis.core.portions.portion import unite
+from elvis.core.portions.portion import Portion, unite
 from elvis.renderer.bands import Bands, counts_by_row, rows_reached
 from elvis.renderer.device_volume import greatest_of
-from elvis.renderer.parts import RankPart, drawable
+from elvis.renderer.parts import RankPart
 from elvis.renderer.relevance import Relevance
 from elvis.renderer.shading import radius_of_lines
 from elvis.renderer.tiles import TILE
@@ -38,11 +38,11 @@ class RankPicture:
 
     def __init__(self, part: RankPart, scene: Scene, glance: Glance) -> None:
         self._part, self._ranks, self._scene, self._glance = part, part.ranks, scene, glance
-        relevance = Relevance(drawable(part.portion), scene)
+        relevance = Relevance(part.dataset, scene)
         deciding = relevance.deciding()
         every = self._ranks.exchange(part.portion.of(deciding), "the elements that decide a picture's view and ranges")
         self._deciding = unite(every)
-        boxes_of_all = Relevance(drawable(self._deciding), scene).boxes()
+        boxes_of_all = Relevance(part.united([self._deciding]), scene).boxes()
         self._greatest = max(greatest_of(some) for some in boxes_of_all)
         ids, boxes = relevance.shown()
         own = ~np.isin(ids, deciding)
@@ -57,7 +57,7 @@ class RankPicture:
         """Those of elements that decide, by the volume's parts; and where a plane alone is shown, of what it meets."""
         plane = self._scene.only_plane
         some = [self._deciding, self._part.portion.of(self._ids)] if plane else [self._deciding]
-        return Relevance(drawable(unite(some)), self._scene).boxes()
+        return Relevance(self._part.united(some), self._scene).boxes()
 
     def _extent(self, own: Floats) -> Floats:
         """The extent of what all see, of those that each sees."""
@@ -78,8 +78,18 @@ class RankPicture:
         rows = rows_reached(view, self._of_ids, around, self._greatest)
         every = self._ranks.exchange(counts_by_row(view, rows), "how many elements reach into rows")
         bands = Bands.sharing(view, np.sum(every, axis=0), size)
-        portion = self._part.portion
-        held = [bands.reached(rows, number) for number in range(size)]
-        sent = [portion.of(self._ids[own]) if own.any() else None for own in held]
-        found = self._ranks.alltoall(sent, "the elements of rows")
+        held = [self._ids[bands.reached(rows, number)] for number in range(size)]
+        found = self._ranks.alltoall(_cut(self._part.portion, held), "the elements of rows")
         return self._part.united([self._deciding, *(some for some in found if some is not None)]), bands
+
+
+def _cut(portion: Portion, ids: Sequence[Ints]) -> list[Portion | None]:
+    """The elements of a portion with ids (n,) for each band, None where there are none.
+
+    Halves are cut first, and bands of these: what bands don't have in common is gone through a few times alone.
+    """
+    every = np.unique(np.concatenate(ids))
+    if not len(every):
+        return [None] * len(ids)
+    own, half = portion.of(every), len(ids) // 2
+    return [own] if len(ids) == 1 else [*_cut(own, ids[:half]), *_cut(own, ids[half:])]

@@ -90,7 +90,9 @@ class Relevance:
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
         beyond = not all(each.is_local for each in expressions)
         is_line = Kind.of(self.dataset) is Kind.LINE
-        return not (goes_through or cones or beyond or is_line or self.dataset.others)
+        # elements of others that aren't those of the dataset may be anywhere
+        apart = self.dataset.others.keys() != self.dataset.shared.keys()
+        return not (goes_through or cones or beyond or is_line or apart)
 
     @cached_property
     def _volume(self) -> Volume:

@@ -17,7 +17,6 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
 from elvis.core.picturing import Kind
-from elvis.core.quantities import Expression
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
 from elvis.plugins.evaluation_service import check_volume
@@ -36,6 +35,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
+from elvis.renderer.frame_notes import note, remarks_on_rates
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
 from elvis.renderer.pixels import NOBODY
@@ -47,7 +47,7 @@ from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
-from elvis.scene import Faces, Isosurface, Plane, Scene, Vector
+from elvis.scene import Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
@@ -115,32 +115,6 @@ def _is_exact(scene: Scene) -> bool:
     return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
 
 
-def _note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequence[str]) -> Frame:
-    """The frame with the moment of its data and remarks: also that all faces stand in where nothing was asked for."""
-    shown = frame.scene.objects
-    if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
-        remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
-    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
-    return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
-
-
-def _rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
-    """A sentence on derivatives in time, where the scene has some."""
-    if not isinstance(data, Dataset) or data.rates is None:
-        return []
-    names = names_of(data)
-    has_some = any(Expression.parse(text, names).has_rates for text in quantities(scene))
-    return [data.rates.remark] if has_some else []
-
-
-def _constants(frame: Frame) -> list[str]:
-    """Sentences about fields that have one value wherever they are seen; isosurfaces go without saying."""
-    if any(isinstance(item, Isosurface) for item in frame.scene.every_object):
-        return []
-    constant = [legend for legend in frame.legends if legend.constant is not None]
-    return [f"{legend.title} is {legend.constant:g} wherever it is seen: one colour" for legend in constant]
-
-
 class Pictures:
     """Pictures of the same data, one after another: the device and what was brought to it are kept.
 
@@ -157,17 +131,14 @@ class Pictures:
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
     ) -> None:
-        self._part, self.device, self.ranks = data if isinstance(data, RankPart) else None, device, ranks
-        self._bricks = data if isinstance(data, Bricks) else None
+        self.device, self.ranks, self._progress = device, ranks, progress
         self._drawn: Dataset | None = None
-        self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
-        self._progress = progress
+        self._kind: Kind | None = None
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
         self._time: float | None = None
         self._remarks: Sequence[str] = ()
-        self._kind: Kind | None = None
-        self._checked: tuple[str, float | None] | None = None
+        self._take(data)
 
     def __enter__(self) -> Pictures:
         return self
@@ -186,11 +157,19 @@ class Pictures:
         """Pieces of the device's memory that were made so far; steady frames make none."""
         return 0 if self._renderer is None else self._renderer.device.buffers_made
 
-    def show(self, data: Dataset | PluginData) -> None:
+    def show(self, data: Dataset | PluginData | RankPart) -> None:
         """Take other data for the next pictures; the device stays."""
         if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
             share(data.mesh)
-        self.data, self._bricks, self._kind, self._checked, self._quantities = data, None, None, None, ()
+        self._take(data)
+
+    def _take(self, data: Dataset | PluginData | RankPart | Bricks) -> None:
+        """Begin with data of which nothing is known."""
+        self._part = data if isinstance(data, RankPart) else None
+        self._bricks = data if isinstance(data, Bricks) else None
+        self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
+        self._quantities, self._kind = (), None
+        self._checked: tuple[str, float | None] | None = None
 
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
@@ -207,17 +186,17 @@ class Pictures:
         self._kind = self._kind or _kind(data, scene)
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
         other = other_device(self.device)
-        remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *_rates(data, scene))
+        remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *remarks_on_rates(data, scene))
         if self._part is not None:
-            data = self._of_ranks(self._part, scene)
+            data = self._of_ranks(self._part.timed(scene.time), scene)
         data = self._in_bricks(data, scene)
         if other is not None:
-            return _note(other(data, scene), asked, data, remarks)
+            return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
-            return _note(draw_curves(data, scene), asked, data, remarks)
+            return note(draw_curves(data, scene), asked, data, remarks)
         renderer = self._with_volume(data, scene)
         frame = renderer.render(scene, references=_is_exact(scene))
-        return _note(frame, asked, data, (*remarks, *self._remarks))
+        return note(frame, asked, data, (*remarks, *self._remarks))
 
     def _opened(self) -> Renderer:
         """The renderer, whose device is opened when it is first asked for."""

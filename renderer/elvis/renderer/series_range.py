@@ -7,22 +7,28 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.moments import BETWEEN
+from elvis.core.moments import BETWEEN, Moment
+from elvis.core.portions.borrowing import borrowing
+from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities import Expression, Names
-from elvis.core.quantities.bounding import quantity_range
+from elvis.core.quantities.bounding import deciding_elements, quantity_range
+from elvis.core.ranges import Range
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import track
 from elvis.plugins.series.series import Series, series_in
+from elvis.renderer.parts import whole_of
 from elvis.renderer.request import reading_for
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.palette import automatic_range
 
 
-def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None) -> Scene:
+def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None, ranks: Ranks = ALONE) -> Scene:
     """The scene with values in place of the range ``series``: bounds of its field over all steps that can be read.
 
     is_kept  whether conversions are kept
     series   that of the scene's data, where it is open already
+    ranks    that each read their part of the steps, also of ``series``
 
     Raises SceneError where the data are no series, or nothing is known of the field's values.
     """
@@ -30,25 +36,38 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None)
         return scene
     if series is None:
         coloured = replace(scene, plane=None, objects=(), clip=())
-        series = series_in(tuple(map(Path, scene.data)), reading_for([coloured], is_kept))
+        reading = replace(reading_for([coloured], is_kept), ranks=ranks)
+        series = series_in(tuple(map(Path, scene.data)), reading)
     if series is None:
         raise SceneError("range: expected several steps of a series, found one state: say seen, all or two values")
-    return replace(scene, range=range_over(scene.field, series, scene.between))
+    return replace(scene, range=range_over(scene.field, series, scene.between, ranks))
 
 
-def range_over(text: str, series: Series, between: str = BETWEEN[0]) -> tuple[float, float]:
+def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Ranks = ALONE) -> tuple[float, float]:
     """The least lower and the greatest upper bound of a quantity over all steps; SceneError where none is known.
 
     between  how derivatives in time are found
+    ranks    that each read their part of the steps
     """
     ends: list[float] = []
     for number in track(series.readable(), "range of all steps", len(series)):
-        dataset = series.at(float(series.times[number]), between)
-        names = Names.of(dataset)
-        text = text or names.fields[0]
-        expression = Expression.parse(text, names)
-        found = quantity_range(dataset, expression)
+        moment = Moment(time=float(series.times[number]), between=between)
+        part = series.part_at(moment) if ranks.size > 1 else None
+        dataset = series.at_moment(moment) if part is None else part.dataset
+        text = text or Names.of(dataset).fields[0]
+        expression = Expression.of(dataset, text)
+        found = quantity_range(dataset, expression) if part is None else _range_in_parts(part, expression, ranks)
         ends += [] if found is None else [found.lower, found.upper]
     if not ends or not np.isfinite(ends).all():
         raise SceneError(f"range: nothing is known of the values of {text} at all steps: expected seen or two values")
     return automatic_range(np.array(ends))
+
+
+def _range_in_parts(part: Portion, expression: Expression, ranks: Ranks) -> Range | None:
+    """The range of a quantity, of those elements of each part that may hold an end; of all if it looks beyond one."""
+    if not expression.is_local:
+        whole = whole_of(part, [expression.text], ranks)
+        return quantity_range(whole, Expression.of(whole, expression.text))
+    part = borrowing(part, [expression.text], ranks)
+    own = part.of(deciding_elements(part.dataset, expression)).alone
+    return quantity_range(unite(ranks.exchange(own, f"the range of {expression.text}")).dataset, expression)

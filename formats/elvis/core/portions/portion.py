@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as default
 
 import numpy as np
 
@@ -32,7 +33,7 @@ _TAGS: Mapping[str, tuple[_Kind, ...]] = {
 class Portion:
     """Some elements of a dataset.
 
-    dataset   of these elements alone; it has no data on other meshes, and no derivatives in time
+    dataset   of these elements alone
     rows      (n,) rows in the whole, ascending: of vertices (None) and of entities by shape
     edges, faces  (n,) the same of the curves of edges and faces
     blocks    for each field and block (n,) rows of its elements in the block of the whole
@@ -40,6 +41,7 @@ class Portion:
     counts    how much the whole is made of
     triangles  how many faces of the whole are triangles, whose numbers come first
     is_even   whether all fields have the same elements in the whole, so that faces are inner ones of all or of none
+    others    of datasets that expressions may name, the portions of the same rank
     """
 
     dataset: Dataset
@@ -51,6 +53,7 @@ class Portion:
     counts: Counts
     triangles: int
     is_even: bool
+    others: Mapping[str, Portion] = default(default_factory=dict)
 
     @staticmethod
     def whole(dataset: Dataset) -> Portion:
@@ -63,8 +66,9 @@ class Portion:
             sides = np.union1d(sides, mesh.excerpt.sides)
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
-        alone = replace(dataset, others={}, shared={}, rates=None)
-        return Portion(alone, rows, edges, faces, blocks, sides, mesh.counts, triangles, is_even(dataset))
+        return Portion(
+            without_beside(dataset), rows, edges, faces, blocks, sides, mesh.counts, triangles, is_even(dataset)
+        )
 
     @staticmethod
     def of_whole(dataset: Dataset, number: int, count: int) -> Portion:
@@ -98,6 +102,11 @@ class Portion:
         return portion.with_sides(numbers[np.isin(numbers, self.sides)])
 
     @property
+    def alone(self) -> Portion:
+        """The same without data on other meshes and derivatives in time, as it is sent to other ranks."""
+        return replace(self, dataset=without_beside(self.dataset), others={})
+
+    @property
     def bytes(self) -> int:
         """How much memory its arrays take."""
         mesh = self.dataset.mesh
@@ -115,6 +124,11 @@ class Portion:
         excerpt = Excerpt(self.counts, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
         return replace(self, dataset=replace(self.dataset, mesh=mesh), sides=sides)
+
+
+def without_beside(dataset: Dataset) -> Dataset:
+    """A dataset without others that expressions may name, and without derivatives in time that are not found yet."""
+    return replace(dataset, others={}, shared={}, rates=None)
 
 
 def portions(dataset: Dataset, parts: Sequence[Ints]) -> list[Portion]:

@@ -73,11 +73,20 @@ class DatasetParts:
         if is_last:
             self.raw = self._cut = None
         mesh = with_remarks(assemble(part.raw, is_part=True), self.remarks)
-        fields, blocks = fields_input.assemble_part(self.sections, mesh, self.whole.fields)
-        dataset = replace(self.whole, mesh=mesh, fields=fields, expansions=expansions.resolve(self.rules, mesh))
-        numbers = (part.rows, part.edges, part.faces, blocks, part.sides, part.counts, part.triangles)
-        return Portion(dataset, *numbers, is_even(self.whole)).with_sides(part.sides)
+        dataset = Dataset(mesh, expansions=expansions.resolve(self.rules, mesh))
+        numbers = (part.sides, part.counts, part.triangles)
+        known = Portion(dataset, part.rows, part.edges, part.faces, {}, *numbers, is_even=True)
+        return self.on(known.with_sides(part.sides))
 
     def part(self, number: int, count: int) -> Portion:
         """One of ``count`` parts, as the last that is asked for."""
         return self.of(np.arange(count) == number, is_last=True)
+
+    def on(self, known: Portion) -> Portion:
+        """The fields on a part of the mesh that is known already, between whose elements the same sides are inner ones;
+        FormatError where they are wrong.
+        """
+        mesh = known.dataset.mesh
+        fields, blocks = fields_input.assemble_part(self.sections, mesh, self.whole.fields)
+        dataset = replace(self.whole, mesh=mesh, fields=fields, expansions=known.dataset.expansions)
+        return replace(known, dataset=dataset, blocks=blocks, is_even=is_even(self.whole))

@@ -328,15 +328,6 @@ def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
     return tuple(Field(name, _distinct_blocks(name, parts)) for name, parts in blocks.items())
 
 
-def lacking(sections: Sequence[Section], mesh: Mesh) -> int:
-    """How many elements of sections are not in the mesh."""
-    own = [section.element_ids for section in sections]
-    known = [entities.ids for entities in mesh.elements.values()]
-    if not own or not known:
-        return 0
-    return len(np.setdiff1d(np.concatenate(own), np.concatenate(known)))
-
-
 class _OnMesh:
     """Cuts sections down to the elements of the mesh."""
 

@@ -13,12 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.errors import FormatError
+from elvis.core.mapping.orientation import chunks
+from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import ASCENDING, FAMILIES, FOURIER, LINE
 from elvis.core.shapes import Shape
+from elvis.formats.nektar.assembly import AT_ONCE, Lookup
 from elvis.formats.nektar.numbers import split
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
@@ -92,6 +95,17 @@ class Section:
         # neighbours are not copied
         own = fields[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] == len(rows) - 1 else fields[rows]
         return replace(self, space=space, values=own.reshape(-1))
+
+
+def lacking(sections: Sequence[Section], mesh: Mesh) -> int:
+    """How many elements of sections are not in the mesh."""
+    known = [Lookup(entities.ids, "element") for entities in mesh.elements.values()]
+    found = [np.empty(0, np.int64)]
+    for ids in (section.element_ids for section in sections if known):
+        for some in chunks(len(ids), AT_ONCE):
+            is_there = np.any([lookup.present(ids[some]) for lookup in known], axis=0)
+            found.append(ids[some][~is_there])
+    return len(distinct(np.concatenate(found)))
 
 
 @dataclass(frozen=True, eq=False)

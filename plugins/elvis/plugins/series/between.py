@@ -6,7 +6,7 @@ coefficients of some steps is, at every place, the one through their values.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -48,10 +48,13 @@ def weights(times: Floats, time: float) -> Floats:
     return np.asarray(lagrange_values(times, np.array([time]))[0])
 
 
-def combined(steps: Sequence[Dataset], factors: Floats) -> tuple[Dataset, tuple[str, ...]]:
+def combined(
+    steps: Sequence[Dataset], factors: Floats, all_agree: Callable[[bool], bool] = bool
+) -> tuple[Dataset, tuple[str, ...]]:
     """The sum of datasets on one mesh times factors (n,), and the names of fields that are left out.
 
     Fields are alike where all steps have them on the same elements in the same bases.
+    all_agree  whether something is so of all parts, where the datasets are those of one of several ranks
     """
     first, found, lacking = steps[0], list[Field](), list[str]()
     maps = first.map_names
@@ -59,7 +62,7 @@ def combined(steps: Sequence[Dataset], factors: Floats) -> tuple[Dataset, tuple[
         own = [step.field(field.name) for step in steps if field.name in step]
         if field.name in maps:
             found.append(field)
-        elif len(own) == len(steps) and (total := sum_of(own, factors)) is not None:
+        elif len(own) == len(steps) and (total := sum_of(own, factors, all_agree)) is not None:
             found.append(total)
         else:
             lacking.append(field.name)
@@ -76,9 +79,12 @@ def is_alike(one: Field, other: Field) -> bool:
     )
 
 
-def sum_of(own: Sequence[Field], factors: Floats) -> Field | None:
-    """The sum of a field's steps times factors; None where these are not alike."""
-    if not all(is_alike(own[0], other) for other in own[1:]):
+def sum_of(own: Sequence[Field], factors: Floats, all_agree: Callable[[bool], bool] = bool) -> Field | None:
+    """The sum of a field's steps times factors; None where these are not alike.
+
+    all_agree  as of `combined`
+    """
+    if not all_agree(all(is_alike(own[0], other) for other in own[1:])):
         return None
     blocks = []
     for parts in zip(*(field.blocks for field in own), strict=True):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elvis.core.errors import ElvisError
+from elvis.core.ranks import ALONE
 from elvis.formats.field_heads import FieldHead, field_head, is_no_mesh
 from elvis.plugins.conversion import Converter
 from elvis.plugins.discovery import choose_converter, installed_converters
@@ -196,18 +197,16 @@ def _one_time(told: Sequence[float | None]) -> str:
 
 def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) -> Found:
     """Steps without times get those that a whole reading tells, else their numbers."""
-    from elvis.plugins.data import state_of
-
     has_times = any(step.time is not None for step in by_number.values())
     steps: list[Step] = []
     for number, step in by_number.items():
         time = step.time
         if time is None and (has_times or not steps):
-            try:
-                time = state_of((*found.common, *step.files), reading).time
-            except ElvisError as error:
-                found.remarks.append(f"{error}: the step is left out")
+            told = reading.ranks.exchange(_time_of((*found.common, *step.files), reading), f"time of {step.name}")[0]
+            if isinstance(told, str):
+                found.remarks.append(f"{told}: the step is left out")
                 continue
+            time = told
             has_times = has_times or time is not None
         fault = _fault_of(time) if has_times else ""
         if fault:
@@ -217,6 +216,18 @@ def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) ->
     if not has_times:
         found.remarks.append(NO_TIMES)
     return replace(found, steps=steps)
+
+
+def _time_of(paths: Sequence[Path], reading: Reading) -> float | str | None:
+    """The time of a state that is read whole, or why it can't be; of several ranks the first one alone reads it."""
+    from elvis.plugins.data import state_of
+
+    if reading.ranks.rank:
+        return None
+    try:
+        return state_of(paths, replace(reading, ranks=ALONE)).time
+    except ElvisError as error:
+        return str(error)
 
 
 def _in_order(found: Found) -> Found | None:

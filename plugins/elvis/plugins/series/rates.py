@@ -64,12 +64,11 @@ class StepRates:
         if name not in self._found:
             numbers = self._steps()
             steps = [self.series[number] for number in numbers]
-            if not all(is_one_mesh(steps[0], step) for step in steps[1:]):
+            if not self.series.all_agree(all(is_one_mesh(steps[0], step) for step in steps[1:])):
                 raise ElvisError(f"the mesh changes between steps {numbers[0]} and {numbers[-1]}: {_none(name)}")
             own = [step.field(name) for step in steps if name in step]
-            rate = (
-                sum_of(own, weights_of_rates(self.series.times[numbers], self.time)) if len(own) == len(steps) else None
-            )
+            factors, all_agree = weights_of_rates(self.series.times[numbers], self.time), self.series.all_agree
+            rate = sum_of(own, factors, all_agree) if len(own) == len(steps) else None
             if rate is None:
                 raise ElvisError(f"steps {numbers[0]} to {numbers[-1]} don't have the same {name}: {_none(name)}")
             self._found[name] = Field(rate_name(name), rate.blocks)

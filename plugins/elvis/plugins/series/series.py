@@ -20,9 +20,12 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.geometry import share
 from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
+from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import lack_of, needed_fields
+from elvis.core.ranks import agreed
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
+from elvis.plugins.others import Others
 from elvis.plugins.series.between import (
     NEAR,
     STEPS_OF,
@@ -35,6 +38,7 @@ from elvis.plugins.series.between import (
     window,
 )
 from elvis.plugins.series.finding import Found, Step, find_steps
+from elvis.plugins.series.parts import StepsByPart
 from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
 
@@ -56,14 +60,13 @@ def open_series(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = 
 
     Raises FormatError where there are no two steps, or the files can't be read.
     """
-    from elvis.plugins.data import Reading, dataset_of, pairs
+    from elvis.plugins.data import Reading, check_readable, pairs
 
     options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
     files, reading = [Path(path) for path in paths], Reading(None, options, cache)
     found = series_in(files, reading)
     if found is None:
-        # what can't be read at all says so itself
-        dataset_of(files, reading)
+        check_readable(files, reading)
         named = ", ".join(path.name for path in expanded(files))
         raise FormatError(f"expected at least two steps of a series, found one state in {named}")
     return found
@@ -93,7 +96,8 @@ class Series(Sequence[Dataset]):
         self.steps: tuple[Step, ...] = tuple(found.steps)
         self.common, self.remarks = found.common, list(found.remarks)
         self.is_native, self._reading = found.is_native, reading
-        self._others: dict[str, Dataset] | None = None
+        self._others = Others(reading)
+        self._parts = StepsByPart(found, reading) if reading.ranks.size > 1 else None
         self._first: Dataset | None = None
         self._kept: OrderedDict[int, Dataset] = OrderedDict()
         self._room = _KEPT
@@ -154,6 +158,13 @@ class Series(Sequence[Dataset]):
         """
         return self.at_moment(Moment(time=time, between=between))
 
+    def part_at(self, moment: Moment = LAST) -> Portion:
+        """The part of the data of a moment that one of several ranks has; to be called by each."""
+        dataset = self.at_moment(moment)
+        number = 0 if dataset.instant is None else dataset.instant.steps[0]
+        assert self._parts is not None  # there are several ranks
+        return self._others.beside_part(self._parts.portion(number, dataset))
+
     def at_moment(self, moment: Moment = LAST) -> Dataset:
         """The dataset of a moment, by default that of the last step that can be read."""
         if moment.step is not None:
@@ -178,7 +189,7 @@ class Series(Sequence[Dataset]):
         if abs(self.times[nearest] - time) <= self._slack:
             return self._at_step(nearest, notes, between)
         steps = [self._load(number) for number in numbers]
-        if len(steps) > 1 and not all(is_one_mesh(steps[0], step) for step in steps[1:]):
+        if len(steps) > 1 and not self.all_agree(all(is_one_mesh(steps[0], step) for step in steps[1:])):
             notes.append("the mesh changes between steps, which are not interpolated")
             steps = [self._load(nearest)]
         if len(steps) == 1:
@@ -189,7 +200,7 @@ class Series(Sequence[Dataset]):
             for number in numbers
             if number in self._infinite
         ]
-        found, lacking = combined(steps, weights(self.times[numbers], time))
+        found, lacking = combined(steps, weights(self.times[numbers], time), self.all_agree)
         first, last = numbers[0], numbers[-1]
         places = f"steps {first} to {last}, times {self.times[first]:.10g} to {self.times[last]:.10g}"
         name = polynomial_name(between, len(steps))
@@ -224,10 +235,16 @@ class Series(Sequence[Dataset]):
     def ask_for(self, *texts: str) -> None:
         """Pass over steps, from now on, that lack quantities which others have; of native ones read no other fields."""
         self._reading = replace(self._reading, quantities=texts)
+        if self._parts is not None:
+            self._parts.reading = self._reading
 
     def take_mesh_of(self, other: Series) -> None:
         """Take the mesh of a series on the same files of one, in place of reading it again."""
-        self._first = other._first
+        self._first, self._parts = other._first, other._parts and other._parts.on_the_same_mesh(self._reading)
+
+    def all_agree(self, is_so: bool) -> bool:
+        """Whether something is so of the parts of all ranks."""
+        return all(self._reading.ranks.exchange(is_so, f"steps from {self.steps[0].name} on"))
 
     def steps_around(self, time: float, between: str) -> tuple[list[int], list[Dataset]]:
         """The numbers of the steps that the interpolation at a time rests on, and their datasets."""
@@ -327,19 +344,15 @@ class Series(Sequence[Dataset]):
 
     def _beside(self, dataset: Dataset) -> Dataset:
         """A step in which expressions may name other datasets."""
-        from elvis.plugins.data import beside_others, others_of
-
-        if self._others is None:
-            self._others = others_of(self._reading)
-        return beside_others(dataset, self._others)
+        return self._others.beside(dataset)
 
     def _load(self, number: int) -> Dataset:
         """The dataset of a step, on the mesh of the first that was read where it is the same."""
         if number in self._kept:
             self._kept.move_to_end(number)
             return self._kept[number]
-        dataset = self._read(self.steps[number])
-        if not is_finite(dataset):
+        dataset = agreed(self._reading.ranks, partial(self._read, number), f"step {self.steps[number].name}")
+        if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
             self._first = dataset
@@ -347,7 +360,9 @@ class Series(Sequence[Dataset]):
         share(self._first.mesh)
         self._kept[number] = dataset
         while len(self._kept) > self._room:
-            self._kept.popitem(last=False)
+            forgotten, _ = self._kept.popitem(last=False)
+            if self._parts is not None:
+                self._parts.forget(forgotten)
         return dataset
 
     def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
@@ -358,9 +373,14 @@ class Series(Sequence[Dataset]):
             self.faults.append(sentence)
         return replace(dataset, remarks=(*dataset.remarks, sentence))
 
-    def _read(self, step: Step) -> Dataset:
+    def _read(self, number: int) -> Dataset:
         from elvis.plugins.data import state_of
 
+        step = self.steps[number]
+        if self._parts is not None:
+            found, lacking = self._parts.read(number)
+            found = self._checked(step, found, lacking) if self.is_native else replace(found, time=step.time)
+            return found if found.time is not None else replace(found, time=step.time)
         if not self.is_native:
             options = dict(self._reading.options)
             if step.option is not None:
@@ -391,11 +411,13 @@ class Series(Sequence[Dataset]):
 
     def _lacking_of_another(self, step: Step) -> int:
         """How many elements of another step the mesh lacks; a vast number where there is none that can be read."""
-        assert self._first is not None  # the mesh is there before a step is checked
         other = self.steps[0] if step is not self.steps[0] else self.steps[-1]
         if other is step:
             return maxsize
         try:
+            if self._parts is not None:
+                return self._parts.lacking(other)
+            assert self._first is not None  # the mesh is there before a step is checked
             return with_fields(self._first, *other.files, choose=partial(needed_fields, texts=("",)))[1]
         except FormatError:
             return maxsize

@@ -101,8 +101,9 @@ def info(
     if strict:
         _check(data.paths, as_json)
         return
-    series = data.series()
-    source = _opened(data, series, quantities, ALONE if is_whole else ranks)
+    ranks = ALONE if is_whole else ranks
+    series = data.series(ranks=ranks)
+    source = _opened(data, series, quantities, ranks)
     if source is None:
         return
     tasks = (
@@ -133,17 +134,13 @@ def _opened(data: Data, series: Series | None, quantities: Sequence[str], ranks:
     from elvis.core.quantities import Expression
 
     def comes_apart(dataset: Dataset) -> bool:
-        known = [Expression.of(dataset, text) for text in quantities]
-        # elements that may hold an end of a range are told to the first rank without those of other data
-        return all(each.is_local and not any(":" in name for name in each.fields) for each in known)
+        return all(Expression.of(dataset, text).is_local for text in quantities)
 
-    found = data.part(ranks, comes_apart) if series is None else None
+    found = data.part(ranks, comes_apart, series=series)
     if isinstance(found, NativeSource) and found.portion is not None:
         return found
     if is_idle(ranks):
         return None
-    if series is not None:
-        return data.source_of(series.at_moment())
     return data.source() if found is None else found
 
 

@@ -11,7 +11,7 @@ import click
 from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.sources import Data, NativeSource, data_options, or_alone
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -118,32 +118,32 @@ def integrate(
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
-    if bins is not None or times is not None:
+    if bins is not None:
         if is_idle(ranks):
             return
-        ranks = ALONE
-    if bins is not None:
         _check_histogram(quantities, over, coefficients, clip, times)
         _histogram(data, quantities, bins, plot, as_json, output)
         return
 
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
-        return source.integrate(quantities, over, error, coefficients, clip, progress, ranks)
+        own = ALONE if times is not None and isinstance(source, NativeSource) and source.portion is None else ranks
+        return source.integrate(quantities, over, error, coefficients, clip, progress, own)
 
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)
     wanted = quantities if is_all else ()
 
-    def opened() -> Source:
+    def is_sum(dataset: Dataset) -> bool:
         from elvis.core.integrals import comes_apart
 
-        def is_sum(dataset: Dataset) -> bool:
-            return comes_apart(dataset, quantities, over, coefficients, clip, ranks)
+        return comes_apart(dataset, quantities, over, coefficients, clip, ranks)
 
-        return data.shared(ranks, is_sum, wanted)
-
-    found = _of_one_state(opened, integrals) if times is None else _of_series(data, wanted, times, integrals)
-    if not ranks.rank:
+    found: _Moments | None
+    if times is None:
+        found = _of_one_state(lambda: data.shared(ranks, is_sum, wanted), integrals)
+    else:
+        found = or_alone(ranks, lambda own: _of_series(data, wanted, times, integrals, own, is_sum))
+    if found is not None and not ranks.rank:
         _show(found, plot, output, as_json)
 
 
@@ -261,8 +261,10 @@ def _of_series(
     wanted: Sequence[str],
     times: tuple[float, float, int] | str,
     integrals: Callable[[Source], Integrals],
+    ranks: Ranks,
+    is_sum: Callable[[Dataset], bool],
 ) -> _Moments:
-    series, moments = data.moments(times, "integrating", wanted)
+    series, moments = data.moments(times, "integrating", wanted, ranks, is_sum)
     found: _Moments = [({"time": time}, integrals(source)) for time, source in moments]
     data.tell_of(series, [own["time"] for own, _ in found])
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,11 +23,11 @@ from elvis.core.arguments import (
 from elvis.core.errors import ElvisError
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.asked import Asked
+from elvis.renderer.commands.sources import Data, data_options, or_alone
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
-    from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.files.nrrd import Grid
     from elvis.core.quantities import Expression
@@ -165,7 +165,7 @@ def probe(
         raise click.UsageError(
             "expected --plot with --times or --along, and without --all", click.get_current_context()
         )
-    if is_grid or times is not None or points == "-":
+    if is_grid or points == "-":
         if is_idle(ranks):
             return
         ranks = ALONE
@@ -181,7 +181,7 @@ def probe(
         places, columns = _along(data.source(asked.quantities), along, counts, asked)
     else:
         places = _places(points, single, line, plane, counts)
-        columns = _at(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
+        columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
     if not ranks.rank:
         _show(columns, places, plot, output)
 
@@ -199,58 +199,6 @@ def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | No
         lines = csv_lines(columns)
         sys.stdout.writelines(map(visible, lines) if sys.stdout.isatty() else lines)
     _tell(columns)
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is asked at points.
-
-    texts  quantities; None for all fields
-    every  whether every element that holds a point has a row
-    clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
-    ranks  that share the points, or have parts of the elements
-    """
-
-    texts: list[str] | None
-    every: bool = False
-    clip: str | None = None
-    ranks: Ranks = ALONE
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """All that is evaluated; none where that is all fields, or what --clip needs too."""
-        return tuple(self.texts or ()) if self.clip is None else ()
-
-    def source(self, data: Data) -> Source:
-        """What answers, of the elements of a rank where that is enough."""
-        from elvis.core.arguments import expressions
-        from elvis.core.integrals.levels_of_elements import Level
-
-        def comes_apart(dataset: Dataset) -> bool:
-            level = [Level.clip(dataset, self.clip).expression] if self.clip else []
-            return all(each.is_local for each in (*expressions(dataset, self.texts), *level))
-
-        return data.shared(self.ranks, comes_apart, self.quantities)
-
-    def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
-        """The table of quantities at places (n, 3); what is clipped is outside."""
-        if self.clip is None:
-            return source.probe(places, wanted, self.every, self.ranks)
-        if source.dataset is None:
-            raise ElvisError("--clip: expected data of a known map, found what a plugin opens")
-        import numpy as np
-
-        from elvis.core.integrals.levels_of_elements import Level
-        from elvis.core.mapping.inverse import Status
-
-        # less than zero where something is left
-        level = Level.clip(source.dataset, self.clip).expression
-        found = dict(source.probe(places, [*wanted, level], self.every, self.ranks))
-        is_gone = np.asarray(found.pop(level.text), np.float64) > 0
-        nothing = {"element": -1, "status": int(Status.OUTSIDE), **{each.text: np.nan for each in wanted}}
-        for name, value in nothing.items():
-            found[name] = np.where(is_gone, value, found[name]).astype(found[name].dtype)
-        return found
 
 
 def _along(source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked) -> tuple[Floats, Columns]:
@@ -346,11 +294,18 @@ def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
     return found
 
 
+def _at_moments(times: tuple[float, float, int] | str, data: Data, places: Floats, asked: Asked) -> Columns:
+    """The table at one time after another; nothing elsewhere than at the first rank."""
+    found = or_alone(asked.ranks, lambda own: _at(times, data, places, replace(asked, ranks=own)))
+    return found or {}
+
+
 def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked: Asked) -> Columns:
-    """The table at one time after another, with a column of times."""
+    """The same, with a column of times."""
     import numpy as np
 
-    series, moments = data.moments(times, f"probing {len(places)} points", asked.quantities)
+    what = f"probing {len(places)} points"
+    series, moments = data.moments(times, what, asked.quantities, asked.ranks, asked.comes_apart)
     parts: list[Columns] = []
     taken: list[float] = []
     for time, source in moments:

@@ -96,7 +96,7 @@ def render(
     is_named = bool(scene.outputs)
     scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
     _check_places(scene, data, save_scene, overwrite)
-    scenes = tuple(with_range(each, not no_cache) for each in panels(scene))
+    scenes = tuple(with_range(each, not no_cache, ranks=ranks) for each in panels(scene))
     opened = _opened(scenes, not no_cache, ranks)
     frames, notes = _frames(scenes, opened, ranks)
     if ranks.rank:
@@ -142,21 +142,16 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
     """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on."""
-    from functools import partial
-
-    from elvis.formats.nektar.hdf5 import mapped
-    from elvis.plugins.data import open_part
     from elvis.renderer.bricks import opening_for
-    from elvis.renderer.parts import of_ranks
+    from elvis.renderer.parts import of_ranks, opening_for_ranks
 
     alike: dict[object, list[Scene]] = {}
     for scene in scenes:
         alike.setdefault(_key(scene), []).append(scene)
     if ranks.size == 1:
         return {key: _open(some, opening_for(some), is_kept) for key, some in alike.items()}
-    with mapped():
-        share = partial(open_part, ranks=ranks)
-        return dict(of_ranks({key: _open(some, share, is_kept) for key, some in alike.items()}, alike, ranks))
+    parts = {key: _open(some, opening_for_ranks(some, ranks), is_kept) for key, some in alike.items()}
+    return dict(of_ranks(parts, alike, ranks))
 
 
 def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union
 
 from elvis.core.arguments import (
     between_option,
@@ -22,7 +22,7 @@ from elvis.core.arguments import (
     step_option,
     time_option,
 )
-from elvis.core.ranks import ALONE, Ranks
+from elvis.core.ranks import ALONE, Ranks, is_idle
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -42,6 +42,19 @@ if TYPE_CHECKING:
 
 Source: TypeAlias = Union["NativeSource", "Evaluation"]
 Facts = dict[str, Any]
+T = TypeVar("T")
+
+
+class NotInPartsError(Exception):
+    """What is asked for can't be put together from what ranks find in their parts."""
+
+
+def or_alone(ranks: Ranks, work: Callable[[Ranks], T]) -> T | None:
+    """What ranks make of their parts; where these are not enough the first one does it alone, and others have None."""
+    try:
+        return work(ranks)
+    except NotInPartsError:
+        return None if is_idle(ranks) else work(ALONE)
 
 
 @dataclass(frozen=True)
@@ -59,7 +72,7 @@ class Data:
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
-        from elvis.plugins.data import files_of_others
+        from elvis.plugins.others import files_of_others
 
         further = [path for paths in files_of_others(self.others).values() for path in paths]
         return inputs((*self.paths, *further), self.plugin, points)
@@ -88,32 +101,49 @@ class Data:
         return self.source(quantities) if found is None else found
 
     def part(
-        self, ranks: Ranks, comes_apart: Callable[[Dataset], bool], quantities: Sequence[str] = ()
+        self,
+        ranks: Ranks,
+        comes_apart: Callable[[Dataset], bool],
+        quantities: Sequence[str] = (),
+        series: Series | None = None,
     ) -> Source | None:
         """As `source`, of the elements that a rank has, for what can be put together from those of all; else None.
 
         comes_apart  whether it can be, of any part of the data, to the same end for all ranks
+        series       that the files are, where that is open already
         """
-        from elvis.core.portions import Portion
         from elvis.core.terminal import warn
-        from elvis.formats.nektar.hdf5 import mapped
         from elvis.plugins.data import open_part
 
         if ranks.size == 1:
-            return self.source(quantities)
-        with mapped():
-            opened = open_part(self.paths, self.reading(quantities), warn, ranks, divides_others=True)
-        if isinstance(opened, Portion) and not comes_apart(opened.dataset):
+            return self.source(quantities) if series is None else self.source_of(series.at_moment())
+        if series is not None:
+            return self._of_part(series.part_at(), comes_apart, ranks)
+        reading = replace(self.reading(quantities), ranks=ranks)
+        return self._of_part(open_part(self.paths, reading, warn), comes_apart, ranks)
+
+    def _of_part(
+        self, opened: Dataset | PluginData | Portion, comes_apart: Callable[[Dataset], bool], ranks: Ranks
+    ) -> Source | None:
+        """See `part`."""
+        from elvis.core.portions import Portion
+
+        if isinstance(opened, Portion) and not self._is_in_parts(opened, comes_apart):
             return None
         return self.source_of(opened, ranks)
 
-    def series(self, quantities: Sequence[str] = ()) -> Series | None:
+    def _is_in_parts(self, part: Portion, comes_apart: Callable[[Dataset], bool]) -> bool:
+        """Whether a part is enough for a rank; elements of other data that are not those of these may lie anywhere."""
+        dataset = part.dataset
+        return dataset.others.keys() == dataset.shared.keys() and comes_apart(dataset)
+
+    def series(self, quantities: Sequence[str] = (), ranks: Ranks = ALONE) -> Series | None:
         """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
         from elvis.plugins.series.series import series_in
 
         if self.step is not None or self.time is not None:
             return None
-        return series_in(self.paths, self.reading(quantities))
+        return series_in(self.paths, replace(self.reading(quantities), ranks=ranks))
 
     def whole_series(self, quantities: Sequence[str] = ()) -> Series:
         """The steps that the files are, whatever moment is asked for; ElvisError for one state."""
@@ -125,18 +155,25 @@ class Data:
         return found
 
     def moments(
-        self, times: tuple[float, float, int] | str, description: str, quantities: Sequence[str] = ()
+        self,
+        times: tuple[float, float, int] | str,
+        description: str,
+        quantities: Sequence[str] = (),
+        ranks: Ranks = ALONE,
+        comes_apart: Callable[[Dataset], bool] = bool,
     ) -> tuple[Series, Iterator[tuple[float, NativeSource]]]:
         """The series that the files are, and times and sources one after another, as ``--times`` says.
 
-        Each step is read once, with a word on the terminal.  ElvisError for one state.
+        Each step is read once, with a word on the terminal; the rest as in `part`.  ElvisError for one state,
+        NotInPartsError for a state that doesn't come apart.
         """
         import numpy as np
 
         from elvis.core.errors import ElvisError
+        from elvis.core.moments import Moment
         from elvis.core.terminal import track
 
-        series = self.series(quantities)
+        series = self.series(quantities, ranks)
         if series is None:
             raise ElvisError("--times: expected a series, without --step and --time, found one state")
         if isinstance(times, str):
@@ -144,11 +181,17 @@ class Data:
         else:
             moments = np.linspace(*times).tolist()
         count = len(series) if isinstance(times, str) else times[2]
-        sources = (
-            (time, NativeSource(series.at(time, self.between), is_quiet=True))
-            for time in track(moments, description, count)
-        )
-        return series, sources
+
+        def source(time: float) -> NativeSource:
+            moment = Moment(time=time, between=self.between)
+            if ranks.size == 1:
+                return NativeSource(series.at_moment(moment), is_quiet=True)
+            part = series.part_at(moment)
+            if not self._is_in_parts(part, comes_apart):
+                raise NotInPartsError
+            return NativeSource(part.dataset, True, part, ranks)
+
+        return series, ((time, source(time)) for time in track(moments, description, count))
 
     def tell_of(self, series: Series, times: Sequence[float], has_rates: bool = False) -> None:
         """Say how steps of a series were brought to times (n,), and what it told of itself meanwhile."""
@@ -288,11 +331,13 @@ class NativeSource:
 
     def facts(self, texts: Sequence[str]) -> Facts:
         """All facts, by topic, as plain data; of parts nothing elsewhere than at the first rank."""
+        from elvis.core.portions.borrowing import borrowing
         from elvis.core.summary import summary
         from elvis.plugins.report import RecordedReport
 
         asked = self.expressions(texts) if texts else []
-        found = summary(self.dataset if self.portion is None else self.portion, asked, self.ranks)
+        part = None if self.portion is None else borrowing(self.portion, [each.text for each in asked], self.ranks)
+        found = summary(part or self.dataset, asked, self.ranks)
         if not found:
             return {}
         report = RecordedReport.of(self.dataset.metadata)

@@ -1,0 +1,59 @@
+"""Fields of other datasets and derivatives in time, of a part of a dataset, as fields of this part.
+
+So they are cut and united as its own ones are, and nobody needs what they were made of any longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from elvis.core.arrays import Ints
+from elvis.core.common_elements import place_of
+from elvis.core.dataset import Field, is_rate
+from elvis.core.portions.portion import Portion
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import other_of
+from elvis.core.ranks import Ranks
+
+
+def borrowing(portion: Portion, texts: Iterable[str], ranks: Ranks) -> Portion:
+    """The part that one of several ranks has, with what quantities are made of among its fields; to be called by each.
+
+    Where other data don't hold the same elements, their portions have the fields that they are asked for.
+    """
+    expressions = [Expression.of(portion.dataset, text) for text in texts]
+    portion = _with_fields(portion, [name for each in expressions for name in each.fields], ranks)
+    asked = [pair for each in expressions for name in each.attributes if (pair := other_of(name)) is not None]
+    others = dict(portion.others)
+    for owner, text in dict.fromkeys(asked):
+        others[owner] = borrowing(others[owner], [text], ranks)
+    return replace(portion, others=others)
+
+
+def _with_fields(portion: Portion, names: Iterable[str], ranks: Ranks) -> Portion:
+    """The part with fields by their names."""
+    for name in dict.fromkeys(names):
+        if name in portion.dataset:
+            continue
+        field, rows = _in_time(portion, name) if is_rate(name) else _of_other(portion, name, ranks)
+        dataset = portion.dataset
+        fields, borrowed = (*dataset.fields, field), dataset.borrowed | {name}
+        dataset = replace(dataset, fields=fields, borrowed=borrowed)
+        portion = replace(portion, dataset=dataset, blocks={**portion.blocks, name: rows})
+    return portion
+
+
+def _in_time(portion: Portion, name: str) -> tuple[Field, tuple[Ints, ...]]:
+    """A derivative in time, which has the bases and elements of its field, and the rows of its blocks in the whole."""
+    return portion.dataset.field(name), portion.blocks[name[2:-3]]
+
+
+def _of_other(portion: Portion, name: str, ranks: Ranks) -> tuple[Field, tuple[Ints, ...]]:
+    """The same of a field of another dataset, which holds the same elements."""
+    owner, _, own = name.partition(":")
+    other, common = _with_fields(portion.others[owner], [own], ranks), portion.dataset.shared[owner]
+    every = ranks.exchange(common.symmetries, f"symmetries of elements in {owner}")
+    symmetries = sorted({symmetry for some in every for symmetry in some}, key=place_of)
+    field, places = common.in_parts(other.dataset.field(own), name, symmetries)
+    return field, tuple(other.blocks[own][number][rows] for number, rows in places)

@@ -1,0 +1,99 @@
+"""Other datasets that expressions about data may name, as ``--other`` gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elvis.core.common_elements import common_elements
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.portions.portion import Portion, carriers
+
+if TYPE_CHECKING:
+    from elvis.plugins.data import Reading
+
+
+def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
+    """``NAME=FILE,FILE`` texts by name; ElvisError for others."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for text in texts:
+        name, _, files = (part.strip() for part in text.partition("="))
+        if not name.isidentifier() or not files or name in found:
+            raise ElvisError(
+                f"--other: expected NAME=FILE,FILE, such as ref=b.xml,b.fld, each name once, found {text!r}"
+            )
+        found[name] = tuple(Path(file) for file in files.split(","))
+    return found
+
+
+class Others:
+    """Those that a reading names, read when data are first put beside them; of several ranks each has its part.
+
+    Raises as `elvis.plugins.data.read`, and ElvisError for no NAME=FILE.
+    """
+
+    def __init__(self, reading: Reading) -> None:
+        self._reading = reading
+        self._parts: dict[str, Portion] = {}
+        self._datasets: dict[str, Dataset] | None = None
+
+    def beside(self, dataset: Dataset) -> Dataset:
+        """A dataset, or a rank's part of one, in which expressions may name them, whose remarks it has, too.
+
+        To be called by each rank.  Elements of a part are in others where those of all parts are.
+        """
+        if not self._reading.others:
+            return dataset
+        datasets = self._opened()
+        remarks = [f"{name}: {remark}" for name, other in datasets.items() for remark in other.remarks]
+        found = replace(dataset.beside(**datasets), remarks=(*dataset.remarks, *remarks))
+        return self._agreed(found) if self._parts else found
+
+    def beside_part(self, part: Portion) -> Portion:
+        """A rank's part of a dataset that is beside them, with its parts of them."""
+        if not self._parts:
+            return part
+        even = all(self._reading.ranks.exchange(part.is_even and self._is_even(part.dataset), "elements of other data"))
+        return replace(part, others=self._parts, is_even=even)
+
+    def _opened(self) -> Mapping[str, Dataset]:
+        from elvis.plugins.data import Reading, dataset_of, part_of
+
+        if self._datasets is None:
+            reading = Reading(is_kept=self._reading.is_kept, ranks=self._reading.ranks)
+            files = files_of_others(self._reading.others)
+            if reading.ranks.size > 1:
+                self._parts = {name: part_of(paths, reading) for name, paths in files.items()}
+                self._datasets = {name: part.dataset for name, part in self._parts.items()}
+            else:
+                self._datasets = {name: dataset_of(paths, reading) for name, paths in files.items()}
+        return self._datasets
+
+    def _agreed(self, dataset: Dataset) -> Dataset:
+        """A part that shares the elements of those others whose elements all parts share."""
+        is_empty, ranks = not len(dataset.mesh.domain_ids()), self._reading.ranks
+        own = set(dataset.others) if is_empty else set(dataset.shared)
+        common = set.intersection(*ranks.exchange(own, f"other data: {', '.join(self._reading.others)}"))
+        # what holds nothing is of the same kind as what others hold
+        shared = {
+            name: dataset.shared.get(name) or common_elements(dataset, other)
+            for name, other in dataset.others.items()
+            if name in common
+        }
+        return replace(dataset, shared=shared)
+
+    def _is_even(self, dataset: Dataset) -> bool:
+        """Whether all fields of others that share the elements of a part are on those that have its first field."""
+        carried = carriers(dataset)
+        ours = dataset.mesh.domain_ids() if carried is None else carried
+        for name, common in dataset.shared.items():
+            carried = carriers(dataset.others[name])
+            own = common.element_ids if carried is None else common.element_ids[np.isin(common.others, carried)]
+            if not self._parts[name].is_even or not np.array_equal(np.sort(own), np.sort(ours)):
+                return False
+        return True

@@ -1,0 +1,70 @@
+"""Steps of a series of which one of several ranks reads its part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from elvis.core.dataset import Dataset
+from elvis.core.portions.portion import Portion
+from elvis.core.quantities.needed import needed_fields
+from elvis.formats.reading import StatesByPart
+from elvis.plugins.series.finding import Found, Step
+
+if TYPE_CHECKING:
+    from elvis.plugins.data import Reading
+
+
+class StepsByPart:
+    """The part that a rank has of one step after another; the mesh of native files is read once.
+
+    reading  says who the ranks are, and which quantities are asked for
+    """
+
+    def __init__(self, found: Found, reading: Reading) -> None:
+        self.reading, self._found = reading, found
+        ranks = reading.ranks
+        self._native = StatesByPart(ranks.rank, ranks.size, *found.common) if found.is_native else None
+        self._last: dict[int, Portion] = {}
+
+    def on_the_same_mesh(self, reading: Reading) -> StepsByPart:
+        """The same of other quantities, without reading the mesh again."""
+        other = StepsByPart(self._found, reading)
+        other._native = self._native
+        return other
+
+    def read(self, number: int) -> tuple[Dataset, int]:
+        """The part of a step, and how many elements of its fields the mesh lacks; FormatError where it can't be read.
+
+        To be called by each rank.
+        """
+        from elvis.plugins.data import part_of_state
+
+        step, texts, lacking = self._found.steps[number], self.reading.quantities, 0
+        if self._native is not None:
+            choose = partial(needed_fields, texts=texts) if texts else None
+            portion, lacking = self._native.read(*step.files, choose=choose)
+        else:
+            options = dict(self.reading.options)
+            if step.option is not None:
+                options["step"] = str(step.option)
+            portion = part_of_state((*self._found.common, *step.files), replace(self.reading, options=options))
+        # numbers in the whole alone: arrays go with the dataset
+        self._last[number] = replace(portion, dataset=replace(portion.dataset, fields=()))
+        return portion.dataset, lacking
+
+    def lacking(self, step: Step) -> int:
+        """How many elements of the fields of a step the mesh lacks; FormatError where it can't be read."""
+        assert self._native is not None
+        return self._native.lacking(*step.files, choose=partial(needed_fields, texts=("",)))
+
+    def forget(self, number: int) -> None:
+        """Let go of what is known of a step."""
+        self._last.pop(number, None)
+
+    def portion(self, number: int, dataset: Dataset) -> Portion:
+        """The part of a step that was read, of which a dataset is made: it has the same fields, or some of them."""
+        known = self._last[number]
+        blocks = {field.name: known.blocks[field.name] for field in dataset.fields}
+        return replace(known, dataset=dataset, blocks=blocks)

@@ -1,0 +1,71 @@
+"""What ``elvis probe`` is asked at points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from elvis.core.errors import ElvisError
+from elvis.core.ranks import ALONE, Ranks
+from elvis.renderer.commands.sources import Data
+
+if TYPE_CHECKING:
+    from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
+    from elvis.core.files.columns import Columns
+    from elvis.core.quantities import Expression
+    from elvis.renderer.commands.sources import Source
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked at points.
+
+    texts  quantities; None for all fields
+    every  whether every element that holds a point has a row
+    clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
+    ranks  that share the points, or have parts of the elements
+    """
+
+    texts: list[str] | None
+    every: bool = False
+    clip: str | None = None
+    ranks: Ranks = ALONE
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """All that is evaluated; none where that is all fields, or what --clip needs too."""
+        return tuple(self.texts or ()) if self.clip is None else ()
+
+    def source(self, data: Data) -> Source:
+        """What answers, of the elements of a rank where that is enough."""
+        return data.shared(self.ranks, self.comes_apart, self.quantities)
+
+    def comes_apart(self, dataset: Dataset) -> bool:
+        """Whether elements of ranks are enough."""
+        from elvis.core.arguments import expressions
+        from elvis.core.integrals.levels_of_elements import Level
+
+        level = [Level.clip(dataset, self.clip).expression] if self.clip else []
+        return all(each.is_local for each in (*expressions(dataset, self.texts), *level))
+
+    def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
+        """The table of quantities at places (n, 3); what is clipped is outside."""
+        if self.clip is None:
+            return source.probe(places, wanted, self.every, self.ranks)
+        if source.dataset is None:
+            raise ElvisError("--clip: expected data of a known map, found what a plugin opens")
+        import numpy as np
+
+        from elvis.core.integrals.levels_of_elements import Level
+        from elvis.core.mapping.inverse import Status
+
+        # less than zero where something is left
+        level = Level.clip(source.dataset, self.clip).expression
+        found = dict(source.probe(places, [*wanted, level], self.every, self.ranks))
+        is_gone = np.asarray(found.pop(level.text), np.float64) > 0
+        nothing = {"element": -1, "status": int(Status.OUTSIDE), **{each.text: np.nan for each in wanted}}
+        for name, value in nothing.items():
+            found[name] = np.where(is_gone, value, found[name]).astype(found[name].dtype)
+        return found

@@ -1,0 +1,39 @@
+"""What is told of a picture beside what is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elvis.core.dataset import Dataset
+from elvis.core.quantities import Expression
+from elvis.plugins.opening import PluginData
+from elvis.plugins.serving import names_of
+from elvis.scene import Faces, Isosurface, Scene
+from elvis.scene.frame import Frame
+from elvis.scene.quantities import quantities
+
+
+def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequence[str]) -> Frame:
+    """The frame with the moment of its data and remarks: also that all faces stand in where nothing was asked for."""
+    shown = frame.scene.objects
+    if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
+        remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
+    frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
+    return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
+
+
+def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
+    """A sentence on derivatives in time, where the scene has some."""
+    if not isinstance(data, Dataset) or data.rates is None:
+        return []
+    names = names_of(data)
+    has_some = any(Expression.parse(text, names).has_rates for text in quantities(scene))
+    return [data.rates.remark] if has_some else []
+
+
+def _constants(frame: Frame) -> list[str]:
+    """Sentences about fields that have one value wherever they are seen; isosurfaces go without saying."""
+    if any(isinstance(item, Isosurface) for item in frame.scene.every_object):
+        return []
+    constant = [legend for legend in frame.legends if legend.constant is not None]
+    return [f"{legend.title} is {legend.constant:g} wherever it is seen: one colour" for legend in constant]
