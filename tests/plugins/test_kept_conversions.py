@@ -117,7 +117,8 @@ def test_what_ranks_cannot_see_each_of_them_converts(home, case, monkeypatch):
     path = case(slope=3)
     found, count = parts(2, path, is_kept=False)
     assert count == 2
-    assert all(same(own, load_or_convert(Work("cubes", Cubes, (path,), {}), False)) for own in found)
+    whole = load_or_convert(Work("cubes", Cubes, (path,), {}), False)
+    assert all(same(own, Portion.of_whole(whole, number, 2)) for number, own in enumerate(found))
 
 
 def test_a_conversion_is_found_again(home, case):

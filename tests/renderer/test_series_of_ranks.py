@@ -1,10 +1,12 @@
 """Commands on series that several ranks run: each reads its part of the steps, and what comes out is that of one."""
 
-from dataclasses import replace
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 
+from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.testing.played_ranks import played
@@ -14,16 +16,18 @@ from elvis.plugins.command import elvis
 from elvis.plugins.running import Settings
 from elvis.plugins.series import series as series_module
 
+CUT = ("--plane", "0.5,0.45,0.52:0.3,0.2,1", "--size", "48x64")
 
-def run(size, *arguments):
-    """A command by so many ranks."""
-    words = list(map(str, arguments))
+
+def run(*arguments, size=1, of_rank=lambda rank: ()):
+    """A command by so many ranks; ``of_rank``: words that each has for itself."""
 
     def work(ranks):
+        words = [str(word) for word in (*arguments, *of_rank(ranks.rank))]
         elvis.main(words, prog_name="elvis", standalone_mode=False, obj=Settings(False, ranks))
 
     if size == 1:
-        elvis.main(words, prog_name="elvis", standalone_mode=False, obj=Settings(False))
+        elvis.main([str(word) for word in arguments], prog_name="elvis", standalone_mode=False, obj=Settings(False))
     else:
         played(size, work)
 
@@ -34,53 +38,145 @@ def function(time):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Steps of two fields on bent tetrahedra, HDF5 and XML; a second solution on the same elements."""
+    """Steps of two fields on bent tetrahedra, HDF5 (h) and XML (x); a second solution on the same elements."""
     path = tmp_path_factory.mktemp("steps")
-    mesh = curved(grid(Shape.TETRAHEDRON, 2), ripple(0.05), 3)
-    bare = Dataset(mesh)
+    bare = Dataset(curved(grid(Shape.TETRAHEDRON, 1), ripple(0.05), 3))
     for kind, options in {"h": {"mesh_format": "hdf5", "field_format": "hdf5"}, "x": {}}.items():
         write(bare, path / f"{kind}.xml", **options)
         (path / f"{kind}.fld").unlink(missing_ok=True)
         for number, time in enumerate((0.0, 0.5, 1.0)):
             fields = [approximated(bare, name, function(time + more), 4) for name, more in (("u", 0.0), ("v", 0.7))]
-            write(Dataset(mesh, tuple(fields), time), field_path=path / f"{kind}_{number}.chk", **options)
-    other = replace(approximated(bare, "u", function(0.3), 3))
-    write(Dataset(mesh, (other,)), path / "ref.xml", path / "ref.fld")
+            write(Dataset(bare.mesh, tuple(fields), time), field_path=path / f"{kind}_{number}.chk", **options)
+    write(Dataset(bare.mesh, (approximated(bare, "u", function(0.3), 3),)), path / "ref.xml", path / "ref.fld")
     return path
 
 
 @pytest.fixture
 def parts_alone(monkeypatch):
-    """Nothing is read whole, or converted by each."""
+    """Nothing is read whole."""
 
     def never(*_, **__):
         raise AssertionError("a rank reads the whole")
 
     for module, name in ((data_module, "state_of"), (series_module, "read_native"), (series_module, "with_fields")):
         monkeypatch.setattr(module, name, never)
+    return monkeypatch
 
 
 def steps(folder, kind):
     return [folder / f"{kind}.xml", *sorted(folder.glob(f"{kind}_?.chk"))]
 
 
+def beside(folder):
+    return ("--other", f"ref={folder / 'ref'}.xml,{folder / 'ref'}.fld")
+
+
 PICTURES = {
-    "last": ("--faces", "all", "--field", "v"),
-    "between": ("--time", "0.3", "--between", "cubic", "--isosurface", "0.3", "--field", "u"),
-    "rate": ("--time", "0.7", "--plane", "0.5,0.45,0.52:0.3,0.2,1", "--field", "d(u,t)+v", "--range", "series"),
-    "other": ("--step", "1", "--faces", "all", "--field", "u-ref:u", "--contours", "5"),
+    "the last step": ("h", 3, ("--field", "v"), False),
+    "between steps": ("x", 2, ("--field", "d(u,t)+v", "--time", "0.3", "--between", "cubic"), False),
+    "a range over all": ("h", 2, ("--field", "u-ref:u", "--step", "1", "--range", "series"), True),
 }
 
 
 @pytest.mark.parametrize("name", PICTURES)
-def test_pictures_of_a_moment(folder, name, tmp_path, parts_alone, monkeypatch):
-    words = ["render", *PICTURES[name], "--camera", "iso", "--size", "64x90"]
-    if name == "other":
-        words += ["--other", f"ref={folder / 'ref'}.xml,{folder / 'ref'}.fld"]
-    for size, kind in ((3, "h"), (2, "x")):
-        run(size, *words, *steps(folder, kind), "-o", tmp_path / f"{kind}.png", "-o", tmp_path / f"{kind}.npz")
-    monkeypatch.undo()
-    for kind in "hx":
-        run(1, *words, *steps(folder, kind), "-o", tmp_path / "one.png", "-o", tmp_path / "one.npz", "--overwrite")
-        for suffix in ("png", "npz"):
-            assert (tmp_path / f"{kind}.{suffix}").read_bytes() == (tmp_path / f"one.{suffix}").read_bytes()
+def test_pictures_of_a_moment(folder, name, tmp_path, parts_alone):
+    kind, size, words, is_beside = PICTURES[name]
+    command = ["render", *CUT, *words, *steps(folder, kind), *(beside(folder) if is_beside else ())]
+    run(*command, "-o", tmp_path / "ranks.png", "-o", tmp_path / "ranks.npz", size=size)
+    parts_alone.undo()
+    run(*command, "-o", tmp_path / "one.png", "-o", tmp_path / "one.npz")
+    for suffix in ("png", "npz"):
+        assert (tmp_path / f"ranks.{suffix}").read_bytes() == (tmp_path / f"one.{suffix}").read_bytes()
+
+
+FILMS = {
+    "of moments": ("h", 3, ("--times", "0:1:3", "--range", "series")),
+    "of one state": ("x", 1, ("--key", "plane.point[2]=0.4:0.6", "--frames", "2")),
+}
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_films(folder, name, tmp_path, parts_alone):
+    """Frames that are there are kept by all ranks."""
+    kind, count, words = FILMS[name]
+    command = ["animate", *steps(folder, kind)[: count + 1], *words, *CUT]
+    run(*command, "-o", tmp_path / "ranks", size=2)
+    frames = sorted((tmp_path / "ranks").glob("*.png"))
+    frames[1].unlink()
+    first = frames[0].stat().st_mtime_ns
+    run(*command, "-o", tmp_path / "ranks", size=2)
+    assert frames[0].stat().st_mtime_ns == first
+    parts_alone.undo()
+    run(*command, "-o", tmp_path / "one")
+    assert len(frames) == max(count, 2)
+    assert [path.read_bytes() for path in frames] == [(tmp_path / "one" / path.name).read_bytes() for path in frames]
+    assert (tmp_path / "ranks" / "film.json").read_text() == (tmp_path / "one" / "film.json").read_text()
+
+
+PRINTED = {
+    "info": ("info", "--json", "--field", "d(u,t)+v"),
+    "info of a moment beside other data": ("info", "--json", "--time", "0.3", "--field", "u*v-ref:u"),
+    "norms": ("norms", "--json", "--time", "0.7", "--field", "d(u,t)-ref:u"),
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_what_is_printed(folder, name, parts_alone, capsys):
+    command = [*PRINTED[name], *steps(folder, "x"), *(beside(folder) if "ref:u" in PRINTED[name][-1] else ())]
+    run(*command, size=3)
+    found = capsys.readouterr().out
+    parts_alone.undo()
+    run(*command)
+    assert found == capsys.readouterr().out
+
+
+TABLES = {
+    "probe": ("probe", "--line", "0,0,0:1,1,0.9", "-n", "4", "--times", "0:1:3", "--field", "d(u,t)"),
+    "integrate": ("integrate", "--field", "u", "--times", "all"),
+    "integrate over an element": ("integrate", "--field", "u*nx", "--over", "element:0", "--times", "all"),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_over_times(folder, name, tmp_path, parts_alone):
+    """What doesn't come apart the first rank does alone."""
+    command = [*TABLES[name], *steps(folder, "h"), "-o"]
+    if "element" in name:
+        parts_alone.undo()
+    run(*command, tmp_path / "ranks.npz", size=3)
+    parts_alone.undo()
+    run(*command, tmp_path / "one.npz")
+    found, wanted = (dict(np.load(tmp_path / f"{of}.npz")) for of in ("ranks", "one"))
+    assert found.keys() == wanted.keys()
+    if name == "integrate":
+        # sums of parts have other rounding
+        assert np.allclose(found.pop("value"), wanted.pop("value"), rtol=1e-13)
+        assert np.allclose(found.pop("measure"), wanted.pop("measure"), rtol=1e-13)
+        assert found.pop("error").max() < 1e-12 > wanted.pop("error").max()
+    for key, column in wanted.items():
+        assert np.array_equal(found[key], column, equal_nan=column.dtype.kind == "f")
+
+
+def test_a_step_that_one_rank_cannot_read(folder, tmp_path, capsys):
+    """All pass it over, or end where it is asked for: the part is named, and nothing is written."""
+    shutil.copytree(folder, tmp_path / "damaged")
+    with h5py.File(tmp_path / "damaged" / "h_2.chk", "r+") as file:
+        values = file["NEKTAR/DATA"][()]
+        del file["NEKTAR/DATA"]
+        file["NEKTAR/DATA"] = values[1:]
+    command = ("probe", "--point", "0.4,0.3,0.2", "-o", tmp_path / "a.csv")
+    own = {0: steps(folder, "h"), 1: steps(tmp_path / "damaged", "h")}
+    with pytest.raises(FormatError, match=r"part 2 of 2: .*h_2\.chk"):
+        run(*command, "--step", "2", size=2, of_rank=own.get)
+    assert not list(tmp_path.glob("*.csv"))
+    run(*command, size=2, of_rank=own.get)
+    assert "h_2.chk can't be read and is passed over: part 2 of 2: " in capsys.readouterr().err
+    run("probe", "--point", "0.4,0.3,0.2", "-o", tmp_path / "b.csv", "--step", "1", *steps(folder, "h"))
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+
+
+def test_ranks_under_mpiexec(folder, started):
+    command = ["probe", *(path.name for path in steps(folder, "h")), "--point", "0.4,0.3,0.2", "--times", "all"]
+    alone, ranks = started.alone(folder, *command), started.ranks(folder, (2, *command))
+    assert (ranks.returncode, ranks.stdout, ranks.stderr) == (0, alone.stdout, alone.stderr)
+    assert len(alone.stdout.splitlines()) == 4

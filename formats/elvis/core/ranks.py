@@ -111,6 +111,12 @@ def agreed(ranks: Ranks, work: Callable[[], T], task: str) -> T:
     return found
 
 
+def of_first(ranks: Ranks, work: Callable[[], T], task: str) -> T:
+    """What the first rank makes by its work, for all of them."""
+    made = [] if ranks.rank else [work()]
+    return ranks.exchange(made, task)[0][0]
+
+
 class Turns:
     """Pieces of work that ranks take in turn, in the order in which one process would do them."""
 

@@ -15,11 +15,15 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.moments import Moment
+from elvis.core.portions import Portion
 from elvis.core.quantities import Expression, Names
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import warn
+from elvis.plugins.opening import PluginData
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded
-from elvis.renderer.bricks import opening_for
+from elvis.renderer.bricks import Bricks, opening_for
+from elvis.renderer.parts import Opened, RankPart, comes_in_parts, of_ranks, opening_for_ranks
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.request import reading_for
 from elvis.scene import Camera, Scene
@@ -88,18 +92,22 @@ class Film:
     series  the steps that the files are, None where they are one state
     scene   that it was opened with
     files   that this names
+    ranks   that draw each picture together, each of its part of the data; the first one writes
     """
 
-    def __init__(self, scene: Scene, is_kept: bool) -> None:
+    def __init__(self, scene: Scene, is_kept: bool, ranks: Ranks = ALONE) -> None:
         if not scene.data:
             raise SceneError("the scene names no data: give the mesh and field files too")
-        self.scene = scene
-        self.files, reading = expanded(tuple(map(Path, scene.data))), reading_for([scene], is_kept)
+        self.scene, self.ranks = scene, ranks
+        self.files = expanded(tuple(map(Path, scene.data)))
+        reading = replace(reading_for([scene], is_kept), ranks=ranks if comes_in_parts([scene]) else ALONE)
         self.series: Series | None = series_in(self.files, reading)
+        self._is_in_parts = reading.ranks.size > 1
         self._texts, self._field = reading.quantities, scene.field
         self._device, self._pictures = scene.device, None
         if self.series is None:
-            self._pictures = Pictures(opening_for([scene])(self.files, reading, warn), scene.device)
+            opening = opening_for([scene]) if ranks.size == 1 else opening_for_ranks([scene], ranks)
+            self._pictures = Pictures(self._of_ranks(opening(self.files, reading, warn)), scene.device, ranks=ranks)
         self._moment: Moment | None = None
         # one thread alone reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")
@@ -127,7 +135,7 @@ class Film:
         following = [scene for scene, _ in shots[1:]]
         for (scene, path), after in zip(shots, [*following, None], strict=False):
             frame = self.draw(scene, after)
-            if frame is not None:
+            if frame is not None and not self.ranks.rank:
                 frame.save(path, plain=scene.plain)
             yield path
 
@@ -137,7 +145,7 @@ class Film:
         None of a step that can't be read, or lacks what is shown: the faults of the series tell of it.
         """
         is_read = self.series is None or scene.moment == self._moment
-        data = None if self.series is None or is_read else self._reading(self.series, scene.moment).result()
+        data = None if self.series is None or is_read else self._at(self.series, scene.moment)
         self._expect(following)
         if not is_read and (data is None or self._lacks_fields(scene.moment, data)):
             return None
@@ -156,35 +164,42 @@ class Film:
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
         """The camera of that picture."""
-        return self.draw_first(scenes).view.camera
+        return self.ranks.exchange(self.draw_first(scenes).view.camera, "the camera of a film")[0]
 
     def _expect(self, following: Scene | None) -> None:
         """Begin to read the data of the following scene, unless that is done."""
-        if self.series is None or following is None or following.moment == self._moment:
+        if self.series is None or following is None or following.moment == self._moment or self.ranks.size > 1:
             self._next = None
         elif self._next is None or self._next[0] != following.moment:
             self._next = following.moment, self._reading(self.series, following.moment)
 
+    def _at(self, series: Series, moment: Moment) -> Dataset | Portion | None:
+        """The data of a moment; None where that is a step that can't be read.
+
+        Ranks, which have to agree on it, read nothing beside the work on a picture.
+        """
+        return _part(series, moment) if self._is_in_parts else self._reading(series, moment).result()
+
     def _reading(self, series: Series, moment: Moment) -> Future[Dataset | None]:
-        """The data of a moment: those that are being read, where these are meant."""
+        """The same of all data: those that are being read, where these are meant."""
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
         return self._reader.submit(_read, series, moment)
 
-    def _lacks_fields(self, moment: Moment, data: Dataset) -> bool:
+    def _lacks_fields(self, moment: Moment, data: Dataset | Portion) -> bool:
         """Whether data lack what the film shows; SceneError where nothing was shown yet, and the last step does too."""
         lack = self._lack(data)
         if not lack or self.series is None:
             return False
-        if self._pictures is None and (last := self._reading(self.series, Moment()).result()) and self._lack(last):
+        if self._pictures is None and (last := self._at(self.series, Moment())) and self._lack(last):
             raise SceneError(lack)
         place = f"time {moment.time:.10g}" if moment.step is None else f"step {moment.step}"
         self.series.faults.append(f"{place} has no frame: {lack.partition(';')[0]}")
         return True
 
-    def _lack(self, data: Dataset) -> str:
+    def _lack(self, data: Dataset | Portion) -> str:
         """What quantities of the film lack in data, by default the field that was first at first; empty for nothing."""
-        names = Names.of(data)
+        names = Names.of(data.dataset if isinstance(data, Portion) else data)
         self._field = self._field or next(iter(names.fields), "")
         try:
             for text in filter(None, (text or self._field for text in self._texts)):
@@ -193,13 +208,26 @@ class Film:
             return str(error)
         return ""
 
-    def _show(self, data: Dataset, moment: Moment) -> None:
+    def _show(self, data: Dataset | Portion, moment: Moment) -> None:
         """Take the data of another moment."""
         self._moment = moment
+        shown = self._of_ranks(data)
         if self._pictures is None:
-            self._pictures = Pictures(data, self._device)
+            self._pictures = Pictures(shown, self._device, ranks=self.ranks)
         else:
-            self._pictures.show(data)
+            self._pictures.show(shown)
+
+    def _of_ranks(self, data: Opened | Bricks) -> Dataset | PluginData | RankPart | Bricks:
+        """What a rank draws of, for all scenes of the film, which differ in numbers alone."""
+        if isinstance(data, Portion) or (self.ranks.size > 1 and not isinstance(data, Bricks)):
+            return of_ranks({None: data}, {None: [self.scene]}, self.ranks, for_others=True)[None]
+        return data
+
+
+def _part(series: Series, moment: Moment) -> Portion | None:
+    """The part of the data of a moment that one of several ranks has; None as of `_read`."""
+    is_damaged = moment.step is not None and bool(series.fault(moment.step))
+    return None if is_damaged else series.part_at(moment)
 
 
 def _read(series: Series, moment: Moment) -> Dataset | None:

@@ -128,18 +128,18 @@ def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
 
 
 def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
-    """What opens a rank's part of files of which nothing but pictures of scenes is made.
-
-    All, where lines are drawn that go through the steps of a series.
-    """
-    goes_on = any(
-        isinstance(item, Streamlines) and item.since is not None for each in scenes for item in each.every_object
-    )
+    """What opens a rank's part of files of which nothing but pictures of scenes is made, all where these need that."""
 
     def opening(paths: Sequence[Path], reading: Reading, report: Callable[[str], object]) -> Opened:
-        return open_data(paths, reading, report) if goes_on else open_part(paths, replace(reading, ranks=ranks), report)
+        return open_part(paths, replace(reading, ranks=ranks), report)
 
-    return opening
+    return opening if comes_in_parts(scenes) else open_data
+
+
+def comes_in_parts(scenes: Sequence[Scene]) -> bool:
+    """Whether ranks may read parts of data of which scenes are made: no lines go through steps of a series."""
+    items = [item for each in scenes for item in each.every_object]
+    return not any(isinstance(item, Streamlines) and item.since is not None for item in items)
 
 
 def beside(dataset: Dataset) -> dict[str, Any]:

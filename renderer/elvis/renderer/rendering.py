@@ -157,7 +157,7 @@ class Pictures:
         """Pieces of the device's memory that were made so far; steady frames make none."""
         return 0 if self._renderer is None else self._renderer.device.buffers_made
 
-    def show(self, data: Dataset | PluginData | RankPart) -> None:
+    def show(self, data: Dataset | PluginData | RankPart | Bricks) -> None:
         """Take other data for the next pictures; the device stays."""
         if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
             share(data.mesh)

@@ -26,7 +26,7 @@ class StepsByPart:
         self.reading, self._found = reading, found
         ranks = reading.ranks
         self._native = StatesByPart(ranks.rank, ranks.size, *found.common) if found.is_native else None
-        self._last: dict[int, Portion] = {}
+        self._last: dict[Step, Portion] = {}
 
     def on_the_same_mesh(self, reading: Reading) -> StepsByPart:
         """The same of other quantities, without reading the mesh again."""
@@ -34,14 +34,14 @@ class StepsByPart:
         other._native = self._native
         return other
 
-    def read(self, number: int) -> tuple[Dataset, int]:
+    def read(self, step: Step) -> tuple[Dataset, int]:
         """The part of a step, and how many elements of its fields the mesh lacks; FormatError where it can't be read.
 
         To be called by each rank.
         """
         from elvis.plugins.data import part_of_state
 
-        step, texts, lacking = self._found.steps[number], self.reading.quantities, 0
+        texts, lacking = self.reading.quantities, 0
         if self._native is not None:
             choose = partial(needed_fields, texts=texts) if texts else None
             portion, lacking = self._native.read(*step.files, choose=choose)
@@ -51,7 +51,7 @@ class StepsByPart:
                 options["step"] = str(step.option)
             portion = part_of_state((*self._found.common, *step.files), replace(self.reading, options=options))
         # numbers in the whole alone: arrays go with the dataset
-        self._last[number] = replace(portion, dataset=replace(portion.dataset, fields=()))
+        self._last[step] = replace(portion, dataset=replace(portion.dataset, fields=()))
         return portion.dataset, lacking
 
     def lacking(self, step: Step) -> int:
@@ -59,12 +59,12 @@ class StepsByPart:
         assert self._native is not None
         return self._native.lacking(*step.files, choose=partial(needed_fields, texts=("",)))
 
-    def forget(self, number: int) -> None:
+    def forget(self, step: Step) -> None:
         """Let go of what is known of a step."""
-        self._last.pop(number, None)
+        self._last.pop(step, None)
 
-    def portion(self, number: int, dataset: Dataset) -> Portion:
+    def portion(self, step: Step, dataset: Dataset) -> Portion:
         """The part of a step that was read, of which a dataset is made: it has the same fields, or some of them."""
-        known = self._last[number]
+        known = self._last[step]
         blocks = {field.name: known.blocks[field.name] for field in dataset.fields}
         return replace(known, dataset=dataset, blocks=blocks)

@@ -163,7 +163,7 @@ class Series(Sequence[Dataset]):
         dataset = self.at_moment(moment)
         number = 0 if dataset.instant is None else dataset.instant.steps[0]
         assert self._parts is not None  # there are several ranks
-        return self._others.beside_part(self._parts.portion(number, dataset))
+        return self._others.beside_part(self._parts.portion(self.steps[number], dataset))
 
     def at_moment(self, moment: Moment = LAST) -> Dataset:
         """The dataset of a moment, by default that of the last step that can be read."""
@@ -351,7 +351,9 @@ class Series(Sequence[Dataset]):
         if number in self._kept:
             self._kept.move_to_end(number)
             return self._kept[number]
-        dataset = agreed(self._reading.ranks, partial(self._read, number), f"step {self.steps[number].name}")
+        dataset = agreed(
+            self._reading.ranks, partial(self._read, self.steps[number]), f"step {self.steps[number].name}"
+        )
         if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
@@ -362,7 +364,7 @@ class Series(Sequence[Dataset]):
         while len(self._kept) > self._room:
             forgotten, _ = self._kept.popitem(last=False)
             if self._parts is not None:
-                self._parts.forget(forgotten)
+                self._parts.forget(self.steps[forgotten])
         return dataset
 
     def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
@@ -373,12 +375,11 @@ class Series(Sequence[Dataset]):
             self.faults.append(sentence)
         return replace(dataset, remarks=(*dataset.remarks, sentence))
 
-    def _read(self, number: int) -> Dataset:
+    def _read(self, step: Step) -> Dataset:
         from elvis.plugins.data import state_of
 
-        step = self.steps[number]
         if self._parts is not None:
-            found, lacking = self._parts.read(number)
+            found, lacking = self._parts.read(step)
             found = self._checked(step, found, lacking) if self.is_native else replace(found, time=step.time)
             return found if found.time is not None else replace(found, time=step.time)
         if not self.is_native:

@@ -16,6 +16,8 @@ from elvis.core.arguments import (
     workers_option,
 )
 from elvis.core.errors import ElvisError
+from elvis.core.ranks import ALONE, Ranks, is_idle, of_first
+from elvis.plugins.running import shared
 from elvis.scene.commandline.command import SceneCommand, setting_option, text_type
 
 if TYPE_CHECKING:
@@ -85,7 +87,9 @@ Examples:
 @setting_option
 @overwrite_option
 @cache_option
+@shared
 def animate(
+    ranks: Ranks,
     data: tuple[Path, ...],
     outputs: tuple[Path, ...],
     times: tuple[float, float, int] | None,
@@ -111,6 +115,7 @@ def animate(
     from elvis.core.terminal import say
     from elvis.plugins.workers import Workers
     from elvis.renderer.animation import Film, Key, scenes_of
+    from elvis.renderer.completing import other_device
     from elvis.renderer.film_files import FrameFolder, write_film
     from elvis.renderer.film_workers import Team
     from elvis.scene.commandline.composing import composed
@@ -120,21 +125,27 @@ def animate(
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
     scene = composed(data, options, settings, unused=("outputs", "stats"))
     crew = Workers.of(workers, scheduler)
+    if crew is not None or other_device(scene.device) is not None:
+        if is_idle(ranks):
+            return
+        ranks = ALONE
     moving = [Key.of(*key) for key in keys]
-    folder, films = _places(outputs, data, overwrite)
+    folder, films = of_first(ranks, lambda: _places(outputs, data, overwrite), "the places of a film")
     is_new = not any(folder.glob("frame-*.png"))
     with ExitStack() as until_end:
         team = None if crew is None else until_end.enter_context(Team(crew, scene, not no_cache))
         if crew is not None and team is not None and is_new:
             crew.prepare("elvis.renderer.film_workers")
             team.begin()
-        film = until_end.enter_context(Film(scene, not no_cache))
+        film = until_end.enter_context(Film(scene, not no_cache, ranks))
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene, coloured = _coloured(film, scene, folder, not no_cache)
         camera_of = team.first_camera if team is not None and is_new else film.first_camera
         scenes = _filmed(camera_of, scenes_of(scene, moments, moving), orbit, path)
         place = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files, coloured)
         found = _draw(film, scenes, place, team)
+    if ranks.rank:
+        return
     for path_of_film in films:
         write_film(found, path_of_film, rate)
     say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
@@ -225,8 +236,8 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     files = [[str(path), path.stat().st_mtime_ns] for path in film.files if path.exists()]
     of = {"field": scene.field, "between": scene.between, "files": files}
     of |= {"reader": list(scene.reader), "others": list(scene.others)}
-    known = known_range(folder, of, film.files)
-    found = with_range(scene, is_kept, film.series) if known is None else replace(scene, range=known)
+    known = of_first(film.ranks, lambda: known_range(folder, of, film.files), "the range of a film")
+    found = with_range(scene, is_kept, film.series, film.ranks) if known is None else replace(scene, range=known)
     return found, {"of": of, "range": found.range}
 
 
@@ -236,7 +247,7 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
 
     from elvis.core.terminal import note, track
 
-    missing = frames.begin()
+    missing = of_first(film.ranks, frames.begin, "the frames of a film")
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
     drawn = film.write(shots) if team is None or not shots else team.write(shots, told)
@@ -244,6 +255,6 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
         pass
     for remark in dict.fromkeys([*film.told, *told]):
         note(remark)
-    if not frames.paths():
+    if not film.ranks.rank and not frames.paths():
         raise ElvisError(f"expected a step that can be read, found none among {len(scenes)}")
     return frames
