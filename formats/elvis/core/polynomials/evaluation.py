@@ -64,8 +64,8 @@ def evaluate_at_with_gradients(
 
 
 def is_small(expansion: Expansion, points: Floats) -> bool:
-    """Whether a table of modes at points (n, d) is one that may be kept, and would be made in one batch."""
-    return len(points) * mode_count(expansion) <= _BATCH
+    """Whether the table of modes at points (n, d) is made in one batch, so that it may be kept."""
+    return 0 < len(points) * mode_count(expansion) <= _BATCH
 
 
 def _width(coefficients: Floats) -> int:
