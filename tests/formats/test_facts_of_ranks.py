@@ -93,6 +93,7 @@ QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_si
 @pytest.mark.parametrize(
     "case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped", "waves"], ids=str
 )
+@pytest.mark.sampled(least=6)
 def test_facts_of_parts_are_those_of_the_whole(case, size, monkeypatch):
     """Also where only few elements are looked at closely."""
     monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)

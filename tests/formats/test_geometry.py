@@ -99,6 +99,7 @@ def test_the_map_does_not_depend_on_how_edges_and_faces_are_entered(make, faces,
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("triangle", [*TRIANGLES, PointsType.POLY_EVENLY_SPACED])
 @pytest.mark.parametrize("n", [2, 3, 5, 7])
+@pytest.mark.sampled(least=32)
 def test_elements_meet_on_shared_faces(n, triangle, seed):
     mesh = curved(shuffled(mixed_volume(seed), seed + 100), ripple(0.3, seed), n, triangle=triangle, faces=seed % 3 > 0)
     maps = by_element(mesh)

@@ -88,6 +88,7 @@ def assert_residual(patch, rows, reference, world):
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", STRONG)
+@pytest.mark.sampled(least=6)
 def test_nothing_is_found_that_is_not_there(shape, n):
     """Outside is proved: the share of random points found inside is the element's share of the volume."""
     patch = bent(shape, n, STRONG[n])

@@ -55,7 +55,7 @@ def boundary_ends(found):
 @pytest.mark.parametrize("bend", [0.0, 0.04])
 @pytest.mark.parametrize(("axial", "strain"), [(1.0, 0.0), (0.0, 0.0), (0.0, 0.5)])
 @pytest.mark.parametrize("criterion", CRITERIA)
-@pytest.mark.sampled(least=6, free=("axial", "strain"))
+@pytest.mark.sampled(least=4, free=("axial", "strain"))
 def test_a_tilted_axis_is_one_line(shape, bend, axial, strain, criterion):
     """With flow along it, without any, where all of it is at rest, and as in a Burgers vortex, at rest at one place."""
     mesh = curved(grid(shape, 2), ripple(bend), 3)
@@ -111,7 +111,7 @@ def test_a_ring_within_one_element_is_closed():
         x, y, z = (points - 0.5).T
         return np.stack([-x * z, -y * z, x**2 + y**2 - 0.09], axis=1)
 
-    found = vortex_cores(data(grid(Shape.HEXAHEDRON, 1), components(ring)), spacing=0.05)
+    found = vortex_cores(data(grid(Shape.HEXAHEDRON, 1), components(ring)), spacing=0.1)
     assert found.counts() == {"closed": 1}
     assert np.abs(np.linalg.norm(found.points[:, :2] - 0.5, axis=1) - 0.3).max() < 1e-12
     assert found.lengths[0] == pytest.approx(0.6 * np.pi, rel=0.01)
@@ -273,12 +273,13 @@ def test_momenta_are_divided_by_the_density():
 
 def test_limits():
     dataset = data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 0.8)), 3)
-    assert len(vortex_cores(dataset, least_swirl=0.99)) == 1
-    assert len(vortex_cores(dataset, least_swirl=1.01)) == 0
-    assert len(vortex_cores(dataset, least_length=2.0)) == 0
-    assert len(vortex_cores(dataset, only_q=True)) == 1
-    assert len(vortex_cores(data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 1.6))), only_q=True)) == 0
-    found = vortex_cores(dataset, "u,v,w", fields=["u", "2*w"])
+    assert len(vortex_cores(dataset, least_swirl=0.99, spacing=0.2)) == 1
+    assert len(vortex_cores(dataset, least_swirl=1.01, spacing=0.2)) == 0
+    assert len(vortex_cores(dataset, least_length=2.0, spacing=0.2)) == 0
+    assert len(vortex_cores(dataset, only_q=True, spacing=0.2)) == 1
+    strained = data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 1.6)))
+    assert len(vortex_cores(strained, only_q=True, spacing=0.2)) == 0
+    found = vortex_cores(dataset, "u,v,w", fields=["u", "2*w"], spacing=0.2)
     assert list(found.values) == ["u", "2*w"]
     assert 2 * found.velocity[:, 2] == pytest.approx(found.values["2*w"], abs=1e-12)
 
@@ -350,7 +351,7 @@ def test_a_wall_without_slip_is_no_core(shape):
         return points[:, 2:] * vortex(1.0)(points)
 
     dataset = data(grid(shape, 1), components(above_a_wall), 3)
-    found = vortex_cores(dataset, spacing=0.1, least_swirl=0.01)
+    found = vortex_cores(dataset, spacing=0.2, least_swirl=0.01)
     assert found.counts() == {"faded": 1, "boundary": 1}
     assert found.undecided == ()
     assert from_axis(found.points).max() < 1e-8
