@@ -60,6 +60,7 @@ def test_two_faces_of_a_sliver_that_a_ray_can_hardly_tell_apart_are_ambiguous(ga
     assert 0 < found.ambiguous < 1e-3 * found.pixels
 
 
+@pytest.mark.sampled(least=2, free=("number",))
 @pytest.mark.parametrize("number", [2, 7, 11, 14])
 def test_two_lines_between_the_samples_of_a_pixel_are_both_drawn(gallery, number):
     """Pairs 0.03 to 0.07 pixels apart were drawn as one line between them, along the diagonal with gaps."""

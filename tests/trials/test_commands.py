@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOLVERS = ROOT.parent / "shared" / "data" / "solvers"
 NEKTAR = ROOT.parent / "shared" / "data" / "nektar"
 #: pictures are small, and drawn by NumPy: what is tried are words and files
-QUICK = ["--size", "32x32", "--device", "reference"]
+QUICK = ["--size", "24x24", "--device", "reference"]
 
 TRIALS = """
 # The door
@@ -193,10 +193,10 @@ unknown key 'bar.titel', did you mean title?
 
 # Reports
 
-$ elvis compare cylinder.xml cylinder.fld --field Cp --size 40x40 --refinements 0 --judge 0 -o report
+$ elvis compare cylinder.xml cylinder.fld --field Cp --size 24x24 --refinements 0 --judge 0 -o report
 Linear elements after 0 refinements
 > report/index.html report/summary.json
-$ elvis compare u.toml --size 40x40 --refinements 0 --judge 0 --json -o numbers
+$ elvis compare u.toml --size 24x24 --refinements 0 --judge 0 --json -o numbers
 "verdict"
 """
 
@@ -256,7 +256,7 @@ def data(tmp_path_factory):
     (folder / "folder" / "blocks.xml").symlink_to(folder / "blocks.xml")
     for name in "uv":
         (folder / f"{name}.toml").write_text(
-            f'data = ["cylinder.xml", "cylinder.fld"]\nfield = "{name}"\nsize = [48, 48]\ndevice = "reference"\n'
+            f'data = ["cylinder.xml", "cylinder.fld"]\nfield = "{name}"\nsize = [24, 24]\ndevice = "reference"\n'
         )
     return folder
 
