@@ -165,6 +165,7 @@ def agree(conversion, kinds, order, degree, tolerance=1e-11, has_solution=True):
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.sampled
 def test_every_shape_and_order(tmp_path, order, degree):
     mesh, solution = tmp_path / "case.mesh", tmp_path / "case.sol"
     mesh.write_bytes(text(mesh_sections(SOLID, order)))
@@ -190,12 +191,13 @@ def test_flat_meshes(tmp_path, order):
 
 @pytest.mark.parametrize("byte_order", ["<", ">"])
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
+@pytest.mark.sampled
 def test_every_binary_version(tmp_path, version, byte_order):
     mesh, solution = tmp_path / "case.meshb", tmp_path / "case.solb"
-    mesh.write_bytes(binary(mesh_sections(SOLID, 3), 3, version, byte_order))
-    solution.write_bytes(binary(solution_sections(SOLID, 3, 3), 3, version, byte_order))
+    mesh.write_bytes(binary(mesh_sections(SOLID, 2), 3, version, byte_order))
+    solution.write_bytes(binary(solution_sections(SOLID, 2, 3), 3, version, byte_order))
     conversion = check(Gmf, [mesh, solution])
-    agree(conversion, SOLID, 3, 3, 2e-6 if version == 1 else 1e-11)
+    agree(conversion, SOLID, 2, 3, 2e-6 if version == 1 else 1e-11)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])

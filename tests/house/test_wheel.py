@@ -10,7 +10,6 @@ import pytest
 
 #: tests to repeat on the installed modules: quick ones that reach every area
 AGAINST_THE_WHEEL = (
-    "tests/formats/commands/test_info.py",
     "tests/formats/commands/test_norms.py",
     "tests/formats/test_points.py",
     "tests/plugins/test_registry.py",
