@@ -17,8 +17,9 @@ from elvis.reference.solids import map_points
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)
 Constraint = Callable[[Ints, Floats], tuple[Floats, Floats]]
 
-#: longest step in reference coordinates
-_LONGEST = 0.5
+#: longest step in reference coordinates; after so many of these one after the other a search goes to and fro:
+#: straight on it would have left the neighbourhood of its start
+_LONGEST, _ASTRAY = 0.5, 8
 #: a step so short is the last one that changes anything: the next would be its square
 _SHORT = 1e-9
 #: residuals of position, in parts of the scene's size, at which a root is one; steps go on to the last digit
@@ -63,7 +64,7 @@ def solve(
     reference, scale = start.copy(), None
     depth = np.zeros(len(rows))
     normal, error = np.full((len(rows), 3), np.nan), np.full(len(rows), np.inf)
-    active = np.arange(len(rows))
+    active, cuts = np.arange(len(rows)), np.zeros(len(rows), np.int64)
     for number in range(steps):
         own, ray = rows[active], directions[active]
         world, jacobians = map_points(patch, own, reference[active])
@@ -78,14 +79,15 @@ def solve(
         off = np.linalg.norm(away, axis=1) / (size + _ROUNDING / _SMALL * largest)
         error[active] = np.maximum(off, np.abs(held) / (scale[active] + 1e-300))
 
-        # long steps are cut, searches that leave the element for good end
+        # long steps are cut, searches that leave the element for good or go to and fro end
         length = np.linalg.norm(step, axis=1)
+        cuts[active] = np.where(length > _LONGEST, cuts[active] + 1, 0)
         part = np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))
         reference[active] += part[:, None] * step
         depth[active] += part * deeper
         alive = np.isfinite(length) & (np.abs(reference[active] - start[active]).max(axis=1) < radius)
         converged = (error[active] < _SMALL) & (length < _SHORT)
-        active = active[alive & ~converged]
+        active = active[alive & ~converged & (cuts[active] < _ASTRAY)]
         if not len(active):
             break
     inside = np.isfinite(reference).all(axis=1) & np.isfinite(depth)
