@@ -119,7 +119,7 @@ def browser():
     if path is None:
         pytest.skip("needs a browser: chromium or google-chrome")
     with playwright.sync_playwright() as tools:
-        own = tools.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        own = tools.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
         yield own
         own.close()
 
