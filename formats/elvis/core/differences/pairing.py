@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Ints, frozen_floats, frozen_ints
 from elvis.core.common_elements import CommonElements, common_elements
 from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.geometry import share
 from elvis.core.quantities.tree import Node, field, other
 
 #: the other solution in expressions
@@ -29,6 +30,9 @@ class Pair:
 
     def __init__(self, first: Dataset, second: Dataset) -> None:
         self._first, self._second = first, second
+        # each field is integrated on maps that are the same for all of them
+        share(first.mesh)
+        share(second.mesh)
         self._common = common_elements(first, second)
 
     @property
