@@ -86,6 +86,7 @@ def test_a_single_element_has_the_reference_vertices(shape):
 @pytest.mark.parametrize("n", [2, 3, 4, 6])
 @pytest.mark.parametrize("faces", [True, False])
 @pytest.mark.parametrize("make", [mixed_volume, mixed_plane])
+@pytest.mark.sampled(least=24)
 def test_the_map_does_not_depend_on_how_edges_and_faces_are_entered(make, faces, n, seed):
     mesh, warp = make(seed), ripple(0.2, seed)
     one = by_element(curved(mesh, warp, n, faces=faces))

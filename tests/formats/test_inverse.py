@@ -68,6 +68,7 @@ def test_facets_bound_the_shape(shape):
 @pytest.mark.parametrize("shape", list(Shape))
 @pytest.mark.parametrize("n", STRONG)
 @pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
+@pytest.mark.sampled(least=28)
 def test_reference_points_come_back(shape, n, part):
     patch = bent(shape, n, part * STRONG[n])
     points = scattered(shape, 400)
@@ -109,6 +110,7 @@ def test_nothing_is_found_that_is_not_there(shape, n):
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.sampled
 def test_the_search_alone_agrees_with_newton(shape, n):
     patch = bent(shape, n, STRONG.get(n, 0.4))
     points = np.random.default_rng(4).uniform(-1.5, 1.5, (1500, 3))
@@ -122,6 +124,7 @@ def test_the_search_alone_agrees_with_newton(shape, n):
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.sampled
 def test_no_point_of_an_element_or_near_to_it_is_excluded_and_most_others_are(shape, n):
     patch, reach = bent(shape, n, STRONG.get(n, 0.4)), 1e-3
 
