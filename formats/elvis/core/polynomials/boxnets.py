@@ -124,7 +124,7 @@ def corners(nets: Floats) -> Floats:
 
 def halves(nets: Floats, axis: int) -> tuple[Floats, Floats]:
     """Nets of the lower and of the upper halves of the boxes in one direction, 0 to d - 1."""
-    moved = np.moveaxis(nets, 1 + axis, -1)
+    moved = np.ascontiguousarray(np.moveaxis(nets, 1 + axis, -1))
     lower, upper = (row_products(moved, splitter) for splitter in _splitters(nets.shape[1 + axis] - 1))
     return np.moveaxis(lower, -1, 1 + axis), np.moveaxis(upper, -1, 1 + axis)
 
