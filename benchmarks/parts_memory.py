@@ -1,6 +1,6 @@
-"""Greatest anonymous memory of each rank that draws one picture, beside that of one process divided among them.
+"""Greatest anonymous memory of each rank of a command, beside that of one process divided among them.
 
-python benchmarks/parts_memory.py [--cells 56] [--ranks 1,2,4,8] [--memory 1GiB,…] [--folder F]    prints a table
+python benchmarks/parts_memory.py [--cells 56] [--ranks 1,2,4,8] [--memory 1GiB,…] [--of plane,info,…] [--folder F]
 
 Anonymous memory is what a process has of its own: no pages of mapped files, which the system takes back when it needs
 them.  It is looked at a hundred times a second, from outside (Linux).  A device that is software has its memory in the
@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
@@ -28,7 +28,18 @@ from elvis.formats import write
 
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 MPIEXEC = Path(sys.executable).parent / "mpiexec"
-PLANE = ["--plane", "0.5,0.45,0.52:0.3,0.2,1"]
+_PLANE = "render --plane 0.5,0.45,0.52:0.3,0.2,1"
+#: commands by what they are of
+COMMANDS = {
+    "plane": _PLANE,
+    "info": "info --json",
+    "jacobian": "info --json --jacobian",
+    "plane of a series": f"{_PLANE} --time 0.3",
+    "info of a series": "info --json --time 0.3",
+    "probe of a series": "probe --line 0,0,0:1,1,1 -n 20000 --times all",
+    "plane beside other data": f"{_PLANE} --field u-0.5*ref:u",
+}
+COLUMNS = ["", "anonymous memory, MB", "whole / K", "the greatest, more", "s", "CPU s of a process"]
 #: seconds between two looks
 PAUSE = 0.01
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")
@@ -43,10 +54,13 @@ class Run:
     seconds: float = 0.0
 
     @staticmethod
-    def of(command: list[str]) -> Run:
-        """Run a command to its end; CalledProcessError where it fails."""
+    def of(command: list[str], printed: Path) -> Run:
+        """Run a command to its end; CalledProcessError where it fails.
+
+        printed  a file for what it prints
+        """
         found, start = Run(), perf_counter()
-        with subprocess.Popen(command, env=ENVIRONMENT) as process:
+        with printed.open("wb") as file, subprocess.Popen(command, env=ENVIRONMENT, stdout=file) as process:
             while process.poll() is None:
                 found.look(process.pid)
                 sleep(PAUSE)
@@ -97,45 +111,62 @@ def row(name: str, run: Run, count: int, share: float) -> list[str]:
     ]
 
 
-def measured(files: list[str], folder: Path, ranks: list[int], memories: list[str]) -> tuple[list[list[str]], bool]:
-    """The rows of the table, and whether all pictures are the same."""
-    rows, pictures = [], set()
-    output = folder / "picture.png"
-    render = [*ELVIS, "render", *files, *PLANE, "--size", "1000x1000", "--overwrite", "-o", str(output)]
-    whole = 0.0
+def words_of(name: str, folder: Path, output: Path) -> list[str]:
+    """A command by its name in COMMANDS, on the data in a folder."""
+    state, reference = [folder / f"million.{end}" for end in ("xml", "fld")], folder / "reference.fld"
+    files = [state[0], *sorted(folder.glob("step_*.chk"))] if "series" in name else state
+    other = ["--other", f"ref={state[0]},{reference}"] if "other" in name else []
+    words = COMMANDS[name].split()
+    drawn = ["--size", "1000x1000", "--overwrite", "-o", str(output)] if words[0] == "render" else []
+    return [*ELVIS, *words, *map(str, files), *other, *drawn]
+
+
+def measured(name: str, folder: Path, output: Path, ranks: list[int], memories: list[str]) -> Table:
+    """What a command takes by so many ranks, and whether what comes out is the same."""
+    found, command, whole = set(), words_of(name, folder, output), 0.0
+    table = Table(f"{name}: {COMMANDS[name]}", COLUMNS)
     for count in ranks:
-        run = Run.of([str(MPIEXEC), "-n", str(count), *render] if count > 1 else render)
+        run = Run.of([str(MPIEXEC), "-n", str(count), *command] if count > 1 else command, output)
         whole = whole or count * max(run.bytes.values())
-        rows.append(row(f"{count} ranks" if count > 1 else "one process", run, count, whole / count))
-        pictures.add(hashlib.sha256(output.read_bytes()).hexdigest())
+        table.rows.append(row(f"{count} ranks" if count > 1 else "one process", run, count, whole / count))
+        found.add(hashlib.sha256(output.read_bytes()).hexdigest())
     for memory in memories:
-        run = Run.of([*render, "--memory", memory])
-        rows.append(row(f"--memory {memory}", run, 1, whole))
-        pictures.add(hashlib.sha256(output.read_bytes()).hexdigest())
-    return rows, len(pictures) == 1
+        run = Run.of([*command, "--memory", memory], output)
+        table.rows.append(row(f"--memory {memory}", run, 1, whole))
+        found.add(hashlib.sha256(output.read_bytes()).hexdigest())
+    table.notes.append(f"What comes out is {'the same to the byte' if len(found) == 1 else 'NOT the same'}.")
+    return table
+
+
+def write_data(folder: Path, cells: int) -> str:
+    """A state, three steps of a series, and another solution, unless they are there; what they are."""
+    case, hdf5 = million(cells=cells), {"mesh_format": "hdf5", "field_format": "hdf5"}
+    path = folder / "million.xml"
+    if not path.exists():
+        dataset = case.dataset()
+        write(dataset, path, **hdf5)
+        for number in range(3):
+            write(replace(dataset, time=float(number)), field_path=folder / f"step_{number}.chk", **hdf5)
+        write(dataset, field_path=folder / "reference.fld", **hdf5)
+    return case.label
 
 
 def main() -> None:
-    """Write the data, draw, print."""
+    """Write the data, run, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=56, help="along each side of a cube, six tetrahedra each (56)")
     parser.add_argument("--ranks", default="1,2,4,8", help="numbers of processes; whole is by the first (1,2,4,8)")
     parser.add_argument("--memory", default="", help="limits of one process, such as 1GiB,500MB")
+    parser.add_argument("--of", default="plane", help=f"some of {', '.join(COMMANDS)}, with commas between (plane)")
     parser.add_argument("--folder", type=Path, help="where the data are kept for the next time, or are")
     asked = parser.parse_args()
-    case = million(cells=asked.cells)
     with TemporaryDirectory() as temporary:
         folder = asked.folder or Path(temporary)
-        path = folder / "million.xml"
-        if not path.exists():
-            write(case.dataset(), path, mesh_format="hdf5", field_format="hdf5")
-        files = [str(path), str(path.with_suffix(".fld"))]
+        print(write_data(folder, asked.cells))
         ranks = [int(count) for count in asked.ranks.split(",")]
-        rows, is_same = measured(files, Path(temporary), ranks, list(filter(None, asked.memory.split(","))))
-    columns = ["", "anonymous memory, MB", "whole / K", "the greatest, more", "s", "CPU s of a process"]
-    table = Table(f"A plane, {case.label}", columns, rows)
-    table.notes.append(f"The pictures are {'the same to the byte' if is_same else 'NOT the same'}.")
-    print(table.text())
+        for name in asked.of.split(","):
+            memories = list(filter(None, asked.memory.split(",")))
+            print(measured(name, folder, Path(temporary) / "picture.png", ranks, memories).text(), flush=True)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from elvis.core.shapes import Shape
 
 Facts = dict[str, Any]
 
-_NUMBERS_AT_ONCE = 1 << 21
+_NUMBERS_AT_ONCE = 1 << 19
 _SHAPES = tuple(Shape)
 
 

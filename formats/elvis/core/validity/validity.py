@@ -11,12 +11,13 @@ known, so that parts of a mesh, which ranks have, lead to the same end.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
@@ -32,8 +33,8 @@ from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
 from elvis.core.validity.squares import descended, lower_bound
 
-#: numbers in the nets made at once
-_NUMBERS = 1 << 21
+#: numbers in the nets made at once, and elements that are looked at together
+_NUMBERS, _TOGETHER = 1 << 21, 1 << 15
 #: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)
@@ -127,12 +128,13 @@ def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
     is_told = own.status != ValidityStatus.POSITIVE
     is_told[close] = True
     maps = [_rows(block, np.isin(block.element_ids, own.element_ids[close])) for block in blocks]
-    others = own.part(np.flatnonzero(~is_told))
-    told = own.part(np.flatnonzero(is_told)), maps, len(others.element_ids), _range_of(others)
+    told = own.part(np.flatnonzero(is_told)), maps, int((~is_told).sum()), _range_of(own, ~is_told)
     every = ranks.gather(told, f"the Jacobian of {dataset.mesh.count} elements")
     if not every:
         return None
-    found, ends = _Facts.united([facts for facts, *_ in every]), _widest(*(own for *_, own in every))
+    facts = [facts for facts, *_ in every]
+    found = _Facts.united(facts, sum(len(own.element_ids) for own in facts))
+    ends = _widest(*(own for *_, own in every))
     found.look_closer([block for _, some, *_ in every for block in some], space, ends)
     return found.result(space > dataset.mesh.dimension, sum(count for *_, count, _ in every), ends)
 
@@ -167,7 +169,7 @@ def _chunks(block: GeometryBlock, space: int) -> Iterator[GeometryBlock]:
     if not len(block):
         return
     count = determinant(block.expansion, block.coefficients[:1], space).space.count
-    step = max(1, _NUMBERS // count)
+    step = min(max(1, _NUMBERS // count), _TOGETHER)
     for first in range(0, len(block), step):
         yield _rows(block, slice(first, first + step))
 
@@ -203,7 +205,7 @@ def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Fa
     reference[:, : shape.dimension] = shape.vertices[np.argmin(at_vertices, axis=0)]
     return _Facts(
         element_ids=block.element_ids,
-        shapes=np.full(len(block), _SHAPES.index(shape)),
+        shapes=np.full(len(block), _SHAPES.index(shape), np.int8),
         lower=net.min(axis=0),
         upper=net.max(axis=0),
         least=at_vertices.min(axis=0),
@@ -219,12 +221,12 @@ def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Fa
 class _Facts:
     """As in `Validity`, but where space has more dimensions than the elements of the squares of lengths and areas.
 
-    shapes   (n,)  numbers in `Shape`
+    shapes   (n,)  numbers in `Shape`, of one byte
     is_open  (n,)  whether the sign was left open for want of boxes
     """
 
     element_ids: Ints
-    shapes: Ints
+    shapes: NDArray[np.int8]
     lower: Floats
     upper: Floats
     least: Floats
@@ -237,15 +239,23 @@ class _Facts:
     @staticmethod
     def of(blocks: Sequence[GeometryBlock], space: int) -> _Facts:
         """What is found of elements by themselves."""
-        return _Facts.united([_check(chunk, space) for block in blocks for chunk in _chunks(block, space)])
+        every = (_check(chunk, space) for block in blocks for chunk in _chunks(block, space))
+        return _Facts.united(every, sum(map(len, blocks)))
 
     @staticmethod
-    def united(parts: Sequence[_Facts]) -> _Facts:
-        """Of the elements of all."""
-        one, many, whole = np.empty(0), np.empty((0, 3)), np.empty(0, np.int64)
-        none = _Facts(whole, whole, one, one, one, one, one, many, many, np.empty(0, bool))
-        names = [own.name for own in fields(_Facts)]
-        return _Facts(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
+    def united(parts: Iterable[_Facts], count: int) -> _Facts:
+        """Of the elements of all, so many together."""
+        ids, shapes = np.empty(count, np.int64), np.empty(count, np.int8)
+        lower, upper, least, greatest, error = np.empty((5, count))
+        reference, world = np.empty((2, count, 3))
+        found = _Facts(ids, shapes, lower, upper, least, greatest, error, reference, world, np.empty(count, bool))
+        start = 0
+        for part in parts:
+            rows = slice(start, start + len(part.element_ids))
+            for own in fields(_Facts):
+                getattr(found, own.name)[rows] = getattr(part, own.name)
+            start = rows.stop
+        return found
 
     def part(self, rows: Ints) -> _Facts:
         """Of some of the elements."""
@@ -371,12 +381,12 @@ def _length(squares: Floats) -> Floats:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def _range_of(found: Validity | _Facts) -> Range | None:
-    """The range of elements; None where no map is finite."""
-    if not np.isfinite(found.least).any():
+def _range_of(found: Validity | _Facts, chosen: Bools | slice = np.s_[:]) -> Range | None:
+    """The range of elements, or of those that are chosen; None where no map is finite."""
+    if not np.isfinite(found.least[chosen]).any():
         return None
-    lower, least_value = (float(np.nanmin(values)) for values in (found.lower, found.least))
-    upper, greatest = (float(np.nanmax(values)) for values in (found.upper, found.greatest))
+    lower, least_value = (float(np.nanmin(values[chosen])) for values in (found.lower, found.least))
+    upper, greatest = (float(np.nanmax(values[chosen])) for values in (found.upper, found.greatest))
     return Range(lower, upper, least_value, greatest)
 
 
