@@ -38,7 +38,7 @@ def function(time):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Steps of two fields on bent tetrahedra, HDF5 (h) and XML (x); a second solution on the same elements."""
+    """Steps of two fields, HDF5 (h) and XML (x); another solution on the same elements, and on others."""
     path = tmp_path_factory.mktemp("steps")
     bare = Dataset(curved(grid(Shape.TETRAHEDRON, 1), ripple(0.05), 3))
     for kind, options in {"h": {"mesh_format": "hdf5", "field_format": "hdf5"}, "x": {}}.items():
@@ -47,7 +47,9 @@ def folder(tmp_path_factory):
         for number, time in enumerate((0.0, 0.5, 1.0)):
             fields = [approximated(bare, name, function(time + more), 4) for name, more in (("u", 0.0), ("v", 0.7))]
             write(Dataset(bare.mesh, tuple(fields), time), field_path=path / f"{kind}_{number}.chk", **options)
-    write(Dataset(bare.mesh, (approximated(bare, "u", function(0.3), 3),)), path / "ref.xml", path / "ref.fld")
+    for name, mesh in {"ref": bare.mesh, "apart": grid(Shape.HEXAHEDRON, 1)}.items():
+        field = approximated(Dataset(mesh), "u", function(0.3), 3)
+        write(Dataset(mesh, (field,)), path / f"{name}.xml", path / f"{name}.fld")
     return path
 
 
@@ -67,21 +69,22 @@ def steps(folder, kind):
     return [folder / f"{kind}.xml", *sorted(folder.glob(f"{kind}_?.chk"))]
 
 
-def beside(folder):
-    return ("--other", f"ref={folder / 'ref'}.xml,{folder / 'ref'}.fld")
+def beside(folder, name="ref"):
+    return ("--other", f"ref={folder / name}.xml,{folder / name}.fld")
 
 
 PICTURES = {
-    "the last step": ("h", 3, ("--field", "v"), False),
-    "between steps": ("x", 2, ("--field", "d(u,t)+v", "--time", "0.3", "--between", "cubic"), False),
-    "a range over all": ("h", 2, ("--field", "u-ref:u", "--step", "1", "--range", "series"), True),
+    "the last step": ("h", 3, ("--field", "v"), None),
+    "between steps": ("x", 2, ("--field", "d(u,t)+v", "--time", "0.3", "--between", "cubic"), None),
+    "a range over all": ("h", 2, ("--field", "u-ref:u", "--step", "1", "--range", "series"), "ref"),
+    "other elements": ("h", 2, ("--field", "u-ref:u+d(v,t)", "--step", "1"), "apart"),
 }
 
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_pictures_of_a_moment(folder, name, tmp_path, parts_alone):
-    kind, size, words, is_beside = PICTURES[name]
-    command = ["render", *CUT, *words, *steps(folder, kind), *(beside(folder) if is_beside else ())]
+    kind, size, words, other = PICTURES[name]
+    command = ["render", *CUT, *words, *steps(folder, kind), *(beside(folder, other) if other else ())]
     run(*command, "-o", tmp_path / "ranks.png", "-o", tmp_path / "ranks.npz", size=size)
     parts_alone.undo()
     run(*command, "-o", tmp_path / "one.png", "-o", tmp_path / "one.npz")

@@ -17,7 +17,7 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.portions.borrowing import borrowing
+from elvis.core.portions.borrowing import BorrowedRates, borrowing
 from elvis.core.portions.portion import Portion, is_even, unite
 from elvis.core.quantities import Expression
 from elvis.core.ranks import Ranks
@@ -30,6 +30,7 @@ from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.quantities import quantities, vector_components
 
+_NONE = np.empty(0, np.int64)
 #: what a rank has opened
 Opened: TypeAlias = Dataset | PluginData | Portion
 #: opens files, as a reading says, and is told of plugins that fail
@@ -92,7 +93,7 @@ def of_ranks(
         del data
         has_less = is_local(own.dataset, own.is_even, scenes[key])
         own = borrowing(own, _evaluated(own.dataset, scenes[key]), ranks)
-        besides = beside(own.dataset)
+        besides = _names_beside(own)
         if has_less and not for_others:
             own = what_matters(own, scenes[key])
         found[key] = RankPart(own.alone, ranks, besides)
@@ -110,7 +111,7 @@ def whole_of(part: Portion, texts: Sequence[str], ranks: Ranks) -> Dataset:
     """All that ranks have parts of, with all that quantities are made of."""
     part = borrowing(part, texts, ranks)
     every = ranks.exchange(_with_others(part), f"all elements for {', '.join(texts)}")
-    return _whole(RankPart(part.alone, ranks, beside(part.dataset)), every)
+    return _whole(RankPart(part.alone, ranks, _names_beside(part)), every)
 
 
 def _with_others(part: Portion) -> Portion:
@@ -125,6 +126,16 @@ def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
         own = drawable(unite([portion.others[name] for portion in every]))
         others = {**others, name: replace(own, **beside(other))}
     return replace(part.united(every), others={}, shared={}).beside(**others)
+
+
+def _names_beside(part: Portion) -> dict[str, Any]:
+    """What data have beside a part, which has all that is evaluated: names alone, so that the rest takes no memory."""
+    dataset = part.dataset
+    others = {
+        name: replace(other.of(_NONE).dataset, rates=BorrowedRates.of(other.dataset))
+        for name, other in part.others.items()
+    }
+    return {"others": others, "shared": dataset.shared, "rates": BorrowedRates.of(dataset)}
 
 
 def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:

@@ -5,16 +5,50 @@ So they are cut and united as its own ones are, and nobody needs what they were 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from elvis.core.arrays import Ints
 from elvis.core.common_elements import place_of
-from elvis.core.dataset import Field, is_rate
+from elvis.core.dataset import Dataset, Field, is_rate, rate_name
+from elvis.core.errors import ElvisError
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import other_of
 from elvis.core.ranks import Ranks
+
+if TYPE_CHECKING:
+    from elvis.core.streamlines.moving import Interval
+
+
+@dataclass(frozen=True)
+class BorrowedRates:
+    """Derivatives in time that a part of a dataset has among its fields: names of the fields, and what they are.
+
+    They need no steps of a series any longer.
+    """
+
+    names: frozenset[str]
+    remark: str
+
+    @staticmethod
+    def of(dataset: Dataset) -> BorrowedRates | None:
+        """Those of a part; None where it is no moment of a series."""
+        if dataset.rates is None:
+            return None
+        names = (name[2:-3] for name in dataset.borrowed if is_rate(name))
+        return BorrowedRates(frozenset(names), dataset.rates.remark)
+
+    def field(self, name: str) -> Field:
+        """See `elvis.core.dataset.Rates`: the name alone, as values are those of the part."""
+        if name not in self.names:
+            raise ElvisError(f"the derivative of {name} in time was not asked for")
+        return Field(rate_name(name), ())
+
+    def intervals(self, start: float, stop: float) -> Iterator[Interval]:
+        """None: nothing is followed in parts."""
+        return iter(())
 
 
 def borrowing(portion: Portion, texts: Iterable[str], ranks: Ranks) -> Portion:

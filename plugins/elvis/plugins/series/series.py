@@ -357,7 +357,8 @@ class Series(Sequence[Dataset]):
         if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
-            self._first = dataset
+            # the mesh and its map alone, as steps are kept elsewhere
+            self._first = replace(dataset, fields=tuple(dataset.field(name) for name in dataset.map_names))
         dataset = on_mesh_of(self._first, dataset)
         share(self._first.mesh)
         self._kept[number] = dataset
