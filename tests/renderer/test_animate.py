@@ -253,11 +253,15 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
         def gather(self, futures):
             return [future.found for future in futures]
 
+        def run(self, work):
+            work()
+
     monkeypatch.setattr(film_workers, "is_any_kept", lambda: is_kept)
     monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)
     monkeypatch.setattr(workers.Workers, "client", lambda self: nullcontext(Here()))
     arguments = ["animate", *files[:2], *FAST, "--camera", "iso", "--orbit", "40", "--frames", "5"]
     run(*arguments, "--workers", "2", "-o", tmp_path / "two")
+    assert not film_workers._OPEN
     run(*arguments, "-o", tmp_path / "one")
     assert pictures(tmp_path / "two") == pictures(tmp_path / "one")
     assert asked == [("camera_of_first", 5)] * (1 + is_kept) + [("draw_block", 1)] * 5

@@ -76,6 +76,7 @@ class Team:
             yield from self._drawn(client, [shots[:1]], told)
             shots = shots[1:]
         yield from self._drawn(client, blocks(shots, self._workers.number(client)), told)
+        client.run(close_films)
 
     def _drawn(self, client: Any, blocks: Iterable[Sequence[Shot]], told: list[str]) -> Iterator[Path]:
         works = [(self._base, block, self._is_kept) for block in blocks]
@@ -121,10 +122,18 @@ def _film(base: Scene, is_kept: bool) -> Film:
     """The film of this worker, which is opened once."""
     key = repr(base), Path.cwd(), is_kept
     if key not in _OPEN:
-        while _OPEN:
-            _OPEN.popitem()[1].close()
+        close_films()
         _OPEN[key] = Film(base, is_kept)
     return _OPEN[key]
+
+
+def close_films() -> None:
+    """Close the films of this worker.
+
+    A process that ends with an open device may leave its memory to a thread of Mesa's, which runs when all others rest.
+    """
+    while _OPEN:
+        _OPEN.popitem()[1].close()
 
 
 def _written(paths: Sequence[Path], futures: Sequence[Any]) -> Iterator[Path]:
