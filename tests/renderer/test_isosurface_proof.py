@@ -44,7 +44,7 @@ def swirled(points):
 def random_field(shape, seed):
     """Elements of the swirled cube, each with random coefficients of its own around a wave."""
     rng = np.random.default_rng(seed)
-    dataset = Dataset(curved(grid(shape, 2), swirled, 3))
+    dataset = Dataset(curved(grid(shape, 1 if shape in (Shape.PYRAMID, Shape.TETRAHEDRON) else 2), swirled, 3))
     field = approximated(dataset, "u", lambda p: np.sin(5 * p[:, 0] + 3 * p[:, 1]) * np.cos(4 * p[:, 2]), 5)
     blocks = tuple(
         replace(block, coefficients=block.coefficients + 0.1 * rng.normal(size=block.coefficients.shape))

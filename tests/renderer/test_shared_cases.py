@@ -33,8 +33,8 @@ def views(dataset):
     camera = Camera(tuple(eye), tuple(middle + 0.01 * size), (0.1, 1.0, 0.2), fov=40.0)
     straight = None if flat else Plane(tuple(middle + 0.01 * (high - low)), (0.1, 0.2, 1.0))
     tilted = None if flat else Plane(tuple(middle), (1.0, -0.9, 1.1))
-    yield {"plane": straight, "size": (77, 62)}
-    yield {"plane": tilted, "size": (68, 51), "camera": camera}
+    yield {"plane": straight, "size": (51, 41)}
+    yield {"plane": tilted, "size": (52, 39), "camera": camera}
 
 
 def test_same_pixels(case, shared, same_on, liveliest):
@@ -51,7 +51,7 @@ def test_same_pixels(case, shared, same_on, liveliest):
 def test_same_pixels_without_a_graphics_driver(name, shared, same_on, liveliest):
     dataset = shared(name)
     scene = next(iter(views(dataset)))
-    same_on(dataset, "cpu", field=liveliest(dataset), **{**scene, "size": (45, 36)})
+    same_on(dataset, "cpu", field=liveliest(dataset), **{**scene, "size": (35, 28)})
 
 
 def refused(dataset):

@@ -232,8 +232,8 @@ class _Bounds:
 
         # coordinates xi are multilinear in eta, so that the linear part is extreme at the corners
         linear = np.einsum("ncw,nci->nwi", ways, jacobians)
-        straight = np.einsum("nwi,nki->nwk", linear, offsets)
-        rest = np.einsum("ncw,nkc->nwk", ways, world) - straight[:, :, : len(unit)]
+        straight = linear @ offsets.transpose(0, 2, 1)
+        rest = ways.transpose(0, 2, 1) @ world.transpose(0, 2, 1) - straight[:, :, : len(unit)]
         low, high = bounds_of(rest, divisor)
         low += straight[:, :, len(unit) :].min(axis=2)
         high += straight[:, :, len(unit) :].max(axis=2)
