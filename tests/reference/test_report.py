@@ -16,7 +16,7 @@ from elvis.reference.report.writing import write_report
 from elvis.reference.study import compare_records, compare_scene, memory_limit
 from elvis.renderer import Plane, Scene
 
-SCENE = Scene("wave", Plane((1.5, 0.5, 0.45), (0.1, 0.2, 1.0)), size=(90, 60), palette="viridis")
+SCENE = Scene("wave", Plane((1.5, 0.5, 0.45), (0.1, 0.2, 1.0)), size=(60, 40), palette="viridis")
 
 
 def draw(dataset, scene, device="auto"):
@@ -25,7 +25,7 @@ def draw(dataset, scene, device="auto"):
 
 @pytest.fixture(scope="module")
 def study(blocks):
-    return compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=45)
+    return compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=30)
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +83,9 @@ def points(field, value):
 
 def test_the_reference_passes_its_own_bars(study):
     assert study.validation.passed
-    assert max(study.validation.size) == 45
+    assert max(study.validation.size) == 30
     assert conclusion(study).startswith(
-        "Exact: all 1,350 pixels keep every tolerance. Linear elements after 1 refinement: "
+        "Exact: all 600 pixels keep every tolerance. Linear elements after 1 refinement: "
     )
 
 
@@ -101,7 +101,7 @@ def test_every_file_that_the_page_names_is_there(report):
 
 def test_same_input_same_bytes(blocks, study, report, tmp_path):
     """All files but those of times, and the marked section of the page."""
-    again = compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=45)
+    again = compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=30)
     write_report(again, tmp_path / "report")
     for path in sorted(report.rglob("*.*")):
         other = tmp_path / "report" / path.relative_to(report)
@@ -175,12 +175,12 @@ def test_a_missing_package_is_named_with_its_extra(study, tmp_path, monkeypatch)
 def test_two_records_make_a_report(study, tmp_path):
     record = study.exact
     field = record.field.copy()
-    field[30, 45] += 0.5 * np.ptp(field[record.seen])
+    field[20, 30] += 0.5 * np.ptp(field[record.seen])
     found = compare_records(record, replace(record, field=field), "other.npz")
     write_report(found, tmp_path / "report")
     told = json.loads((tmp_path / "report" / "summary.json").read_text())
     assert told["pixel_exact"] is False
-    assert "worst at column 45, row 30" in told["verdict"]
-    assert f"element {record.element[30, 45]}" in told["verdict"]
+    assert "worst at column 30, row 20" in told["verdict"]
+    assert f"element {record.element[20, 30]}" in told["verdict"]
     assert summary(found)["rivals"][0]["value_max"] == pytest.approx(0.5)
     assert isinstance(record, Record)
