@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -100,6 +101,7 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "own_devices: about opening and closing devices: none is kept open for these")
 
 
+@cache
 def is_long(path):
     """Whether ``make check`` leaves a module out."""
     return str(path.relative_to(Path(__file__).parent).with_suffix("")) in LONG
