@@ -332,6 +332,8 @@ def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch)
         run("animate", *files, *FAST, "-o", tmp_path / "nowhere" / "frames")
     with pytest.raises(ElvisError, match="expected a time from 0 to 3, found 4"):
         run("animate", *files, *FAST, "--times", "0:4:2", "-o", tmp_path / "late")
+    with pytest.raises(ElvisError, match="--times: expected several steps of a series, found one state"):
+        run("animate", *files[:2], *FAST, "--orbit", "90", "--times", "0:1:2", "-o", tmp_path / "still")
     with pytest.raises(SceneError, match="range: expected several steps of a series, found one state"):
         render(*files[:2], range="series")
     monkeypatch.setitem(__import__("sys").modules, "av", None)

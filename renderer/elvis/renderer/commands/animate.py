@@ -178,9 +178,10 @@ def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | N
     if times is not None and frames is not None:
         raise click.UsageError("expected --times A:B:N or --frames N, found both", click.get_current_context())
     if times is not None:
-        if film.series is not None:
-            film.series.check_within(times[0])
-            film.series.check_within(times[1])
+        if film.series is None:
+            raise ElvisError("--times: expected several steps of a series, found one state; --frames counts frames")
+        film.series.check_within(times[0])
+        film.series.check_within(times[1])
         return [Moment(time=float(time)) for time in np.linspace(*times)]
     if film.series is not None and frames is None:
         return [Moment(step=number) for number in range(len(film.series))]
