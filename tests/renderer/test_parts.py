@@ -425,7 +425,8 @@ def test_ranks_with_pictures_of_their_own_are_told(files, started):
 
 
 def test_what_a_rank_starts_draws_its_own_picture(files, started):
-    render = [*started.elvis, "render", "bent.xml", "bent.fld", "--size", "96x72", "--camera", VIEW, "-o", "own.png"]
+    shown = ["--faces", "all", "--size", "96x72", "--camera", VIEW]
+    render = [*started.elvis, "render", "bent.xml", "bent.fld", *shown, "-o", "own.png"]
     starts = f"import subprocess, sys; sys.exit(subprocess.run({render!r}).returncode)"
     ranks = started.processes(files, (1, sys.executable, "-c", starts), (1, sys.executable, "-c", ""))
     assert (ranks.returncode, ranks.stderr) == (0, "")
