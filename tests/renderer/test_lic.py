@@ -314,7 +314,7 @@ def test_the_reference_draws_the_same(draw, solid, name, camera):
 
 PICTURES = {
     "clipped": {"clip": (Clip(Plane((0.9, 0.5, 0.5), (1.0, 0.3, 0.0))),)},
-    "samples": {"samples": 2, "size": (44, 33)},
+    "samples": {"samples": 2, "size": (80, 60)},
     "through": {"objects": (Faces(style=grey(length=16.0, opacity=0.6)),)},
     "lit": {"objects": (Faces(style=Style(lic=Lic(length=16.0))),), "range": (-0.6, 0.6)},
 }
