@@ -357,7 +357,10 @@ raise SystemExit(ranks.end(status, reason))
 )
 def test_each_rank_gets_what_the_others_have_for_it(started, tmp_path, fault, told):
     ranks = started.processes(tmp_path, (3, sys.executable, "-c", SENDS.format(fault=fault)))
-    assert (ranks.returncode, ranks.stderr) == (int(fault != "pass"), "")
+    # the 9 is MPICH's: now and then it kills a rank that is about to end with 1
+    assert ranks.returncode in ((0,) if fault == "pass" else (1, 9))
+    assert ranks.returncode != 9 or "Killed (signal 9)" in ranks.stdout
+    assert ranks.stderr == ""
     assert ranks.stdout.startswith(told)
 
 
