@@ -16,7 +16,7 @@ from elvis.scene.view import MARGIN, fit_camera, named_camera
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
 #: a glance has this many times fewer pixels each way, more where it would have more pixels than these; LEAST each way,
-#: or as many as the picture
+#: of elements, which are no thin lines, as many as the picture where this has fewer
 GLANCE, GLANCE_PIXELS = 4, 1 << 21
 #: most glances
 GLANCES = 4
@@ -109,7 +109,7 @@ def _extent_by_glances(
     for _ in range(GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
-        width, height = (max(min(LEAST, side), -(-side // fewer)) for side in size)
+        width, height = (max(min(LEAST, side) if is_of_elements(scene) else LEAST, -(-side // fewer)) for side in size)
         small = replace(scene, size=(width, height), camera=fit_camera(camera, (width, height), extent, box))
         mask = glance(small)
         if not mask.any():
