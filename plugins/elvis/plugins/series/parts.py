@@ -9,11 +9,23 @@ from typing import TYPE_CHECKING
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import needed_fields
-from elvis.formats.reading import StatesByPart
+from elvis.formats.reading import Choice, StatesByPart
 from elvis.plugins.series.finding import Found, Step
 
 if TYPE_CHECKING:
     from elvis.plugins.data import Reading
+
+
+def reading_of(step: Step, reading: Reading) -> Reading:
+    """How a step of files that are converted is read: one of several in a file by its number."""
+    if step.option is None:
+        return reading
+    return replace(reading, options={**reading.options, "step": str(step.option)})
+
+
+def chosen_fields(reading: Reading) -> Choice | None:
+    """Which fields of native files quantities need; None for all, where it isn't known what will be asked for."""
+    return partial(needed_fields, texts=reading.quantities) if reading.quantities else None
 
 
 class StepsByPart:
@@ -41,15 +53,11 @@ class StepsByPart:
         """
         from elvis.plugins.data import part_of_state
 
-        texts, lacking = self.reading.quantities, 0
+        lacking = 0
         if self._native is not None:
-            choose = partial(needed_fields, texts=texts) if texts else None
-            portion, lacking = self._native.read(*step.files, choose=choose)
+            portion, lacking = self._native.read(*step.files, choose=chosen_fields(self.reading))
         else:
-            options = dict(self.reading.options)
-            if step.option is not None:
-                options["step"] = str(step.option)
-            portion = part_of_state((*self._found.common, *step.files), replace(self.reading, options=options))
+            portion = part_of_state((*self._found.common, *step.files), reading_of(step, self.reading))
         # numbers in the whole alone: arrays go with the dataset
         self._last[step] = replace(portion, dataset=replace(portion.dataset, fields=()))
         return portion.dataset, lacking

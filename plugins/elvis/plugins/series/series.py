@@ -38,7 +38,7 @@ from elvis.plugins.series.between import (
     window,
 )
 from elvis.plugins.series.finding import Found, Step, find_steps
-from elvis.plugins.series.parts import StepsByPart
+from elvis.plugins.series.parts import StepsByPart, chosen_fields, reading_of
 from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
 
@@ -377,24 +377,20 @@ class Series(Sequence[Dataset]):
         return replace(dataset, remarks=(*dataset.remarks, sentence))
 
     def _read(self, step: Step) -> Dataset:
-        from elvis.plugins.data import state_of
-
-        if self._parts is not None:
-            found, lacking = self._parts.read(step)
-            found = self._checked(step, found, lacking) if self.is_native else replace(found, time=step.time)
-            return found if found.time is not None else replace(found, time=step.time)
+        found, lacking = self._whole(step) if self._parts is None else self._parts.read(step)
         if not self.is_native:
-            options = dict(self._reading.options)
-            if step.option is not None:
-                options["step"] = str(step.option)
-            found = state_of((*self.common, *step.files), replace(self._reading, options=options))
             return replace(found, time=step.time)
-        self._first = self._first or read_native(*self.common)
-        texts = self._reading.quantities
-        choose = partial(needed_fields, texts=texts) if texts else None
-        found, lacking = with_fields(self._first, *step.files, choose=choose)
         found = self._checked(step, found, lacking)
         return found if found.time is not None else replace(found, time=step.time)
+
+    def _whole(self, step: Step) -> tuple[Dataset, int]:
+        """A step, and how many elements of its fields the mesh lacks."""
+        from elvis.plugins.data import state_of
+
+        if not self.is_native:
+            return state_of((*self.common, *step.files), reading_of(step, self._reading)), 0
+        self._first = self._first or read_native(*self.common)
+        return with_fields(self._first, *step.files, choose=chosen_fields(self._reading))
 
     def _checked(self, step: Step, dataset: Dataset, lacking: int) -> Dataset:
         """A step whose fields are on elements of which the mesh lacks some; FormatError where other steps' are not.
