@@ -8,6 +8,7 @@ are the same to the byte, whatever the parts are.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,10 +26,10 @@ from elvis.plugins.data import Reading, open_data, open_part
 from elvis.plugins.opening import PluginData
 from elvis.renderer.completing import completed, default_field, other_device
 from elvis.renderer.relevance import Relevance, has_volumes
+from elvis.renderer.request import asked_by
 from elvis.scene import Scene, Streamlines
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
-from elvis.scene.quantities import quantities, vector_components
 
 _NONE = np.empty(0, np.int64)
 #: what a rank has opened
@@ -167,14 +168,12 @@ def is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:
 
 def _evaluated(dataset: Dataset, scenes: Sequence[Scene]) -> list[str]:
     """All that scenes of the whole evaluate, but for what says nothing, which shows when it is drawn."""
-    every = [whole_scene(dataset, scene) for scene in scenes]
-    found = dict.fromkeys(text for scene in every for text in (*quantities(scene), *vector_components(scene)))
-    for text in list(found):
-        try:
+    found = []
+    for text in asked_by([whole_scene(dataset, scene) for scene in scenes]):
+        with suppress(ElvisError):
             Expression.of(dataset, text)
-        except ElvisError:
-            del found[text]
-    return list(found)
+            found.append(text)
+    return found
 
 
 def what_matters(portion: Portion, scenes: Sequence[Scene]) -> Portion:
