@@ -1,6 +1,8 @@
 """Memory of PyFR with pictures over many steps: the first process's, as UCX watches memory and as it doesn't.
 
-    python benchmarks/growing.py [--steps 1000] [--cells 3] [--size 300x200] [--ranks 2]
+Beside it PyFR whose plugin draws nothing, or gathers the values of all processes and draws nothing.
+
+    python benchmarks/growing.py [--steps 1000] [--cells 3] [--size 300x200] [--ranks 2] [--does draws,gathers,nothing]
 
 Anonymous memory and the heap in use are noted after each ten steps (Linux, glibc).  A straight line is fitted to those
 of the last nine tenths of the steps; its error is that of blocks of ten values, as those next to each other are alike.
@@ -11,9 +13,11 @@ from __future__ import annotations
 import argparse
 import ctypes
 import json
+import os
 import subprocess
 import sys
 import tempfile
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +76,18 @@ def heap() -> int:
 
 
 class Noting(pyfr_host.Host):
-    """The plugin, whose first process notes its memory."""
+    """The plugin, whose first process notes its memory; it goes as far as the environment's ``DOES`` says."""
 
     notes: list[tuple[int, int, int]]
 
     def __call__(self, intg: Any) -> None:
-        super().__call__(intg)
         step = int(intg.nacptsteps)
+        if os.environ["DOES"] == "draws":
+            super().__call__(intg)
+        elif os.environ["DOES"] == "gathers":
+            parts = self._comm.gather(pyfr_host._part(intg, [0]), root=self._root)
+            if self._session is not None:
+                self._joined(self._names[:1], parts)
         if self._session is not None and step % EVERY == 0:
             self.notes = [*getattr(self, "notes", []), (step, anonymous_memory(), heap())]
 
@@ -140,6 +149,7 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=3)
     parser.add_argument("--size", default="300x200")
     parser.add_argument("--ranks", type=int, default=2)
+    parser.add_argument("--does", default="draws,gathers,nothing", help="what the plugin does, of these, with commas")
     asked = parser.parse_args()
     least = 4 * EVERY * BLOCK
     if asked.steps < least:
@@ -160,8 +170,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="elvis-growing-") as name:
         folder = Path(name)
         lay_out(folder, asked.cells, asked.ranks, asked.steps, list(map(int, asked.size.split("x"))))
-        for title, settings in {"as it is": {}, "UCX_MEM_EVENTS=n": {"UCX_MEM_EVENTS": "n"}}.items():
-            table.rows.append(row(title, measured(folder, asked.ranks, {**settings})))
+        quiet = {"UCX_MEM_EVENTS": "n"}
+        for does, settings in product(asked.does.split(","), ({}, quiet)):
+            title = ", ".join([does, *(f"{name}={value}" for name, value in settings.items())])
+            table.rows.append(row(title, measured(folder, asked.ranks, {"DOES": does, **settings})))
             print(table.text(), flush=True)
 
 
