@@ -1,6 +1,9 @@
 """How much memory is free: to the machine, and to the groups of processes that limit it."""
 
+import pytest
+
 from elvis.core import memory
+from elvis.scene.commandline import parameters
 
 MODERN = ("memory.max", "memory.current", "inactive_file")
 OLD = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
@@ -52,3 +55,20 @@ def test_the_least_counts(monkeypatch):
     assert memory.free_memory() == 800.0
     monkeypatch.setattr(memory, "_of_groups", lambda: [float("inf")])
     assert memory.free_memory() == 900.0
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [
+        (1, "1 bytes"),
+        (999, "999 bytes"),
+        (999.7, "0.976 KiB"),
+        (2048, "2 KiB"),
+        (1.5 * 2**30, "1.5 GiB"),
+        (2.0**60, "1.05e+06 TiB"),
+    ],
+)
+def test_sizes_in_words_are_those_that_an_option_takes(size, text):
+    assert memory.size_text(size) == text
+    if "bytes" not in text:
+        assert parameters.memory(text) == pytest.approx(size, rel=0.005)

@@ -31,6 +31,14 @@ def give_back_at_once() -> None:
         set_option(_MMAP_THRESHOLD, _OWN_PAGES)
 
 
+def size_text(size: float) -> str:
+    """A number of bytes in words, three digits and a unit that `elvis render --memory` takes: 1.5 GiB."""
+    units = ["bytes", "KiB", "MiB", "GiB", "TiB"]
+    while size >= 999.5 and len(units) > 1:
+        size, units = size / 1024.0, units[1:]
+    return f"{size:.3g} {units[0]}"
+
+
 def free_memory() -> float:
     """Bytes of memory that are free, to the system and to the control groups of this process.
 

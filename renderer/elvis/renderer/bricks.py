@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
+from elvis.core.memory import size_text
 from elvis.core.portions.partition import numbers_along_curve
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.shapes import Shape
@@ -260,7 +261,7 @@ def timed(dataset: Dataset, time: float | None) -> Dataset:
 
 
 def _too_much(needed: float, whose: str, memory: float) -> SceneError:
-    return SceneError(f"memory: expected {needed:.3g} bytes at least, which {whose} take, found {memory:.3g}")
+    return SceneError(f"memory: expected {size_text(needed)} at least, which {whose} take, found {size_text(memory)}")
 
 
 def _widen(ranges: NDArray[Any], rows: Ints, found: NDArray[Any]) -> None:

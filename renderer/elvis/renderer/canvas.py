@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
-from elvis.core.memory import free_memory
+from elvis.core.memory import free_memory, size_text
 from elvis.core.terminal import Progress
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.rank_rows import RankRows, joined
@@ -274,6 +274,6 @@ def check_memory(view: View, records: bool, most: int) -> None:
     if need > free:
         alone = ", or for a .png alone" if records else ""
         raise SceneError(
-            f"a picture of {view.width} x {view.height} pixels takes {need / 2**30:.1f} GiB of memory, "
-            f"{free / 2**30:.1f} GiB are free: ask for fewer pixels{alone}"
+            f"a picture of {view.width} x {view.height} pixels takes {size_text(need)} of memory, "
+            f"{size_text(free)} are free: ask for fewer pixels{alone}"
         )

@@ -12,6 +12,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from elvis.core.memory import size_text
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import Adapter, compiler, open_device, reach_of
 from elvis.renderer.announcing import Announcement
@@ -139,8 +140,8 @@ class Device:
             if data is not None:
                 buffer.memory.copy_from_numpy(_as_writeable(data.view(np.uint8)))
         except RuntimeError as error:
-            size = count * itemsize / 2**20
-            raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size:.1f} MiB") from error
+            size = size_text(count * itemsize)
+            raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size}") from error
         self.bytes_made += buffer.size if pool.made > before else 0
         return buffer
 
@@ -235,8 +236,8 @@ class Device:
         while True:
             size = kernel.capacity * dtype.itemsize
             if size > self.reach:
-                room = f"{self.reach / 2**20:.0f} MiB of a bound buffer"
-                raise DeviceLostError(f"{self.adapter.label} reaches {room}, and a list takes {size / 2**20:.0f}")
+                room = f"{size_text(self.reach)} of a bound buffer"
+                raise DeviceLostError(f"{self.adapter.label} reaches {room}, and a list takes {size_text(size)}")
             lists = {name: self.empty(dtype, kernel.capacity), "count": self.buffer(np.zeros(1, np.uint32))}
             run(lists)
             count = int(self.read(lists["count"], np.uint32)[0])
