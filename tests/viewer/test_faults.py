@@ -115,12 +115,14 @@ def test_ten_tabs_see_the_same(viewer):
     looking(viewer, work, count=10, silent=1)
 
 
-def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tmp_path, monkeypatch):
+def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tmp_path, monkeypatch, capsys):
+    """The terminal hears of it where nobody looks yet."""
     monkeypatch.setattr(session, "WATCH", 0.1)
     mesh = tmp_path / "mesh.xml"
     whole = Path(wave[0]).read_bytes()
     mesh.write_bytes(whole[: len(whole) // 2])
     viewer = start(Scene("u", data=(str(mesh), wave[1]), size=(64, 64)))
+    finished(until(lambda: f"elvis: warning: {mesh}: " in capsys.readouterr().err))
 
     async def work(tabs):
         await until(lambda: tabs[0].sentences)

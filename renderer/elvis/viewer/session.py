@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 from elvis.core.errors import ElvisError, fault_sentence
 from elvis.core.files.output import write_bytes
+from elvis.core.terminal import warn
 from elvis.scene.errors import SceneError
 from elvis.scene.files import SUFFIXES, scene_text
 from elvis.scene.permissions import PICTURES
@@ -429,5 +430,8 @@ class Session:
         await self._tell(text)
 
     async def _tell(self, text: str) -> None:
+        """Tell those who look what is wrong; the terminal, where nobody looks yet."""
+        if not self.viewers:
+            warn(text)
         for viewer in list(self.viewers):
             await viewer.send(json.dumps({"type": "error", "text": text, "until": "picture"}))
