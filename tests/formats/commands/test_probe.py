@@ -6,7 +6,8 @@ import click
 import numpy as np
 import pytest
 
-from elvis.formats import ElvisError
+from elvis.core.testing import approximated, grid
+from elvis.formats import Dataset, ElvisError, Shape, write
 
 
 @pytest.fixture
@@ -160,6 +161,23 @@ def test_a_failure_leaves_no_file(channel, elvis, tmp_path):
     with pytest.raises(ElvisError):
         elvis("probe", *channel, "--line", "0,0:1,1", "--fields", "rho", "-o", tmp_path / "out.csv")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_field_with_the_name_of_a_column_is_left_out(elvis, tmp_path, monkeypatch):
+    """Exports for other programs have a field of elements' numbers."""
+    mesh = Dataset(grid(Shape.QUADRILATERAL, 1))
+    fields = [approximated(mesh, name, lambda x: x[:, 0], 1) for name in ("element", "u")]
+    files = write(Dataset(mesh.mesh, tuple(fields)), tmp_path / "both.xml")
+    told = []
+    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    found = table(elvis("probe", *files, "--point", "0.5,0.5"))
+    assert list(found) == ["point", "x", "y", "z", "element", "status", "u"]
+    assert [text.split(";")[0] for text in told] == ["the field 'element' has the name of a column"]
+    with pytest.raises(ElvisError, match=r"an expression such as 1\*element has not$"):
+        elvis("probe", *files, "--point", "0.5,0.5", "--fields", "u,element")
+    assert table(elvis("probe", *files, "--point", "0.25,0.5", "--field", "1*element"))["1*element"] == pytest.approx(
+        0.25
+    )
 
 
 def test_expressions_are_probed_like_fields(channel, elvis):

@@ -287,7 +287,7 @@ def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
     """The table: what was asked, what was found, and one column a quantity; without rows but at the first rank."""
     from elvis.core.terminal import stage
 
-    wanted = _check(source.expressions(asked.texts))
+    wanted = _wanted(source, asked.texts)
     with stage(f"probing {len(places)} points"):
         found = asked.of(source, places, wanted)
     _tell_beyond(wanted, found)
@@ -309,7 +309,7 @@ def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked
     parts: list[Columns] = []
     taken: list[float] = []
     for time, source in moments:
-        wanted = _check(source.expressions(asked.texts))
+        wanted = _wanted(source, asked.texts)
         if not parts:
             asked = replace(asked, texts=[each.text for each in wanted])
             series.ask_for(*asked.quantities)
@@ -367,11 +367,21 @@ def _grid(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Tripl
     return Grid(*box, counts)
 
 
-def _check(wanted: Sequence[Expression]) -> Sequence[Expression]:
-    """The quantities; ElvisError where one would have the name of another column."""
-    for each in wanted:
-        if each.text in _COLUMNS:
-            raise ElvisError(f"the field {each.text!r} has the name of a column; choose the others with --fields")
+def _wanted(source: Source, texts: Sequence[str]) -> Sequence[Expression]:
+    """The quantities, all fields where none are named, but for those with the name of another column.
+
+    ElvisError where such a one is named, or there is no other.
+    """
+    from elvis.core.terminal import warn
+
+    found = source.expressions(texts)
+    wanted = [each for each in found if each.text not in _COLUMNS]
+    for each in found:
+        if each not in wanted:
+            reason = f"the field {each.text!r} has the name of a column; an expression such as 1*{each.text} has not"
+            if texts or not wanted:
+                raise ElvisError(reason)
+            warn(f"{reason}: it is left out")
     return wanted
 
 
