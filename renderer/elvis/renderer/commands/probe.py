@@ -367,7 +367,7 @@ def _grid(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Tripl
     return Grid(*box, counts)
 
 
-def _wanted(source: Source, texts: Sequence[str]) -> Sequence[Expression]:
+def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]:
     """The quantities, all fields where none are named, but for those with the name of another column.
 
     ElvisError where such a one is named, or there is no other.
