@@ -353,6 +353,7 @@ def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monk
                 assert own.read_bytes() == wanted.read_bytes()
     assert read[0] >= 40
     assert read[1] >= 40 if name == "times" else read[1] < 0.9 * read[0]
+    assert bool(read[1]) == (name != "cameras")
 
 
 def drawn_by_command(command, folder):

@@ -140,6 +140,12 @@ class Relevance:
         axes = None if self._axes is None else self._axes.tobytes()
         return self.texts, self._names_of_ends, axes, tuple(counted), self.words
 
+    @property
+    def shown_by(self) -> Hashable:
+        """What `shown` depends on but for the elements."""
+        surfaces = [item.surface for item in self.scene.every_object if isinstance(item, CutSurface)]
+        return self.texts, tuple(self.levels()), tuple(surfaces), self.words, has_volumes(self.scene)
+
     def looked_at(self) -> Iterator[Looked]:
         """What tells which elements are shown, for each part of the volume."""
         for number, part in enumerate(self._volume.parts):
