@@ -1,7 +1,9 @@
 """What Python asks of a dataset: fields by name, quantities at points, lines; answers are closed forms."""
 
+import gc
 import re
 import sys
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +11,8 @@ import pytest
 
 from elvis import formats
 from elvis.core.hints import nearest, perhaps
+from elvis.core.patch import patches
+from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 from elvis.formats import Dataset, ElvisError, Shape, line, sample
 
@@ -53,6 +57,20 @@ def test_quantities_are_what_probe_takes(plane, quantities):
     assert found["u*v"][:2] == pytest.approx(x * y * (x - 2 * y), abs=1e-13)
     assert np.isnan(found["u*v"][2])
     assert found.location.element_id[2] == -1
+
+
+def test_what_is_sampled_is_let_go_of_at_once(plane):
+    """Data that are done with take no memory until Python looks for circles, which may be long."""
+    places = ElementPoints(patches(plane, ["u"])[0], np.array([0, 1]), np.zeros((2, 2)))
+    for order in (0, 1, 2):
+        assert np.isfinite(places.derivative(0, order)).all()
+    gone = weakref.ref(places)
+    gc.disable()
+    try:
+        del places
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_predefined_quantities_and_derivatives(plane):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache, cached_property
+from collections.abc import Callable, Hashable
+from functools import cached_property
 
 import numpy as np
 
@@ -26,8 +27,7 @@ class ElementPoints:
 
     def __init__(self, patch: Patch, rows: Ints, points: Floats, normals: Floats | None = None) -> None:
         self.patch, self.rows, self.points, self.normals = patch, rows, points, normals
-        self.derivative = cache(self._derivative)
-        self._tables, self._sloped_tables = cache(self._table), cache(self._sloped_table)
+        self._known: dict[Hashable, Floats] = {}
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -47,8 +47,21 @@ class ElementPoints:
         """(n, 3, D) the world gradients of the reference coordinates, not finite where the Jacobian is singular."""
         return tangents.duals(self.jacobians)
 
-    def _derivative(self, field: int, order: int) -> Floats:
+    def derivative(self, field: int, order: int) -> Floats:
         """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN where the patch lacks it."""
+        return self._once((field, order), lambda: self._derivative(field, order))
+
+    def _once(self, key: Hashable, make: Callable[[], Floats]) -> Floats:
+        """What was made for a key, or is now.
+
+        `functools.cache` of a method would hold these points in a circle, and with them the coefficients of the patch
+        until Python looks for circles.
+        """
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
+
+    def _derivative(self, field: int, order: int) -> Floats:
         if self.patch.fields[field] is None:
             return np.full((len(self), *(3,) * order), np.nan)
         return (self._values, self._gradients, self._hessians)[order](field)
@@ -57,12 +70,12 @@ class ElementPoints:
         expansion, coefficients = self._own(field)
         if not is_small(expansion, self.points):
             return pointwise.values(self.patch, field, self.rows, self.points)
-        return np.asarray(np.einsum("nm,nm->n", coefficients[self.rows], self._tables(expansion)))
+        return np.asarray(np.einsum("nm,nm->n", coefficients[self.rows], self._table(expansion)))
 
     def _gradients(self, field: int) -> Floats:
         expansion, coefficients = self._own(field)
         if is_small(expansion, self.points):
-            own = np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_tables(expansion))
+            own = np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_table(expansion))
         else:
             own = pointwise.reference_gradients(self.patch, field, self.rows, self.points)
         return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
@@ -76,11 +89,13 @@ class ElementPoints:
 
     def _table(self, expansion: Expansion) -> Floats:
         """(n, m) values of modes, which fields share."""
-        return values(expansion, self.points[:, : dimension(expansion)])
+        points = self.points[:, : dimension(expansion)]
+        return self._once(("values", expansion), lambda: values(expansion, points))
 
     def _sloped_table(self, expansion: Expansion) -> Floats:
         """(n, d, m) their reference gradients."""
-        return values_and_gradients(expansion, self.points[:, : dimension(expansion)])[1]
+        points = self.points[:, : dimension(expansion)]
+        return self._once(("gradients", expansion), lambda: values_and_gradients(expansion, points)[1])
 
     def _hessians(self, field: int) -> Floats:
         """(n, 3, 3) in world coordinates; not finite where the Jacobian is singular.
