@@ -34,6 +34,7 @@ COMMANDS = {
     "plane": _PLANE,
     "info": "info --json",
     "jacobian": "info --json --jacobian",
+    "info of packed XML": "info --json",
     "plane of a series": f"{_PLANE} --time 0.3",
     "info of a series": "info --json --time 0.3",
     "probe of a series": "probe --line 0,0,0:1,1,1 -n 20000 --times all",
@@ -113,7 +114,8 @@ def row(name: str, run: Run, count: int, share: float) -> list[str]:
 
 def words_of(name: str, folder: Path, output: Path) -> list[str]:
     """A command by its name in COMMANDS, on the data in a folder."""
-    state, reference = [folder / f"million.{end}" for end in ("xml", "fld")], folder / "reference.fld"
+    stem = "packed" if "packed" in name else "million"
+    state, reference = [folder / f"{stem}.{end}" for end in ("xml", "fld")], folder / "reference.fld"
     files = [state[0], *sorted(folder.glob("step_*.chk"))] if "series" in name else state
     other = ["--other", f"ref={state[0]},{reference}"] if "other" in name else []
     words = COMMANDS[name].split()
@@ -139,7 +141,7 @@ def measured(name: str, folder: Path, output: Path, ranks: list[int], memories: 
 
 
 def write_data(folder: Path, cells: int) -> str:
-    """A state, three steps of a series, and another solution, unless they are there; what they are."""
+    """A state, packed too, three steps of a series, and another solution, unless they are there; what they are."""
     case, hdf5 = million(cells=cells), {"mesh_format": "hdf5", "field_format": "hdf5"}
     path = folder / "million.xml"
     if not path.exists():
@@ -148,6 +150,7 @@ def write_data(folder: Path, cells: int) -> str:
         for number in range(3):
             write(replace(dataset, time=float(number)), field_path=folder / f"step_{number}.chk", **hdf5)
         write(dataset, field_path=folder / "reference.fld", **hdf5)
+        write(dataset, folder / "packed.xml", mesh_format="compressed", field_format="xml")
     return case.label
 
 

@@ -55,13 +55,13 @@ def read(*paths: str | Path) -> Dataset:
     return _read(paths, lambda reader, names: reader.dataset(names))
 
 
-def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) -> T:
+def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], choose: Choice | None = None) -> T:
     """What is made of a reader of all files, of which there is one at least."""
     names = [str(path) for path in paths]
     if not names:
         raise ElvisError("expected files to read, found none")
     try:
-        reader = _Reader()
+        reader = _Reader(choose)
         for name in names:
             reader.add(Path(name))
         return make(reader, names)
@@ -71,9 +71,9 @@ def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) 
         raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or names[0]) from error
 
 
-def read_data(paths: Iterable[str | Path]) -> Dataset:
-    """The dataset in these files, read with a word on the terminal."""
-    return _staged(paths, lambda reader, names: reader.dataset(names))
+def read_data(paths: Iterable[str | Path], choose: Choice | None = None) -> Dataset:
+    """The dataset in these files, read with a word on the terminal; ``choose`` as in `with_fields`."""
+    return _staged(paths, lambda reader, names: reader.dataset(names), choose)
 
 
 def read_part(number: int, count: int, *paths: str | Path) -> Portion:
@@ -85,18 +85,18 @@ def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     return _staged(paths, lambda reader, names: reader.parts(names).part(number, count))
 
 
-def read_parts(*paths: str | Path) -> DatasetParts:
-    """The same for one part after another.  Raises as `read`."""
-    return _staged(paths, lambda reader, names: reader.parts(names))
+def read_parts(*paths: str | Path, choose: Choice | None = None) -> DatasetParts:
+    """The same for one part after another; ``choose`` as in `with_fields`.  Raises as `read`."""
+    return _staged(paths, lambda reader, names: reader.parts(names), choose)
 
 
-def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]) -> T:
+def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], choose: Choice | None = None) -> T:
     """As `_read`, with a word on the terminal."""
     from elvis.core.terminal import stage
 
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):
-        return _read(files, make)
+        return _read(files, make, choose)
 
 
 def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
@@ -231,9 +231,10 @@ class _Reader:
         """All that was taken in; FormatError where there is no mesh."""
         rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
         mesh = self._mesh(names)
-        found = fields_input.assemble(self._sections, mesh)
         metadata = {**self._mesh_metadata, **self._field_metadata}
-        return Dataset(mesh, found, time_of(metadata), metadata, expansions.resolve(rules, mesh))
+        bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh))
+        self._decode(bare)
+        return replace(bare, fields=fields_input.assemble(self._sections, mesh))
 
     def parts(self, names: list[str]) -> DatasetParts:
         """All that was taken in, to be read by parts; FormatError where there is no mesh."""
@@ -241,33 +242,33 @@ class _Reader:
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
+        self._decode(whole)
         whole = replace(whole, fields=fields_input.without_values(self._sections, whole.mesh))
         return DatasetParts(raw, whole, self._sections, rules, self._remarks)
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
-        if self._choose is not None:
-            self._decode(dataset, self._choose)
+        found = replace(dataset, time=time_of(self._field_metadata), metadata=self._field_metadata)
+        self._decode(found)
         fields = fields_input.assemble(self._sections, dataset.mesh)
-        found = replace(dataset, fields=fields, time=time_of(self._field_metadata), metadata=self._field_metadata)
-        return found, lacking(self._sections, dataset.mesh)
+        return replace(found, fields=fields), lacking(self._sections, dataset.mesh)
 
     def on_parts_of(self, parts: DatasetParts) -> tuple[DatasetParts, int]:
         """The same of a dataset that is read by parts."""
-        if self._choose is not None:
-            self._decode(parts.whole, self._choose)
         mesh, metadata = parts.whole.mesh, self._field_metadata
-        fields = fields_input.without_values(self._sections, mesh)
-        whole = replace(parts.whole, fields=fields, time=time_of(metadata), metadata=metadata)
+        whole = replace(parts.whole, time=time_of(metadata), metadata=metadata)
+        self._decode(whole)
+        whole = replace(whole, fields=fields_input.without_values(self._sections, mesh))
         return replace(parts, whole=whole, sections=self._sections), lacking(self._sections, mesh)
 
-    def _decode(self, dataset: Dataset, choose: Choice) -> None:
-        """Keep the chosen fields alone, and decode what waited."""
+    def _decode(self, dataset: Dataset) -> None:
+        """Keep the fields alone that are chosen of those of a dataset, which has none yet, and decode what waited."""
+        if self._choose is None:
+            return
         own = [section.space.names for section in self._sections]
         own += [fields_input.field_names(element) for element in self._waiting]
         fields = tuple(Field(name, ()) for name in dict.fromkeys(name for names in own for name in names))
-        metadata = self._field_metadata
-        wanted = frozenset(choose(replace(dataset, fields=fields, time=time_of(metadata), metadata=metadata)))
+        wanted = frozenset(self._choose(replace(dataset, fields=fields)))
         kept = [section.of(wanted) for section in self._sections if wanted.intersection(section.space.names)]
         chosen = [element for element in self._waiting if wanted.intersection(fields_input.field_names(element))]
         self._sections = [*kept, *(fields_input.read_section(element, wanted) for element in chosen)]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -24,6 +26,7 @@ from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
     from elvis.formats.nektar.dataset_parts import DatasetParts
+    from elvis.formats.reading import Choice
     from elvis.plugins.kept_conversions import Work
     from elvis.plugins.series.series import Series
 
@@ -39,8 +42,9 @@ class Reading:
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
     moment   which step of a series, or which time
     others   datasets that expressions may name, each as NAME=FILE,FILE
-    quantities  that alone will be asked for, the empty one for the first field: of steps of the native format only the
-                fields that these need are read; none where that is not known
+    quantities  that alone will be asked for, the empty one for the first field: of the native format only the fields
+                that these need are read; none where that is not known
+    is_of_map   whether nothing but the map of elements is asked for: of one native state no other fields are read
     ranks    that read the same, each its part
     """
 
@@ -50,7 +54,16 @@ class Reading:
     moment: Moment = field(default_factory=Moment)
     others: tuple[str, ...] = ()
     quantities: tuple[str, ...] = ()
+    is_of_map: bool = False
     ranks: Ranks = ALONE
+
+    def choice(self) -> Choice | None:
+        """Which fields of native files are needed; None for all, where it isn't known what is asked for."""
+        from elvis.core.quantities.needed import needed_fields
+
+        if self.is_of_map:
+            return attrgetter("map_names")
+        return partial(needed_fields, texts=self.quantities) if self.quantities else None
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
@@ -160,7 +173,7 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
     ranks = reading.ranks
     if _is_native(paths, reading):
         with mapped():
-            return read_parts(*paths).part(ranks.rank, ranks.size)
+            return read_parts(*paths, choose=reading.choice()).part(ranks.rank, ranks.size)
     from elvis.plugins.kept_conversions import part_of_conversion
 
     work = _work(paths, installed_converters(), reading)
@@ -173,7 +186,7 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
     paths, series = _series_of(paths, reading)
     if series is not None or reading.others or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
-    parts = read_parts(*paths)
+    parts = read_parts(*paths, choose=reading.choice())
     return replace(parts, whole=reading.moment.of_one_state(parts.whole))
 
 
@@ -206,7 +219,7 @@ def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     """The dataset of files that are no series, such as one step of it; moments are not looked at."""
     if _is_native(paths, reading):
-        return read_data(paths)
+        return read_data(paths, reading.choice())
     return _convert(paths, installed_converters(), reading)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import needed_fields
-from elvis.formats.reading import Choice, StatesByPart
+from elvis.formats.reading import StatesByPart
 from elvis.plugins.series.finding import Found, Step
 
 if TYPE_CHECKING:
@@ -21,11 +21,6 @@ def reading_of(step: Step, reading: Reading) -> Reading:
     if step.option is None:
         return reading
     return replace(reading, options={**reading.options, "step": str(step.option)})
-
-
-def chosen_fields(reading: Reading) -> Choice | None:
-    """Which fields of native files quantities need; None for all, where it isn't known what will be asked for."""
-    return partial(needed_fields, texts=reading.quantities) if reading.quantities else None
 
 
 class StepsByPart:
@@ -55,7 +50,7 @@ class StepsByPart:
 
         lacking = 0
         if self._native is not None:
-            portion, lacking = self._native.read(*step.files, choose=chosen_fields(self.reading))
+            portion, lacking = self._native.read(*step.files, choose=self.reading.choice())
         else:
             portion = part_of_state((*self._found.common, *step.files), reading_of(step, self.reading))
         # numbers in the whole alone: arrays go with the dataset

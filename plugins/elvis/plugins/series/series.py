@@ -38,7 +38,7 @@ from elvis.plugins.series.between import (
     window,
 )
 from elvis.plugins.series.finding import Found, Step, find_steps
-from elvis.plugins.series.parts import StepsByPart, chosen_fields, reading_of
+from elvis.plugins.series.parts import StepsByPart, reading_of
 from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
 
@@ -95,6 +95,8 @@ class Series(Sequence[Dataset]):
     def __init__(self, found: Found, reading: Reading) -> None:
         self.steps: tuple[Step, ...] = tuple(found.steps)
         self.common, self.remarks = found.common, list(found.remarks)
+        # what is told of steps is told of all their fields
+        reading = replace(reading, is_of_map=False)
         self.is_native, self._reading = found.is_native, reading
         self._others = Others(reading)
         self._parts = StepsByPart(found, reading) if reading.ranks.size > 1 else None
@@ -390,7 +392,7 @@ class Series(Sequence[Dataset]):
         if not self.is_native:
             return state_of((*self.common, *step.files), reading_of(step, self._reading)), 0
         self._first = self._first or read_native(*self.common)
-        return with_fields(self._first, *step.files, choose=chosen_fields(self._reading))
+        return with_fields(self._first, *step.files, choose=self._reading.choice())
 
     def _checked(self, step: Step, dataset: Dataset, lacking: int) -> Dataset:
         """A step whose fields are on elements of which the mesh lacks some; FormatError where other steps' are not.

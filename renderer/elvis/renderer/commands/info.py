@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,6 +103,7 @@ def info(
         _check(data.paths, as_json)
         return
     ranks = ALONE if is_whole else ranks
+    data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
     source = _opened(data, series, quantities, ranks)
     if source is None:

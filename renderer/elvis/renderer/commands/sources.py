@@ -59,7 +59,10 @@ def or_alone(ranks: Ranks, work: Callable[[Ranks], T]) -> T | None:
 
 @dataclass(frozen=True)
 class Data:
-    """The files that a command is given, of any format, and the options that say how they are read."""
+    """The files that a command is given, of any format, and the options that say how they are read.
+
+    is_of_map  whether nothing but the map of elements is asked for (see `Reading`)
+    """
 
     paths: tuple[Path, ...]
     plugin: str | None
@@ -69,6 +72,7 @@ class Data:
     time: float | None = None
     between: str = "linear"
     others: tuple[str, ...] = ()
+    is_of_map: bool = False
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
@@ -83,7 +87,8 @@ class Data:
         from elvis.plugins.data import Reading, pairs
 
         moment = Moment(self.step, self.time, self.between)
-        return Reading(self.plugin, pairs(self.reader), self.is_kept, moment, self.others, tuple(quantities))
+        options = pairs(self.reader)
+        return Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
         """What answers questions about the files, or on quantities alone, after a word on what a conversion lost.
