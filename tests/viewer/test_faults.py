@@ -211,6 +211,14 @@ def test_the_end_is_quiet(wave):
     assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nCtrl-C ends it\n", told)
 
 
+def test_a_page_that_goes_while_it_is_sent_something_is_no_fault(viewer, caplog):
+    loop = viewer.loop
+    for error in (ConnectionResetError("Cannot write to closing transport"), ValueError("odd")):
+        loop.call_soon_threadsafe(loop.call_exception_handler, {"message": "lost", "exception": error})
+    asyncio.run_coroutine_threadsafe(asyncio.sleep(0), loop).result(PATIENCE)
+    assert [str(record.exc_info[1]) for record in caplog.records] == ["odd"]
+
+
 def test_missing_files_are_told_at_once():
     from click.testing import CliRunner
 

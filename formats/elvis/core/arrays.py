@@ -133,3 +133,10 @@ def _row_keys(rows: Ints) -> NDArray[np.uint64]:
         keys *= np.uint64(base)
         keys += column.view(np.uint64)
     return keys
+
+
+def corners_of(*points: Floats) -> Floats:
+    """(2, d) least and greatest coordinates of points in several arrays (n, d), of which one is not empty."""
+    ends = [(own.min(axis=0), own.max(axis=0)) for own in points if len(own)]
+    lower, upper = zip(*ends, strict=True)
+    return np.stack([np.min(lower, axis=0), np.max(upper, axis=0)])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints, rows_of
+from elvis.core.arrays import Floats, Ints, corners_of, distinct, frozen_floats, frozen_ints, rows_of
 from elvis.core.shapes import Shape
 
 
@@ -168,6 +168,11 @@ class Mesh:
         """How many elements there are, in the whole where this is a part of it."""
         entities = self.counts.entities
         return sum(entities.get(shape, 0) for shape in Shape.of_dimension(self.dimension))
+
+    @property
+    def corners(self) -> Floats:
+        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+        return corners_of(self.vertices, self.edge_curves.points, self.face_curves.points)
 
     @property
     def elements(self) -> dict[Shape, Entities]:

@@ -57,6 +57,10 @@ class Source(Protocol):
     def bytes(self) -> int:
         """How much memory the arrays of all take."""
 
+    @property
+    def corners(self) -> Floats:
+        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+
     def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
         """For each shape of the elements (n,) which of ``count`` parts each is in."""
 
@@ -75,6 +79,11 @@ class InMemory:
     def bytes(self) -> int:
         """See `Source`."""
         return self._portion.bytes
+
+    @property
+    def corners(self) -> Floats:
+        """See `Source`."""
+        return self.whole.mesh.corners
 
     def numbers(self, count: int) -> Mapping[Shape, Ints]:
         """See `Source`."""
@@ -158,6 +167,11 @@ class Bricks:
     def whole(self) -> Dataset:
         """All data, kept from when they are first asked for."""
         return self._open()
+
+    @property
+    def corners(self) -> Floats:
+        """(2, 3) least and greatest coordinates of all vertices and points of curves."""
+        return self._source.corners
 
     @cached_property
     def dataset(self) -> Dataset:

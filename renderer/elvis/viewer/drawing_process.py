@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
+    from elvis.renderer.bricks import Bricks, Opening
     from elvis.scene.frame import Frame
     from elvis.scene.page import BarPlace, Layout
 
@@ -40,6 +41,7 @@ class Source:
     reading  how files become data, None as by default
     device   as of ``elvis render``
     is_live  whether files are those of a run that goes on, whose newest step is shown
+    opening  what opens the files of one state, None for `elvis.plugins.data.open_data`
     """
 
     files: tuple[str, ...] = ()
@@ -47,6 +49,7 @@ class Source:
     reading: Reading | None = None
     device: str = "auto"
     is_live: bool = False
+    opening: Opening | None = None
 
 
 @dataclass(frozen=True)
@@ -139,17 +142,36 @@ class _Drawing:
         """The answer to a request; ElvisError where there is none."""
         return self._answers[name](number, content)
 
+    @property
+    def _few(self) -> Dataset | PluginData:
+        """The data, a few elements where they come in bricks."""
+        from elvis.renderer.bricks import Bricks
+
+        return self._data.dataset if isinstance(self._data, Bricks) else self._data
+
+    def _dataset(self, what: str) -> Dataset:
+        """The dataset; ElvisError, which says what needs one, where there is none at hand."""
+        from elvis.core.dataset import Dataset
+        from elvis.core.errors import ElvisError
+        from elvis.renderer.bricks import Bricks
+
+        if isinstance(self._data, Bricks):
+            raise ElvisError(f"{what} need all elements, and --memory allows few: start elvis view without it")
+        if not isinstance(self._data, Dataset):
+            raise ElvisError(f"{what} need a dataset; a runtime plugin's data have pictures alone")
+        return self._data
+
     def _facts(self, _: int, __: Any) -> Table:
         """What the page offers: quantities, boundaries, the box around the data."""
-        import numpy as np
-
         from elvis.core.dataset import Dataset
-        from elvis.core.distances.boundaries import boundaries
+        from elvis.core.distances.boundaries import names_of_boundaries
         from elvis.core.picturing import Kind
         from elvis.core.quantities import Names
         from elvis.plugins.serving import names_of
+        from elvis.renderer.bricks import Bricks
 
-        names: Names = names_of(self._data)
+        data = self._few
+        names: Names = names_of(data)
         facts: Table = {
             "fields": list(names.fields),
             "quantities": [*names.fields, *names.flow.available, *"xyz"[: names.dimension]],
@@ -158,13 +180,11 @@ class _Drawing:
             "box": None,
             "times": self._moments.times,
         }
-        if isinstance(self._data, Dataset):
-            mesh = self._data.mesh
-            facts["kind"] = Kind.of(self._data).name.lower()
-            facts["boundaries"] = _told_apart(boundaries(mesh))
-            points = np.concatenate([mesh.vertices, mesh.edge_curves.points, mesh.face_curves.points])
-            facts["box"] = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
-            facts["remarks"] = list(self._data.remarks)
+        if isinstance(data, Dataset):
+            facts["kind"] = Kind.of(data).name.lower()
+            facts["boundaries"] = names_of_boundaries(data.mesh)
+            facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()
+            facts["remarks"] = list(data.remarks)
         return facts
 
     def _draw(self, number: int, content: Table) -> tuple[Table, bytes]:
@@ -196,7 +216,7 @@ class _Drawing:
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
         return {**facts, "number": number, "final": is_final}, file
 
-    def _take(self, data: Dataset | PluginData) -> None:
+    def _take(self, data: Dataset | PluginData | Bricks) -> None:
         """Show these data from now on."""
         if data is self._data:
             return
@@ -285,13 +305,10 @@ class _Drawing:
 
     def _line(self, _: int, content: Table) -> Table:
         """Exact values of quantities at points from one place to another."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
         from elvis.core.sampling import line
 
-        if not isinstance(self._data, Dataset):
-            raise ElvisError("lines of values need a dataset; a runtime plugin's data have pictures alone")
-        samples = line(self._data, content["quantities"], content["start"], content["end"], LINE_POINTS)
+        dataset = self._dataset("lines of values")
+        samples = line(dataset, content["quantities"], content["start"], content["end"], LINE_POINTS)
         return {
             "names": list(samples.names),
             "points": samples.points.tolist(),
@@ -316,27 +333,20 @@ class _Drawing:
     @cached_property
     def _linear_pictures(self) -> Any:
         """What draws linear elements, which few need; ElvisError where the data are no dataset."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
         from elvis.plugins.registry import load
 
-        if not isinstance(self._data, Dataset):
-            raise ElvisError("linear elements need a dataset; a runtime plugin's data have pictures alone")
+        dataset = self._dataset("linear elements")
         pictures: Any = load("elvis.comparisons", "linear")
-        return pictures(self._data)
+        return pictures(dataset)
 
     def _histogram(self, _: int, text: str) -> Table:
         """How much of the volume has which values of a quantity; counted once."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
         from elvis.core.histogram import histogram
         from elvis.core.quantities import Expression
-        from elvis.plugins.serving import names_of
 
-        if not isinstance(self._data, Dataset):
-            raise ElvisError("histograms need a dataset; a runtime plugin's data have pictures alone")
+        dataset = self._dataset("histograms")
         if text not in self._histograms:
-            found = histogram(self._data, Expression.parse(text, names_of(self._data)))
+            found = histogram(dataset, Expression.of(dataset, text))
             self._histograms[text] = {
                 "low": float(found.ends[0]),
                 "high": float(found.ends[-1]),
@@ -347,14 +357,11 @@ class _Drawing:
 
     def _extremes(self, _: int, text: str) -> list[Table]:
         """The least and the greatest value of a quantity over all elements, and where they are."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
         from elvis.core.quantities import Expression
         from elvis.core.quantity_extrema import quantity_extrema
 
-        if not isinstance(self._data, Dataset):
-            raise ElvisError("extremes need a dataset; a runtime plugin's data have pictures alone")
-        ends = quantity_extrema(self._data, Expression.of(self._data, text))
+        dataset = self._dataset("extremes")
+        ends = quantity_extrema(dataset, Expression.of(dataset, text))
         found = zip(("least", "greatest"), ends, strict=True)
         keys = ("field", "value", "position", "element", "status")
         return [dict(zip(keys, (text, own.value, list(own.place), own.element, n), strict=True)) for n, own in found]
@@ -364,7 +371,7 @@ class _Drawing:
         from elvis.core.quantities import Expression
         from elvis.plugins.serving import names_of
 
-        Expression.parse(text, names_of(self._data))
+        Expression.parse(text, names_of(self._few))
         return ""
 
     def _save(self, _: int, content: Table) -> bytes:
@@ -376,16 +383,6 @@ class _Drawing:
         self._take(self._moments.at(scene.moment))
         frame = self._pictures.draw(scene)
         return file_of(frame, suffix)
-
-
-def _told_apart(boundaries: dict[str, Any]) -> list[str]:
-    """The names of boundaries; of those that are the same, such as a name and an id, the one that says most."""
-    found: dict[bytes, str] = {}
-    for name, rows in boundaries.items():
-        known = found.get(rows.tobytes())
-        if known is None or (known.isdecimal() and not name.isdecimal()):
-            found[rows.tobytes()] = name
-    return list(found.values())
 
 
 def _facts_of(frame: Frame, layout: Layout) -> Table:

@@ -1,4 +1,4 @@
-"""The moments of a series that a viewer shows, and what it tells of all of them."""
+"""What a viewer looks at: one state, or the moments of a series and what is told of all of them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,27 @@ if TYPE_CHECKING:
     from elvis.plugins.opening import PluginData
     from elvis.plugins.series.following import Following
     from elvis.plugins.series.series import Series
+    from elvis.renderer.bricks import Bricks
+    from elvis.scene.whole import Scene
     from elvis.viewer.drawing_process import Source
 
 #: steps at which values over time are found, at most
 MOST_STEPS = 200
+
+
+def source_of(
+    scene: Scene, data: Dataset | PluginData | None = None, *, is_kept: bool = True, is_live: bool = False
+) -> Source:
+    """What a scene is of: data that are at hand, or its files, in bricks where it limits memory.
+
+    is_kept  whether conversions are kept
+    is_live  see `Source`
+    """
+    from elvis.renderer.bricks import opening_for
+    from elvis.renderer.request import reading_of
+    from elvis.viewer.drawing_process import Source
+
+    return Source(scene.data, data, reading_of(scene, is_kept), scene.device, is_live, opening_for([scene]))
 
 
 class Moments:
@@ -29,6 +46,7 @@ class Moments:
     def __init__(self, source: Source) -> None:
         """Open the data; ElvisError where they can't be read, or a run has no whole step yet."""
         from elvis.core.moments import Moment
+        from elvis.core.terminal import warn
         from elvis.plugins.data import Reading, open_data
         from elvis.plugins.series.series import series_in
 
@@ -37,14 +55,16 @@ class Moments:
         self._following: Following | None = None
         self._moment = reading.moment if source.data is None else Moment()
         self.series: Series | None = None
-        self.data: Dataset | PluginData
+        self.data: Dataset | PluginData | Bricks
         if source.data is not None:
             self.data = source.data
         elif source.is_live:
             self.data = self._first(files, reading)
         else:
             self.series = series_in(files, reading)
-            self.data = open_data(files, reading) if self.series is None else self.series.at_moment(self._moment)
+            opening = source.opening or open_data
+            found = self.series
+            self.data = opening(files, reading, warn) if found is None else found.at_moment(self._moment)
 
     def _first(self, files: tuple[Path, ...], reading: Any) -> Dataset:
         """The newest step of a run."""
@@ -74,7 +94,7 @@ class Moments:
             self.data = found
         return True
 
-    def at(self, moment: Moment) -> Dataset | PluginData:
+    def at(self, moment: Moment) -> Dataset | PluginData | Bricks:
         """The data at a moment; ElvisError where there are none."""
         if self.series is not None and moment != self._moment:
             self.data = self.series.at_moment(moment)

@@ -210,6 +210,12 @@ PALETTES = (
 )
 
 
+def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Tell of what nobody awaits, but for pages that go while something is sent to them, by a task of aiohttp's."""
+    if not isinstance(context.get("exception"), ConnectionResetError):
+        loop.default_exception_handler(context)
+
+
 async def serve(server: Server, host: str, port: int, opened: Callable[[str], object], idle: float | None) -> None:
     """Serve until it is cancelled, or nobody has looked for ``idle`` seconds.
 
@@ -217,6 +223,7 @@ async def serve(server: Server, host: str, port: int, opened: Callable[[str], ob
     """
     done = asyncio.Event()
     loop = asyncio.get_running_loop()
+    loop.set_exception_handler(_heed)
 
     def end_if_empty() -> None:
         if not server.session.viewers:

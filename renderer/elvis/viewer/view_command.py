@@ -48,7 +48,7 @@ def view(
 
     What stands still is exact, as elvis render draws it.  Ctrl-C ends it.
     """
-    from elvis.viewer.drawing_process import Source, spawn
+    from elvis.viewer.drawing_process import spawn
 
     # the process that draws gets ready while this one finds out what is wanted
     process = spawn()
@@ -60,10 +60,10 @@ def view(
     from elvis.core.files.plain import check_plain_or_folder
     from elvis.core.terminal import say
     from elvis.plugins.series.step_names import expanded
-    from elvis.renderer.request import reading_of
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
+    from elvis.viewer.moments import source_of
     from elvis.viewer.server import Server, serve
     from elvis.viewer.session import Session
 
@@ -82,7 +82,7 @@ def view(
             Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     async def run() -> None:
-        source = Source(scene.data, None, reading_of(scene, not no_cache), scene.device, live)
+        source = source_of(scene, is_kept=not no_cache, is_live=live)
         await serve(Server(Session(scene, source, allow_writes, process)), host, port, opened, idle)
 
     with suppress(KeyboardInterrupt):

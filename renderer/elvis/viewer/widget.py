@@ -20,11 +20,12 @@ from elvis.core.dataset import Dataset
 from elvis.core.needing import require_module
 from elvis.plugins.opening import PluginData
 from elvis.renderer.rendering import render
-from elvis.renderer.request import Request, reading_of
+from elvis.renderer.request import Request
 from elvis.scene.frame import Frame
 from elvis.scene.tables import table_of
 from elvis.scene.whole import Scene
 from elvis.viewer.drawing_process import Source
+from elvis.viewer.moments import source_of
 from elvis.viewer.patches import FIXED
 from elvis.viewer.server import page_facts
 from elvis.viewer.session import Session
@@ -56,7 +57,7 @@ class NotebookViewer:
 
         self._data: Dataset | PluginData | None = request.data
         scene = request.scene
-        source = Source(scene.data, request.data, reading_of(scene), scene.device)
+        source = source_of(scene, request.data)
         self._loop = asyncio.new_event_loop()
         threading.Thread(target=self._loop.run_forever, daemon=True, name="elvis-viewer").start()
         self._session: Session = self._call(_session(scene, source))

@@ -45,6 +45,19 @@ def boundaries(mesh: Mesh) -> dict[str, Ints]:
     return {name: np.flatnonzero(np.isin(every, ids)) for name, ids in sides_by_name(mesh).items()}
 
 
+def names_of_boundaries(mesh: Mesh) -> list[str]:
+    """Names of boundaries, each once: of those that stand for the same composites, a name rather than an id.
+
+    They are those of the whole of which the mesh may be a part.
+    """
+    found: dict[tuple[int, ...], str] = {}
+    for word in sides_by_name(mesh):
+        same = tuple(own.id for own in mesh.composites if word in (own.name, str(own.id), own.label))
+        if same not in found or (found[same].isdecimal() and not word.isdecimal()):
+            found[same] = word
+    return list(found.values())
+
+
 def sides_by_name(mesh: Mesh) -> dict[str, Ints]:
     """The same with the ids of faces or edges."""
     tags = {2: ("E", "S"), 3: ("F", "T", "Q")}.get(mesh.dimension, ())

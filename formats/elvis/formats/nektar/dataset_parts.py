@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools
+from elvis.core.arrays import Bools, Floats, corners_of
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion, carriers, is_even
 from elvis.core.shapes import Shape
@@ -48,6 +48,12 @@ class DatasetParts:
         points = raw.vertices.nbytes + raw.edge_curves.points.nbytes + raw.face_curves.points.nbytes
         values = (section.values for section in self.sections)
         return tables + points + sum(own.nbytes for own in values if own is not None)
+
+    @property
+    def corners(self) -> Floats:
+        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+        assert self.raw is not None
+        return corners_of(self.raw.vertices, self.raw.edge_curves.points, self.raw.face_curves.points)
 
     def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
         """For each shape of the elements (n,) which of ``count`` parts each is in: they are ranges along a curve.
