@@ -14,8 +14,10 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, with_field
-from elvis.formats import Dataset, read, write
-from elvis.formats.nektar import assembly, geometry_parts, hdf5
+from elvis.formats import Dataset, FormatError, read, write
+from elvis.formats.nektar import assembly, geometry_parts, hdf5, payload, xml
+from elvis.formats.nektar.mapped_files import mapped
+from elvis.formats.nektar.packed import Packed
 from elvis.formats.reading import read_part
 
 
@@ -66,14 +68,15 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("formats", [("hdf5", "hdf5"), ("compressed", "xml")], ids="-".join)
+@pytest.mark.parametrize("formats", [("hdf5", "hdf5"), ("compressed", "xml"), ("text", "xml")], ids="-".join)
 @pytest.mark.parametrize("name", CASES)
 def test_a_part_of_files_is_that_of_the_whole(name, formats, tmp_path, monkeypatch):
     monkeypatch.setattr(hdf5, "_LONG", 0)
+    monkeypatch.setattr(payload, "_STEP", 1000)
     files = in_files(CASES[name](), tmp_path, *formats)
     whole = read(*files)
     for number, count in [(0, 1), (0, 3), (1, 3), (2, 3), (5, 50)]:
-        with hdf5.mapped():
+        with mapped():
             found = read_part(number, count, *files)
         assert contents(found) == contents(Portion.of_whole(whole, number, count))
 
@@ -101,16 +104,54 @@ def contents(value):
     return {name: contents(getattr(value, name)) for name in fields} if fields else value
 
 
-def test_a_part_takes_little_more_than_its_share_of_memory(tmp_path, monkeypatch):
+@pytest.mark.parametrize("more", [2**31 - 70, 2**31 + 5])
+def test_ids_of_packed_meshes_may_be_great(more, tmp_path):
+    mesh = grid(Shape.TETRAHEDRON, 2)
+    great = {shape: replace(own, ids=own.ids + more) for shape, own in mesh.entities.items()}
+    whole = with_field(replace(mesh, entities=great, composites=(), domains={}), function, 3)
+    files = in_files(whole, tmp_path, "compressed", "xml")
+    with mapped():
+        found = read_part(1, 3, *files)
+    assert contents(found) == contents(Portion.of_whole(read(*files), 1, 3))
+
+
+def test_packed_coefficients_of_some_elements(monkeypatch):
+    """Of elements with as many modes as the next, or others, and of some of several fields."""
+    monkeypatch.setattr(payload, "_STEP", 100)
+    thrown = np.random.default_rng(0)
+    for counts in (np.broadcast_to(7, 50), thrown.integers(1, 12, 50)):
+        values = thrown.normal(size=(3, counts.sum()))
+        text = b"<ELEMENTS>" + b"".join(payload.encode([values])) + b"</ELEMENTS>"
+        (element,) = xml.parse(text, "a.fld")
+        packed = Packed(element, counts, 3, (0, 1, 2))
+        for rows in ((0, 1, 2), (0, 2), (1,)):
+            for share in (0.0, 0.3, 1.0):
+                wanted = thrown.random(50) < share
+                found = packed.of_fields(rows).of(wanted)
+                assert np.array_equal(found, values[np.ix_(rows, np.repeat(wanted, counts))])
+    with pytest.raises(FormatError, match=r"a\.fld: .*<ELEMENTS>.*: expected \d+ numbers, found \d+"):
+        Packed(element, counts + 1, 3, (2,)).of(np.zeros(50, bool))
+
+
+#: by formats: the part and how many there are, and the most that is taken of the memory of the whole
+SHARES = {
+    ("hdf5", "hdf5"): [(3, 8, 0.24), (3, 50, 0.09)],
+    ("compressed", "xml"): [(3, 8, 0.42), (3, 50, 0.37)],
+}
+
+
+@pytest.mark.parametrize("formats", SHARES, ids="-".join)
+def test_a_part_takes_little_more_than_its_share_of_memory(formats, tmp_path, monkeypatch):
     monkeypatch.setattr(hdf5, "_LONG", 0)
+    monkeypatch.setattr(payload, "_STEP", 1 << 12)
     for module in (assembly, geometry_parts):
         monkeypatch.setattr(module, "AT_ONCE", 1 << 12)
     dataset = with_field(grid(Shape.TETRAHEDRON, 16), function, 4)
-    files = in_files(dataset, tmp_path, "hdf5", "hdf5")
+    files = in_files(dataset, tmp_path, *formats)
     whole = Portion.whole(dataset).bytes
-    with hdf5.mapped():
+    with mapped():
         read_part(0, 50, *files)
-        for number, count, most in [(3, 8, 0.24), (3, 50, 0.09)]:
+        for number, count, most in SHARES[formats]:
             tracemalloc.start()
             own = read_part(number, count, *files)
             _, peak = tracemalloc.get_traced_memory()

@@ -25,6 +25,7 @@ from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, un
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
+from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section, lacking
 from elvis.formats.nektar.xml import GZIP_SIGNATURE, Element, head, load
@@ -55,13 +56,13 @@ def read(*paths: str | Path) -> Dataset:
     return _read(paths, lambda reader, names: reader.dataset(names))
 
 
-def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], choose: Choice | None = None) -> T:
+def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], reader: _Reader | None = None) -> T:
     """What is made of a reader of all files, of which there is one at least."""
     names = [str(path) for path in paths]
     if not names:
         raise ElvisError("expected files to read, found none")
     try:
-        reader = _Reader(choose)
+        reader = reader or _Reader()
         for name in names:
             reader.add(Path(name))
         return make(reader, names)
@@ -73,30 +74,31 @@ def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], 
 
 def read_data(paths: Iterable[str | Path], choose: Choice | None = None) -> Dataset:
     """The dataset in these files, read with a word on the terminal; ``choose`` as in `with_fields`."""
-    return _staged(paths, lambda reader, names: reader.dataset(names), choose)
+    return _staged(paths, lambda reader, names: reader.dataset(names), _Reader(choose))
 
 
 def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     """One of ``count`` parts of the dataset that `read` finds in ``paths``, a range of elements along a curve.
 
-    Of HDF5 that is mapped (`elvis.formats.nektar.hdf5.mapped`) little more than this part is in memory at any time.
+    Of HDF5 that is mapped (`elvis.formats.nektar.mapped_files`) little more than this part is in memory at any time; of
+    packed XML the tables of the mesh are, too.
     Raises as `read`, and for what is wrong with other parts not always.
     """
-    return _staged(paths, lambda reader, names: reader.parts(names).part(number, count))
+    return read_parts(*paths).part(number, count)
 
 
 def read_parts(*paths: str | Path, choose: Choice | None = None) -> DatasetParts:
     """The same for one part after another; ``choose`` as in `with_fields`.  Raises as `read`."""
-    return _staged(paths, lambda reader, names: reader.parts(names), choose)
+    return _staged(paths, lambda reader, names: reader.parts(names), _Reader(choose, is_of_parts=True))
 
 
-def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], choose: Choice | None = None) -> T:
+def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], reader: _Reader) -> T:
     """As `_read`, with a word on the terminal."""
     from elvis.core.terminal import stage
 
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):
-        return _read(files, make, choose)
+        return _read(files, make, reader)
 
 
 def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
@@ -125,7 +127,7 @@ class StatesByPart:
 
     def read(self, *paths: Path, choose: Choice | None = None) -> tuple[Portion, int]:
         """The part of a state, and how many elements of all its fields the mesh lacks; all else as `with_fields`."""
-        with hdf5.mapped():
+        with mapped():
             state, lacking = self._state(paths, choose)
             carried = carriers(state.whole)
             if self._last is None or not _is_same(carried, self._carriers):
@@ -141,12 +143,12 @@ class StatesByPart:
 
     def lacking(self, *paths: Path, choose: Choice | None = None) -> int:
         """The second of these alone."""
-        with hdf5.mapped():
+        with mapped():
             return self._state(paths, choose)[1]
 
     def _state(self, paths: Sequence[Path], choose: Choice | None) -> tuple[DatasetParts, int]:
         """The fields of a state, on the mesh; this is forgotten as soon as a part is made, but for ids."""
-        reader, mesh = _reader_of_fields(paths, choose), self._mesh
+        reader, mesh = _reader_of_fields(paths, choose, is_of_parts=True), self._mesh
         if mesh is None:
             mesh = read_parts(*self._files)
             self._mesh = replace(mesh, raw=None, sections=())
@@ -158,9 +160,9 @@ def _is_same(one: Ints | None, other: Ints | None) -> bool:
     return one is other or (one is not None and other is not None and np.array_equal(one, other))
 
 
-def _reader_of_fields(paths: Sequence[str | Path], choose: Choice | None) -> _Reader:
+def _reader_of_fields(paths: Sequence[str | Path], choose: Choice | None, *, is_of_parts: bool = False) -> _Reader:
     """What has taken in field files; FormatError where one can't be read."""
-    reader = _Reader(choose)
+    reader = _Reader(choose, is_of_parts=is_of_parts)
     try:
         for path in paths:
             reader.add(Path(path))
@@ -203,11 +205,12 @@ def named_files(paths: Iterable[str | Path]) -> list[Path]:
 class _Reader:
     """Collects what files hold; fields are decoded at once, a mesh when it is known which of several holds.
 
-    choose  see `with_fields`: then fields wait until all their names are known
+    choose       see `with_fields`: then fields wait until all their names are known
+    is_of_parts  whether parts are asked for: then they wait until a mesh is known, and each part unpacks its own
     """
 
-    def __init__(self, choose: Choice | None = None) -> None:
-        self._choose = choose
+    def __init__(self, choose: Choice | None = None, *, is_of_parts: bool = False) -> None:
+        self._choose, self._is_of_parts = choose, is_of_parts
         self._waiting: list[Element] = []
         self._tags: dict[str, Element] = {}
         self._geometries: dict[str | None, Element] = {}  # pieces by number or file, a whole mesh under None
@@ -263,15 +266,15 @@ class _Reader:
 
     def _decode(self, dataset: Dataset) -> None:
         """Keep the fields alone that are chosen of those of a dataset, which has none yet, and decode what waited."""
-        if self._choose is None:
-            return
         own = [section.space.names for section in self._sections]
         own += [fields_input.field_names(element) for element in self._waiting]
         fields = tuple(Field(name, ()) for name in dict.fromkeys(name for names in own for name in names))
-        wanted = frozenset(self._choose(replace(dataset, fields=fields)))
+        every = {field.name for field in fields}
+        wanted = every if self._choose is None else every.intersection(self._choose(replace(dataset, fields=fields)))
         kept = [section.of(wanted) for section in self._sections if wanted.intersection(section.space.names)]
         chosen = [element for element in self._waiting if wanted.intersection(fields_input.field_names(element))]
-        self._sections = [*kept, *(fields_input.read_section(element, wanted) for element in chosen)]
+        late = (fields_input.read_section(each, wanted, stays_packed=self._is_of_parts) for each in chosen)
+        self._sections = [*kept, *late]
         self._waiting.clear()
 
     def _add_folder(self, folder: Path) -> None:
@@ -310,7 +313,7 @@ class _Reader:
             is_field = False
             for child in root.children():
                 is_field |= child.tag in ("ELEMENTS", *_PARTITIONS)
-                if child.tag == "ELEMENTS" and self._choose is not None:
+                if child.tag == "ELEMENTS" and (self._is_of_parts or self._choose is not None):
                     self._waiting.append(child)
                 elif child.tag == "ELEMENTS":
                     self._sections.append(fields_input.read_section(child))

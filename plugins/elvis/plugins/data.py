@@ -17,7 +17,7 @@ from elvis.core.moments import Moment
 from elvis.core.portions.portion import Portion
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import stage
-from elvis.formats.nektar.hdf5 import mapped
+from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files

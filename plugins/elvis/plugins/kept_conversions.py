@@ -25,7 +25,7 @@ from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.portions import Portion
 from elvis.core.ranks import Ranks, agreed
 from elvis.formats.nektar.geometry_output import place
-from elvis.formats.nektar.hdf5 import mapped
+from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.reading import read, read_part
 from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter

@@ -25,7 +25,7 @@ from elvis.core.portions.partition import numbers_along_curve
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.dataset_parts import DatasetParts
-from elvis.formats.nektar.hdf5 import mapped
+from elvis.formats.nektar.mapped_files import mapped
 from elvis.plugins.data import Reading, open_data, open_parts
 from elvis.plugins.opening import PluginData
 from elvis.renderer.parts import beside, drawable, is_local, whole_scene

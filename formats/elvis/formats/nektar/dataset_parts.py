@@ -78,6 +78,8 @@ class DatasetParts:
         part = self._cut_into(len(chosen)).of(chosen)
         if is_last:
             self.raw = self._cut = None
+        else:
+            self.sections = [each.unpacked() for each in self.sections]  # once for all parts
         mesh = with_remarks(assemble(part.raw, is_part=True), self.remarks)
         dataset = Dataset(mesh, expansions=expansions.resolve(self.rules, mesh))
         numbers = (part.sides, part.counts, part.triangles)

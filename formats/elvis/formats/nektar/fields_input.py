@@ -21,7 +21,8 @@ from elvis.formats.nektar import hdf5, numbers
 from elvis.formats.nektar.assembly import Lookup, first_rows
 from elvis.formats.nektar.geometry_xml import is_compressed
 from elvis.formats.nektar.numbers import split
-from elvis.formats.nektar.payload import decode_exactly
+from elvis.formats.nektar.packed import Packed
+from elvis.formats.nektar.payload import check_possible, decode_exactly
 from elvis.formats.nektar.sections import (
     TODAY,
     Numbering,
@@ -43,10 +44,11 @@ if TYPE_CHECKING:
 _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 
 
-def read_section(element: Element, wanted: Collection[str] | None = None) -> Section:
+def read_section(element: Element, wanted: Collection[str] | None = None, *, stays_packed: bool = False) -> Section:
     """A section ELEMENTS; FormatError where its attributes or its data are wrong.
 
-    wanted  the only fields that are read, one of which is there; None for all
+    wanted        the only fields that are read, one of which is there; None for all
+    stays_packed  whether coefficients are left as they are, and what is wrong with them shows when they are unpacked
     """
     with format_errors_at(element):
         is_compressed(element)
@@ -54,15 +56,19 @@ def read_section(element: Element, wanted: Collection[str] | None = None) -> Sec
         ids = numbers.parse_ids(element.require("ID"))
         space.check_elements(ids.count)
 
-        # a list of ids is expanded once the coefficients of all its elements are there, which are at least as many
+        # a list of ids is expanded once its coefficients, at least as many, are there, or the text is long enough
         items = space.total(ids.count)
+        names, place = space.names, f"<ELEMENTS ID={element.attributes['ID'][:40]}>"
+        if stays_packed:
+            check_possible(element.content, items)
+            packed = Packed(element, space.counts(ids.count), len(names), tuple(range(len(names))))
+            whole = Section(space, ids.expand(items), packed, element.file, place)
+            return whole if wanted is None else whole.of(wanted)
 
         # fields follow one another: what comes behind the last that is wanted is not unpacked
-        names = space.names
         count = len(names) if wanted is None else max(i + 1 for i, name in enumerate(names) if name in wanted)
         first = items // len(names) * count
         values: Floats = decode_exactly(element.content, items, first).view("<f8").astype(np.float64, copy=False)
-        place = f"<ELEMENTS ID={element.attributes['ID'][:40]}>"
         whole = Section(replace(space, names=names[:count]), ids.expand(items), values, element.file, place)
         return whole if wanted is None else whole.of(wanted)
 

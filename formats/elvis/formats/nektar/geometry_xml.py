@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -18,7 +20,8 @@ from elvis.core.shapes import Shape
 from elvis.formats.nektar import composites, numbers
 from elvis.formats.nektar.assembly import RawCurves, RawGeometry
 from elvis.formats.nektar.expressions import evaluate
-from elvis.formats.nektar.payload import ENCODING, decode
+from elvis.formats.nektar.mapped_files import is_mapped
+from elvis.formats.nektar.payload import ENCODING, decode, record_pieces
 from elvis.formats.nektar.xml import Element, format_errors_at
 
 
@@ -266,8 +269,22 @@ _COMPRESSED = _CompressedCodec()
 
 def _record_table(element: Element, width: int) -> tuple[Ints, Ints]:
     """Ids and members of records of one more item."""
-    records = _records(element, width + 1)
+    records: NDArray[Any] = _narrow_records(element, width + 1) if is_mapped() else _records(element, width + 1)
     return records[:, 0].copy(), records[:, 1:].copy()
+
+
+def _narrow_records(element: Element, width: int) -> NDArray[Any]:
+    """As `_records`, of 32 bits where these are enough for all."""
+    narrow = np.dtype(np.int32)
+    least, greatest = np.iinfo(narrow).min, np.iinfo(narrow).max
+    out = bytearray()
+    with format_errors_at(element):
+        for piece in record_pieces(element.content, width):
+            numbers = np.frombuffer(piece, "<i8")
+            if len(numbers) and not least <= numbers.min() <= numbers.max() <= greatest:
+                return _records(element, width)
+            out += numbers.astype(narrow).tobytes()
+    return np.frombuffer(out, narrow).reshape(-1, width)
 
 
 def _records(element: Element, width: int) -> Ints:

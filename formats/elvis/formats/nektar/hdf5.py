@@ -13,7 +13,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from io import BytesIO, FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +22,8 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.memory import give_back_at_once
 from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings, is_plain
+from elvis.formats.nektar.mapped_files import is_mapped
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -32,11 +31,10 @@ if TYPE_CHECKING:
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
-#: bytes beyond which an array is worth being mapped, and whether they are
+#: bytes beyond which an array is worth being mapped
 _LONG = 1 << 20
 #: types of tables that can be mapped as they are
 _OF_TABLES = (np.dtype("<i4"), np.dtype("<u4"), np.dtype("<i8"))
-_IS_MAPPED = ContextVar("mapped", default=False)
 
 
 @contextmanager
@@ -52,21 +50,6 @@ def reading(path: Path) -> Iterator[h5py.File]:
             yield file
     except FormatError as error:
         raise error.within(path) from error
-
-
-@contextmanager
-def mapped(*, if_so: bool = True) -> Iterator[None]:
-    """In the block long arrays of floats, and tables, are mapped, not read: what nobody looks at is never in memory.
-
-    The files must stay as they are while the arrays are used.  What is freed goes back to the system at once then.
-    """
-    if if_so:
-        give_back_at_once()
-    token = _IS_MAPPED.set(if_so)
-    try:
-        yield
-    finally:
-        _IS_MAPPED.reset(token)
 
 
 def group(parent: h5py.Group, name: str) -> h5py.Group | None:
@@ -227,7 +210,7 @@ def _array(
             expected = f"{'whole ' if 'i' in kinds else ''}numbers{f' in {columns} columns' if columns else ''}"
             raise FormatError(f"expected {expected}, found {_kind(found)}", place=_place(parent, name))
         is_wanted = found.dtype in _OF_TABLES if is_table else found.dtype == np.dtype("<f8") == dtype
-        if _IS_MAPPED.get() and found.nbytes > _LONG and is_wanted:
+        if is_mapped() and found.nbytes > _LONG and is_wanted:
             place = found.id.get_offset()
             if place is not None and not found.file.userblock_size:
                 return np.memmap(found.file.filename, found.dtype, "r", place, found.shape)

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import DEFLATE_RATIO
 from elvis.core.threads import results
@@ -39,33 +40,66 @@ def decode_exactly(text: memoryview, items: int, first: int | None = None) -> ND
 
     FormatError where the text is no base64, the stream is damaged or ends early, or holds another number of items.
     """
-    size, wanted = 8 * items, 8 * (items if first is None else first)
-    if size > possible_bytes(text):
-        raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
-    out, filled = np.empty(wanted, np.uint8), 0
-    for piece in _inflate(text):
-        if filled + len(piece) > size:
-            raise FormatError(f"expected {items} numbers, found more")
-        taken = min(len(piece), wanted - filled)
-        out[filled : filled + taken] = np.frombuffer(piece, np.uint8, taken)
-        filled += taken
-        if filled == wanted < size:
-            return out
-    if filled != size:
-        raise FormatError(f"expected {items} numbers, found {_items(filled)}")
+    check_possible(text, items)
+    out, filled = np.empty(8 * (items if first is None else first), np.uint8), 0
+    for piece in _exactly(text, items, first):
+        out[filled : filled + len(piece)] = np.frombuffer(piece, np.uint8)
+        filled += len(piece)
     return out
+
+
+def numbers_exactly(text: memoryview, items: int, first: int | None = None) -> Iterator[Floats]:
+    """The numbers of such a payload in pieces; errors as `decode_exactly`."""
+    check_possible(text, items)
+    carry = b""
+    for piece in _exactly(text, items, first):
+        carry += piece
+        count = len(carry) // 8
+        yield np.frombuffer(carry, "<f8", count)
+        carry = carry[8 * count :]
+
+
+def check_possible(text: memoryview, items: int) -> None:
+    """FormatError where a payload can't hold so many items."""
+    if 8 * items > possible_bytes(text):
+        raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
+
+
+def _exactly(text: memoryview, items: int, first: int | None) -> Iterator[bytes]:
+    """The bytes of a payload in pieces; see `decode_exactly`."""
+    size, wanted, found = 8 * items, 8 * (items if first is None else first), 0
+    for piece in _inflate(text):
+        if found + len(piece) > size:
+            raise FormatError(f"expected {items} numbers, found more")
+        yield piece[: wanted - found]
+        found += len(piece)
+        if found >= wanted < size:
+            return
+    if found != size:
+        raise FormatError(f"expected {items} numbers, found {_items(found)}")
 
 
 def decode(text: memoryview, width: int) -> NDArray[np.uint8]:
     """(n, 8 width) bytes of a payload of records of ``width`` items each; errors as `decode_exactly`."""
-    out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(text)
-    for piece in _inflate(text):
-        out += piece
-        if len(out) > limit:
-            raise FormatError(f"the data grow beyond {GREATEST_RATIO} times their size, which no mesh does")
-    if len(out) % (8 * width):
-        raise FormatError(f"expected records of {width} numbers, found {_items(len(out))} in all")
+    out = bytearray()
+    for records in record_pieces(text, width):
+        out += records
     return np.frombuffer(out, np.uint8).reshape(-1, 8 * width)
+
+
+def record_pieces(text: memoryview, width: int) -> Iterator[bytes]:
+    """The bytes of such a payload in pieces of whole records."""
+    carry, found, limit = b"", 0, ALWAYS_ALLOWED + GREATEST_RATIO * len(text)
+    for piece in _inflate(text):
+        carry += piece
+        found += len(piece)
+        if found > limit:
+            raise FormatError(f"the data grow beyond {GREATEST_RATIO} times their size, which no mesh does")
+        whole = len(carry) - len(carry) % (8 * width)
+        yield carry[:whole]
+        carry = carry[whole:]
+    if carry:
+        raise FormatError(f"expected records of {width} numbers, found {_items(found)} in all")
 
 
 def possible_bytes(text: memoryview) -> int:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
 from elvis.formats.nektar.composites import composite_ids
+from elvis.formats.nektar.xml import Buffer
 
 _BEHIND = re.compile(rb"</([BC])\s*>[ \t]*<!--([^\r\n]*?)-->")
 _OPENING = re.compile(rb"<[BC]\s[^<>]*\bID\s*=\s*[\"']\s*([0-9]{1,18})\s*[\"'][^<>]*>")
@@ -22,7 +23,7 @@ _LONGEST = 40
 Remark = tuple[bytes, str]
 
 
-def read_remarks(data: bytes | bytearray) -> list[Remark]:
+def read_remarks(data: Buffer) -> list[Remark]:
     """Lists of composites as ``C[2-3]``, and what the comments behind their entries call them, in file order."""
     if b"!" not in data or b"<!--" not in data:
         return []

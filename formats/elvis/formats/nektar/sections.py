@@ -23,6 +23,7 @@ from elvis.core.polynomials.expansion import ASCENDING, FAMILIES, FOURIER, LINE
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.assembly import AT_ONCE, Lookup
 from elvis.formats.nektar.numbers import split
+from elvis.formats.nektar.packed import Packed
 
 _SHAPE = re.compile(r"(\w+?)(?:-Homogene?ousExp([12])D)?(-Strips)?")
 _ROWS_AT_ONCE = 1 << 14
@@ -78,9 +79,18 @@ class Section:
 
     space: Space
     element_ids: Ints
-    values: Floats | None
+    values: Floats | Packed | None
     file: str
     place: str
+
+    def unpacked(self, is_wanted: Bools | None = None) -> Section:
+        """Of a section whose values are packed some elements (n,), or all; any other as it is."""
+        if not isinstance(self.values, Packed):
+            return self
+        is_wanted = np.ones(len(self.element_ids), bool) if is_wanted is None else is_wanted
+        modes = self.space.modes if len(self.space.modes) == 1 else self.space.modes[is_wanted]
+        ids, values = self.element_ids[is_wanted], self.values.of(is_wanted).reshape(-1)
+        return replace(self, space=replace(self.space, modes=modes), element_ids=ids, values=values)
 
     def of(self, wanted: Collection[str]) -> Section:
         """The same without the other fields; one of the wanted is there."""
@@ -91,6 +101,8 @@ class Section:
         space = replace(self.space, names=tuple(names[row] for row in rows))
         if self.values is None:
             return replace(self, space=space)
+        if isinstance(self.values, Packed):
+            return replace(self, space=space, values=self.values.of_fields(rows))
         fields = self.values.reshape(len(names), -1)
         # neighbours are not copied
         own = fields[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] == len(rows) - 1 else fields[rows]
@@ -189,9 +201,12 @@ def pieces(section: Section, is_wanted: Bools) -> Iterator[Piece]:
     """The wanted elements (n,) by numbers of modes, in the order of first appearance; all of a uniform section, if
     they are, aren't copied.
     """
+    if isinstance(section.values, Packed):
+        section, is_wanted = section.unpacked(is_wanted), is_wanted[is_wanted]
     space, elements = section.space, len(section.element_ids)
     if not is_wanted.any():
         return
+    assert not isinstance(section.values, Packed)
     values = np.empty((len(space.names), 0)) if section.values is None else section.values.reshape(len(space.names), -1)
     if (space.modes == space.modes[0]).all():
         wanted = np.s_[:] if is_wanted.all() else np.flatnonzero(is_wanted)

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import content
+from elvis.core.files.plain import content, leading
+from elvis.formats.nektar.mapped_files import MappedBytes, is_mapped
 from elvis.formats.nektar.payload import ALWAYS_ALLOWED, ENCODING, GREATEST_RATIO, encode
 
-Buffer: TypeAlias = bytes | bytearray
+Buffer: TypeAlias = bytes | bytearray | MappedBytes
 
 _NAME = re.compile(rb"[A-Za-z_:][\w:.\-]*")
 _ATTRIBUTE = re.compile(rb"""([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
@@ -251,7 +252,7 @@ def _decode(raw: bytes | bytearray) -> str:
 
 
 def _description(data: Buffer) -> str:
-    if not data.strip():
+    if not bytes(data).strip():
         return "an empty file"
     return f"{len(data)} bytes that begin {bytes(data[:8])!r}; {OTHERS}"
 
@@ -283,7 +284,10 @@ def head(path: Path, size: int) -> bytes:
 
 
 def load(path: Path) -> Buffer:
-    """All bytes of a file, unpacked where it is gzipped."""
+    """All bytes of a file, mapped where that is allowed (see `mapped_files`), unpacked where it is gzipped."""
+    start = leading(path, len(GZIP_SIGNATURE))
+    if is_mapped() and start and start != GZIP_SIGNATURE:
+        return MappedBytes.of(path)
     raw = content(path)
     return _unpack(raw, path) if raw.startswith(GZIP_SIGNATURE) else raw
 

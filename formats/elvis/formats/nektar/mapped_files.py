@@ -1,0 +1,58 @@
+"""Files that are mapped rather than read: what nobody looks at is never in memory."""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+from elvis.core.memory import give_back_at_once
+
+_IS_MAPPED = ContextVar("mapped", default=False)
+#: bytes that are looked at together
+_STEP = 1 << 20
+
+
+@contextmanager
+def mapped(*, if_so: bool = True) -> Iterator[None]:
+    """In the block long arrays of floats, tables and text are mapped, and numbers of meshes have 32 bits if they fit.
+
+    The files must stay as they are while what was read is used.  What is freed goes back to the system at once then.
+    """
+    if if_so:
+        give_back_at_once()
+    token = _IS_MAPPED.set(if_so)
+    try:
+        yield
+    finally:
+        _IS_MAPPED.reset(token)
+
+
+def is_mapped() -> bool:
+    """Whether this is such a block."""
+    return _IS_MAPPED.get()
+
+
+class MappedBytes(mmap.mmap):
+    """The bytes of a file, with those methods of bytes that readers use."""
+
+    @staticmethod
+    def of(path: Path) -> MappedBytes:
+        """A file that isn't empty; OSError where it can't be mapped."""
+        with path.open("rb") as file:
+            return MappedBytes(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+    def __contains__(self, part: object) -> bool:
+        return self.find(part) >= 0  # type: ignore[arg-type]
+
+    def startswith(self, part: bytes, start: int, stop: int) -> bool:
+        """As of bytes."""
+        return self[start : min(start + len(part), stop)] == part
+
+    def count(self, part: bytes, start: int, stop: int) -> int:
+        """As of bytes, of what doesn't begin as it ends."""
+        more = len(part) - 1
+        starts = range(start, stop, _STEP)
+        return sum(self[first : min(first + _STEP + more, stop)].count(part) for first in starts)
