@@ -28,7 +28,12 @@ def as_rendered(viewer, tmp_path):
 def as_copied(page, language, folder):
     """The picture that the command or the lines of Python make which the page copies."""
     page.get_by_label("save", exact=True).select_option(f"copy {language}")
-    text = page.get_by_label(language, exact=True).input_value()
+    field = page.get_by_label(language, exact=True)
+    text = field.input_value()
+    # all is seen, or as much as there is room for, from the beginning
+    heights = field.evaluate("each => [each.scrollTop, each.scrollHeight, each.clientHeight, window.innerHeight]")
+    assert heights[0] == 0
+    assert heights[2] >= min(heights[1], 0.6 * heights[3])
     page.get_by_role("button", name="close").click()
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:

@@ -1962,12 +1962,15 @@ class Viewer {
   }
 
   async give(title, text) {
-    const field = make("textarea", { value: text, readOnly: true, rows: Math.min(18, text.split("\n").length + 1), cols: 80, spellcheck: false, "aria-label": title });
+    const field = make("textarea", { value: text, readOnly: true, cols: 80, spellcheck: false, "aria-label": title });
     const note = make("span", { className: "elvis-copied" });
     const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
     this.dialog.replaceChildren(field, make("div", { className: "elvis-buttons" }, close, note));
     this.dialog.showModal();
+    // long lines take several: all are seen, from the first
+    field.style.height = `${field.scrollHeight + 4}px`;
     field.select();
+    field.scrollTop = 0;
     // browsers that refuse leave the text selected
     const isCopied = await navigator.clipboard?.writeText(text).then(() => true, () => false);
     note.textContent = isCopied ? "copied" : "ctrl c copies it";
