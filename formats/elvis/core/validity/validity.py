@@ -34,7 +34,7 @@ from elvis.core.validity.determinants import Polynomials, determinant
 from elvis.core.validity.squares import descended, lower_bound
 
 #: numbers in the nets made at once, and elements that are looked at together
-_NUMBERS, _TOGETHER = 1 << 21, 1 << 15
+_NUMBERS, _TOGETHER = 1 << 21, 1 << 13
 #: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)

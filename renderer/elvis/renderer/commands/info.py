@@ -139,7 +139,7 @@ def _opened(data: Data, series: Series | None, quantities: Sequence[str], ranks:
         return all(Expression.of(dataset, text).is_local for text in quantities)
 
     found = data.part(ranks, comes_apart, series=series)
-    if isinstance(found, NativeSource) and found.portion is not None:
+    if isinstance(found, NativeSource) and found.is_part:
         return found
     if is_idle(ranks):
         return None

@@ -220,7 +220,9 @@ class Data:
             dataset = opened.dataset if isinstance(opened, Portion) else opened
             for remark in dataset.remarks:
                 note(remark)
-            return NativeSource(dataset, False, opened if isinstance(opened, Portion) else None, ranks)
+            # of a map nobody asks for numbers in the whole, which take as much memory as some fields
+            is_numbered = isinstance(opened, Portion) and not self.is_of_map
+            return NativeSource(dataset, False, opened if is_numbered else None, ranks)
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
@@ -259,7 +261,7 @@ class NativeSource:
     """A native dataset, which answers like `Evaluation`, without a device.
 
     is_quiet  whether no word is said on derivatives in time
-    portion   where the dataset is the part that one of several ranks has: which one
+    portion   where the dataset is the part that one of several ranks has, which one; None where nobody asks for that
     ranks     that have such parts
     """
 
@@ -267,6 +269,11 @@ class NativeSource:
     is_quiet: bool = False
     portion: Portion | None = None
     ranks: Ranks = ALONE
+
+    @property
+    def is_part(self) -> bool:
+        """Whether the dataset is a part of what all ranks have."""
+        return self.dataset.mesh.excerpt is not None
 
     @property
     def names(self) -> Names:
@@ -294,7 +301,7 @@ class NativeSource:
         from elvis.core.sampling import by_elements, by_points
 
         sampler, names = Sampler(self.dataset, wanted), [each.text for each in wanted]
-        if self.dataset.mesh.excerpt is None:
+        if not self.is_part:
             return by_points(lambda some: sampler.sample(some, all=every).columns(), points, names, ranks)
         return by_elements(sampler.sample(points, all=every), points, every, ranks)
 
@@ -356,7 +363,7 @@ class NativeSource:
         """The signs of Jacobians (see `elvis.core.validity`); of parts None elsewhere than at the first rank."""
         from elvis.core.validity.validity import shared_validity, validity
 
-        return validity(self.dataset) if self.portion is None else shared_validity(self.dataset, self.ranks)
+        return shared_validity(self.dataset, self.ranks) if self.is_part else validity(self.dataset)
 
     def _distances(self, asked: Sequence[Expression]) -> Facts:
         """What distances are measured to: how many faces, and whether they are closed, which gives distances a sign."""
