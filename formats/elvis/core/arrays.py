@@ -36,6 +36,11 @@ def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def narrow_ints(values: Ints, below: int) -> NDArray[Any]:
+    """Numbers from 0 up, less than ``below``, read-only, of 32 bits where these are enough for all such."""
+    return frozen_view(values.astype(np.int32 if below <= 1 << 31 else np.int64, copy=False))
+
+
 def among(numbers: Ints, others: Ints) -> Bools:
     """(n,) which of numbers are among others; where there are none, others are not looked at, as ``np.isin`` would."""
     return np.isin(numbers, others) if len(numbers) else np.zeros(0, bool)

@@ -104,6 +104,11 @@ class Counts:
     composites: tuple[tuple[int, ...], ...]
 
     @property
+    def total(self) -> int:
+        """Vertices and entities together: more than any number of one of them."""
+        return self.vertices + sum(self.entities.values())
+
+    @property
     def bytes(self) -> int:
         """How much memory arrays of a mesh take that is made of so much: their numbers have eight bytes each."""
         numbers = 4 * self.vertices + sum(map(sum, self.composites))
@@ -117,7 +122,8 @@ class Excerpt:
     """What a mesh that is a part of a whole one has to know of that (`elvis.core.portions`).
 
     counts  of the whole
-    sides   (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole
+    sides   (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole;
+            of 32 bits where these are enough
     """
 
     counts: Counts

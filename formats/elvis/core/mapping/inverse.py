@@ -44,7 +44,8 @@ _SIDE = 1e-9
 _REACH = 1e-3
 #: iterations in which most roots are found
 _FEW = 8
-_BATCH = 1 << 21
+#: numbers of maps, and pairs, that are looked at together
+_BATCH, _PAIRS = 1 << 21, 1 << 15
 _AFFINE = (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
@@ -96,7 +97,8 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     pairs that need the search are UNCERTAIN.
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
-    for part in chunks(len(rows), max(256, _BATCH // patch.geometry_coefficients[:1].size)):
+    step = min(_PAIRS, max(256, _BATCH // patch.geometry_coefficients[:1].size))
+    for part in chunks(len(rows), step):
         chosen, distinct = np.arange(part.start, part.stop), _Elements(patch, np.unique(rows[part]), distance)
         _first_pass(distinct, rows[part], points[part], chosen, roots, prove)
     if prove:

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as default
+from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints, narrow_ints
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
 from elvis.core.portions.partition import along_curve
@@ -31,7 +32,7 @@ _TAGS: Mapping[str, tuple[_Kind, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Portion:
-    """Some elements of a dataset.
+    """Some elements of a dataset.  Rows and numbers have 32 bits where these are enough for all in the whole.
 
     dataset   of these elements alone
     rows      (n,) rows in the whole, ascending: of vertices (None) and of entities by shape
@@ -59,15 +60,19 @@ class Portion:
     def whole(dataset: Dataset) -> Portion:
         """All of a dataset, which may be that of a portion."""
         mesh, sides = dataset.mesh, _inner_sides(dataset)
-        rows: dict[_Kind, Ints] = {shape: np.arange(len(own)) for shape, own in mesh.entities.items()}
-        rows[None] = np.arange(len(mesh.vertices))
-        blocks = {field.name: tuple(np.arange(len(block)) for block in field.blocks) for field in dataset.fields}
+        below = mesh.counts.total
+        rows: dict[_Kind, Ints] = {shape: _numbers(len(own), below) for shape, own in mesh.entities.items()}
+        rows[None] = _numbers(len(mesh.vertices), below)
+        blocks = {
+            field.name: tuple(_numbers(len(block), len(block)) for block in field.blocks) for field in dataset.fields
+        }
         if mesh.excerpt is not None:
             sides = np.union1d(sides, mesh.excerpt.sides)
         triangles = len(mesh.of(Shape.TRIANGLE))
         edges, faces = np.arange(len(mesh.edge_curves)), np.arange(len(mesh.face_curves))
         return Portion(
-            without_beside(dataset), rows, edges, faces, blocks, sides, mesh.counts, triangles, is_even(dataset)
+            *(without_beside(dataset), rows, edges, faces, blocks, narrow_ints(sides, below)),
+            *(mesh.counts, triangles, is_even(dataset)),
         )
 
     @staticmethod
@@ -121,9 +126,15 @@ class Portion:
 
     def with_sides(self, sides: Ints) -> Portion:
         """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
-        excerpt = Excerpt(self.counts, frozen_ints(np.searchsorted(self._side_numbers(), sides)))
+        own = self._side_numbers()
+        excerpt = Excerpt(self.counts, narrow_ints(np.searchsorted(own, sides), len(own)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
         return replace(self, dataset=replace(self.dataset, mesh=mesh), sides=sides)
+
+
+def _numbers(count: int, below: int) -> Ints:
+    """All of so many numbers, which are less than ``below``."""
+    return narrow_ints(np.arange(count), below)
 
 
 def without_beside(dataset: Dataset) -> Dataset:
@@ -307,12 +318,12 @@ def _united_curves(some: Sequence[Portion], which: Ints, rows: Mapping[_Kind, In
 
 def _edges_in_whole(portion: Portion, rows: Mapping[_Kind, Ints]) -> Ints:
     """(n,) numbers in the whole of edges."""
-    return rows.get(Shape.SEGMENT, np.empty(0, np.int64))
+    return rows.get(Shape.SEGMENT, np.empty(0, np.int32))
 
 
 def _faces_in_whole(portion: Portion, rows: Mapping[_Kind, Ints]) -> Ints:
     """(n,) numbers in the whole of faces, triangles first."""
-    none = np.empty(0, np.int64)
+    none: Any = np.empty(0, np.int32)
     return np.concatenate([rows.get(Shape.TRIANGLE, none), portion.triangles + rows.get(Shape.QUADRILATERAL, none)])
 
 

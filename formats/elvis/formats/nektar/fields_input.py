@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct, frozen_floats, frozen_ints, frozen_view
+from elvis.core.arrays import Bools, Floats, Ints, distinct, frozen_floats, frozen_ints, frozen_view, narrow_ints
 from elvis.core.dataset import Block, Expansion, Field
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
@@ -298,7 +298,9 @@ def assemble_part(
     fields, rows = [], {}
     for field in whole:
         chosen = [np.flatnonzero(on_mesh.present(block.expansion.shape, block.element_ids)) for block in field.blocks]
-        rows[field.name] = tuple(chosen)
+        rows[field.name] = tuple(
+            narrow_ints(some, len(block)) for block, some in zip(field.blocks, chosen, strict=True)
+        )
         blocks = zip(field.blocks, chosen, strict=True)
         own = (_block_with_ids(found.get((field.name, block.expansion)), block.of(some)) for block, some in blocks)
         fields.append(replace(field, blocks=tuple(own)))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Ints, distinct
+from elvis.core.arrays import Bools, Ints, distinct, narrow_ints
 from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mesh import Counts
@@ -97,7 +97,9 @@ class RawParts:
         )
         sides = used[top - 1][self._is_inner[used[top - 1]]] if top > 1 else _NONE
         triangles = len(raw.tables[Shape.TRIANGLE][0]) if Shape.TRIANGLE in raw.tables else 0
-        return RawPart(own, rows, edges, faces, sides, self._counts, triangles)
+        numbers = {kind: narrow_ints(some, self._counts.total) for kind, some in rows.items()}
+        sides = narrow_ints(sides, self._counts.total)
+        return RawPart(own, numbers, edges, faces, sides, self._counts, triangles)
 
     def _shapes(self, dimension: int) -> list[Shape]:
         return [shape for shape in Shape.of_dimension(dimension) if shape in self.raw.tables]

@@ -217,12 +217,11 @@ class Data:
         from elvis.core.terminal import note, warn
 
         if isinstance(opened, Dataset | Portion):
-            dataset = opened.dataset if isinstance(opened, Portion) else opened
+            dataset, part = (opened.dataset, opened) if isinstance(opened, Portion) else (opened, None)
             for remark in dataset.remarks:
                 note(remark)
             # of a map nobody asks for numbers in the whole, which take as much memory as some fields
-            is_numbered = isinstance(opened, Portion) and not self.is_of_map
-            return NativeSource(dataset, False, opened if is_numbered else None, ranks)
+            return NativeSource(dataset, False, None if self.is_of_map else part, ranks)
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
