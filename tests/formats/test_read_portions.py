@@ -79,6 +79,7 @@ def test_a_part_of_files_is_that_of_the_whole(name, formats, tmp_path, monkeypat
         with mapped():
             found = read_part(number, count, *files)
         assert contents(found) == contents(Portion.of_whole(whole, number, count))
+        assert {own.dtype for own in (found.sides, *found.rows.values())} == {np.dtype(np.int32)}
 
 
 def test_waves_of_several_files_are_those_of_the_whole(tmp_path):
@@ -104,12 +105,13 @@ def contents(value):
     return {name: contents(getattr(value, name)) for name in fields} if fields else value
 
 
+@pytest.mark.parametrize("form", ["compressed", "text"])
 @pytest.mark.parametrize("more", [2**31 - 70, 2**31 + 5])
-def test_ids_of_packed_meshes_may_be_great(more, tmp_path):
+def test_ids_in_xml_may_be_great(more, form, tmp_path):
     mesh = grid(Shape.TETRAHEDRON, 2)
     great = {shape: replace(own, ids=own.ids + more) for shape, own in mesh.entities.items()}
     whole = with_field(replace(mesh, entities=great, composites=(), domains={}), function, 3)
-    files = in_files(whole, tmp_path, "compressed", "xml")
+    files = in_files(whole, tmp_path, form, "xml")
     with mapped():
         found = read_part(1, 3, *files)
     assert contents(found) == contents(Portion.of_whole(read(*files), 1, 3))

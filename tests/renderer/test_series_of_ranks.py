@@ -132,6 +132,7 @@ PRINTED = {
     "info": ("x", "info", "--json", "--field", "d(u,t)+v"),
     "info of a moment beside other data": ("x", "info", "--json", "--time", "0.3", "--field", "u*v-ref:u"),
     "info of what is converted": ("v", "info", "--json", "--field", "d(u,t)+v"),
+    "Jacobians": ("h", "info", "--json", "--jacobian"),
     "norms": ("x", "norms", "--json", "--time", "0.7", "--field", "d(u,t)-ref:u"),
     "norms of what is converted": ("v", "norms", "--json", "--time", "0.7"),
 }

@@ -9,13 +9,14 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.formats.nektar.mapped_files import is_mapped
 from elvis.formats.nektar.xml import Buffer
 
 Number = TypeVar("Number", np.float64, np.int64)
@@ -100,16 +101,23 @@ def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
 
 
 class _Table:
-    """Ids and members of one tag, gathered chunk by chunk in arrays that are large enough from the start."""
+    """Ids and members of one tag, gathered chunk by chunk in arrays that are large enough from the start.
+
+    Where files are mapped these have 32 bits if that is enough for all.
+    """
 
     def __init__(self, capacity: int, width: int) -> None:
-        self._ids, self._members = np.empty(capacity, np.int64), np.empty((capacity, width), np.int64)
+        kind = np.int32 if is_mapped() else np.int64
+        self._ids: NDArray[Any] = np.empty(capacity, kind)
+        self._members: NDArray[Any] = np.empty((capacity, width), kind)
         self._filled = 0
 
     def extend(self, rows: Ints) -> None:
         """Add (n, 1 + width) rows; FormatError where entries don't end as they begin."""
         stop = self._filled + len(rows)
         _check_ends(stop, len(self._ids))
+        if len(rows) and rows.max() > np.iinfo(self._ids.dtype).max:
+            self._ids, self._members = self._ids.astype(np.int64), self._members.astype(np.int64)
         self._ids[self._filled : stop], self._members[self._filled : stop] = rows[:, 0], rows[:, 1:]
         self._filled = stop
 
