@@ -20,7 +20,7 @@ from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins import workers
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Scene, film_workers, render, series_range
+from elvis.renderer import Camera, Renderer, Scene, film_workers, render, series_range
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.scene.errors import SceneError
 
@@ -256,15 +256,27 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
         def run(self, work):
             work()
 
-    monkeypatch.setattr(film_workers, "is_any_kept", lambda: is_kept)
+    # what finds the camera keeps its kernels, of which there are more
+    answers = iter([is_kept, True, True])
+    monkeypatch.setattr(film_workers, "is_any_kept", lambda: next(answers))
     monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)
     monkeypatch.setattr(workers.Workers, "client", lambda self: nullcontext(Here()))
-    arguments = ["animate", *files[:2], *FAST, "--camera", "iso", "--orbit", "40", "--frames", "5"]
+    arguments = ["animate", *files[:2], *FAST, "--camera", "iso", "--orbit", "40", "--frames", "9"]
     run(*arguments, "--workers", "2", "-o", tmp_path / "two")
     assert not film_workers._OPEN
     run(*arguments, "-o", tmp_path / "one")
     assert pictures(tmp_path / "two") == pictures(tmp_path / "one")
-    assert asked == [("camera_of_first", 5)] * (1 + is_kept) + [("draw_block", 1)] * 5
+    sizes = [2, *[1] * 7] if is_kept else [1, 2, *[1] * 6]
+    assert asked == [("camera_of_first", 9)] * (1 + is_kept) + [("draw_block", size) for size in sizes]
+
+
+def test_the_first_camera_is_found_without_a_picture(files, monkeypatch):
+    scene = Scene("u", data=tuple(map(str, files[:2])), camera="iso", size=(40, 30))
+    with Film(scene, is_kept=False) as film:
+        camera = film.draw(scene).view.camera
+    monkeypatch.setattr(Renderer, "render", None)
+    with Film(scene, is_kept=False) as film:
+        assert film.first_camera([scene]) == camera
 
 
 def test_blocks_of_frames_get_smaller():

@@ -144,6 +144,19 @@ class Film:
 
         None of a step that can't be read, or lacks what is shown: the faults of the series tell of it.
         """
+        pictures = self._shown(scene, following)
+        return None if pictures is None else pictures.draw(scene)
+
+    def first_camera(self, scenes: Sequence[Scene]) -> Camera:
+        """The camera of the picture of the first of some scenes whose step can be read; FormatError where none can."""
+        for scene in scenes:
+            pictures = self._shown(scene)
+            if pictures is not None:
+                return self.ranks.exchange(pictures.camera(scene), "the camera of a film")[0]
+        raise FormatError(f"expected a step that can be read, found none among {len(scenes)}", file=self.files[0])
+
+    def _shown(self, scene: Scene, following: Scene | None = None) -> Pictures | None:
+        """Pictures of the data of a scene, None as of `draw`."""
         is_read = self.series is None or scene.moment == self._moment
         data = None if self.series is None or is_read else self._at(self.series, scene.moment)
         self._expect(following)
@@ -152,19 +165,7 @@ class Film:
         if data is not None:
             self._show(data, scene.moment)
         assert self._pictures is not None  # data are shown
-        return self._pictures.draw(scene)
-
-    def draw_first(self, scenes: Sequence[Scene]) -> Frame:
-        """The picture of the first of some scenes whose step can be read; FormatError where none can."""
-        for scene in scenes:
-            frame = self.draw(scene)
-            if frame is not None:
-                return frame
-        raise FormatError(f"expected a step that can be read, found none among {len(scenes)}", file=self.files[0])
-
-    def first_camera(self, scenes: Sequence[Scene]) -> Camera:
-        """The camera of that picture."""
-        return self.ranks.exchange(self.draw_first(scenes).view.camera, "the camera of a film")[0]
+        return self._pictures
 
     def _expect(self, following: Scene | None) -> None:
         """Begin to read the data of the following scene, unless that is done."""

@@ -38,6 +38,7 @@ class Team:
         self._until_end, self._starter = ExitStack(), ThreadPoolExecutor(1, "elvis-workers")
         self._client: Future[Any] | None = None
         self._opening: list[Any] = []
+        self._has_kernels = is_any_kept()
 
     def __enter__(self) -> Team:
         return self
@@ -53,12 +54,12 @@ class Team:
             self._start()
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
-        """The camera of the first scene whose step can be read, as `Film.draw_first` has it.
+        """The camera of the first scene whose step can be read.
 
-        All workers draw it, for all need what it is drawn with; only the first where kernels are to be compiled.
+        All workers find it, for all need what it is found with; only the first where kernels are to be compiled.
         """
         client = self._connected()
-        count = self._workers.number(client) if is_any_kept() else 1
+        count = self._workers.number(client) if self._has_kernels else 1
         self._opening = begun(client, camera_of_first, [(self._base, scenes, self._is_kept)] * count)
         camera: Camera = results(client, self._opening[:1], _KEPT)[0]
         return camera
@@ -71,7 +72,7 @@ class Team:
         Raises what drawing raises, and ElvisError where a worker was ended.
         """
         client = self._connected()
-        if not is_any_kept():
+        if not self._has_kernels:
             # kernels are compiled for the first frame, others find them
             yield from self._drawn(client, [shots[:1]], told)
             shots = shots[1:]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -47,7 +47,7 @@ from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
-from elvis.scene import Plane, Scene, Vector
+from elvis.scene import Camera, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
@@ -57,6 +57,7 @@ from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
 
+T = TypeVar("T")
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
 
@@ -173,6 +174,24 @@ class Pictures:
 
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
+        asked, scene, data, remarks = self._arranged(scene)
+        if (other := other_device(self.device)) is not None:
+            return note(other(data, scene), asked, data, remarks)
+        if self._kind is Kind.LINE and isinstance(data, Dataset):
+            return note(draw_curves(data, scene), asked, data, remarks)
+        renderer = self._with_volume(data, scene)
+        frame = renderer.render(scene, references=_is_exact(scene))
+        return note(frame, asked, data, (*remarks, *self._remarks))
+
+    def camera(self, scene: Scene) -> Camera:
+        """The camera of that picture, for which the view alone is found where a Renderer draws it."""
+        _, shown, data, _ = self._arranged(scene)
+        if other_device(self.device) is not None or self._kind is Kind.LINE:
+            return self.draw(scene).view.camera
+        return self._with_volume(data, shown).view(shown).camera
+
+    def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
+        """What is asked for, the scene that shows it, the data of its picture and what is to be said of them."""
         data = self.data
         if scene.range == "series":
             raise SceneError("range: series needs the files of a series: expected seen, all or two values")
@@ -185,18 +204,10 @@ class Pictures:
             self._checked = scene.field, scene.time
         self._kind = self._kind or _kind(data, scene)
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
-        other = other_device(self.device)
         remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *remarks_on_rates(data, scene))
         if self._part is not None:
             data = self._of_ranks(self._part.timed(scene.time), scene)
-        data = self._in_bricks(data, scene)
-        if other is not None:
-            return note(other(data, scene), asked, data, remarks)
-        if self._kind is Kind.LINE and isinstance(data, Dataset):
-            return note(draw_curves(data, scene), asked, data, remarks)
-        renderer = self._with_volume(data, scene)
-        frame = renderer.render(scene, references=_is_exact(scene))
-        return note(frame, asked, data, (*remarks, *self._remarks))
+        return asked, scene, self._in_bricks(data, scene), remarks
 
     def _opened(self) -> Renderer:
         """The renderer, whose device is opened when it is first asked for."""
@@ -320,7 +331,8 @@ class Renderer:
         """A picture of the volume; the scene has objects.  Only exact records need reference coordinates."""
         start = perf_counter()
         with limited(scene.timeout):
-            frame = self._persistent(scene, references)
+            rows = RankRows(self.ranks, self.bands)
+            frame = self._persistent(lambda most: self._draw(scene, references, most, rows))
             check_time()
         if not frame.status.any() and not self.ranks.rank:
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
@@ -350,12 +362,17 @@ class Renderer:
                 box[:, axis] = self.stages.bounds(name)
         return box
 
-    def _persistent(self, scene: Scene, references: bool) -> Frame:
-        """A frame, fewer pixels at a time where the device fails."""
-        most, rows = BAND, RankRows(self.ranks, self.bands)
+    def view(self, scene: Scene) -> View:
+        """The view that `render` has of a scene."""
+        with limited(scene.timeout):
+            return self._persistent(lambda most: self._view(scene))
+
+    def _persistent(self, work: Callable[[int], T]) -> T:
+        """Work that is told how many pixels to draw at once, fewer where the device fails."""
+        most = BAND
         while True:
             try:
-                return self._draw(scene, references, most, rows)
+                return work(most)
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:
