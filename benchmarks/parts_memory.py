@@ -34,6 +34,7 @@ COMMANDS = {
     "plane": _PLANE,
     "info": "info --json",
     "jacobian": "info --json --jacobian",
+    "extrema": "info --json --extrema",
     "info of packed XML": "info --json",
     "plane of a series": f"{_PLANE} --time 0.3",
     "info of a series": "info --json --time 0.3",

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core import extrema as extrema_module
 from elvis.core import ranges
 from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.mesh import Composite
@@ -14,6 +15,7 @@ from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression, bounding
+from elvis.core.quantity_extrema import shared_extrema
 from elvis.core.shapes import Shape
 from elvis.core.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
@@ -109,6 +111,67 @@ def test_facts_of_parts_are_those_of_the_whole(case, size, monkeypatch):
     found, *others = played(size, facts)
     assert text(found) == text(summary(dataset, expressions(dataset, texts)))
     assert not any(others)
+
+
+def symmetric(shape):
+    """A field with equal extremes in many elements, one that is everywhere the same, and one of noise that jumps."""
+    mesh = grid(shape, 4)
+    bare = Dataset(mesh)
+    wave = approximated(bare, "wave", lambda p: np.cos(4 * np.pi * p[:, 0]) * np.cos(4 * np.pi * p[:, 1]), 6)
+    one = approximated(bare, "one", lambda p: 0 * p[:, 0] + 0.1, 2)
+    (block,) = one.blocks
+    noise = np.random.default_rng(5).normal(size=block.coefficients.shape)
+    return Dataset(mesh, (wave, one, Field("noise", (replace(block, coefficients=noise),))))
+
+
+def twins():
+    """Of two expansions of the map, the later one first, one element each has the greatest value of a field.
+
+    The very first element of the whole, which makes its expansion the first one, is no extreme itself.
+    """
+    dataset = mapped()
+    (block,) = dataset["u"].blocks
+    (one,) = approximated(Dataset(dataset.mesh), "one", lambda p: 0 * p[:, 0] + 1, 3).blocks
+    values = np.where(np.arange(len(block)) % 2, -1.0, -2.0)
+    values[[0, 1, 3, 12, 13]] = -1.5, -5, -1.8, 2, 2
+    own = Field("u", (replace(block, coefficients=np.outer(values, one.coefficients[0])),))
+    return replace(dataset, fields=(own, *dataset.fields[1:]))
+
+
+def rounded():
+    """Lines whose greatest value is that of the first one, and its bound that of another, whose values are larger."""
+    mesh = grid(Shape.SEGMENT, 8)
+    (block,) = approximated(Dataset(mesh), "u", lambda p: p[:, 0], 2).blocks
+    ends = np.zeros((8, block.coefficients.shape[1]))
+    ends[:, :2] = [(0, 0.5), (0, 0.4), (0, 0.3), (0, 0.2), (0, 1), (-1e3, 1 - 1e-14), (-1001, 0), (0, 0.1)]
+    return Dataset(mesh, (Field("u", (replace(block, coefficients=ends),)),))
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")  # of numbers that are not finite
+@pytest.mark.parametrize("many", [3, 1 << 12])
+@pytest.mark.parametrize(
+    "case", ["mixed", "twins", "rounded", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON], ids=str
+)
+def test_extremes_of_parts_are_those_of_the_whole(case, many, monkeypatch):
+    """To the last bit, in the same element of those that have the same, batch by batch, where few boxes are halved."""
+    monkeypatch.setattr(extrema_module, "_MANY", many)
+    made = {"twins": twins, "rounded": rounded, "mixed": bent}
+    dataset = made[case]() if case in made else symmetric(case)
+    names = [field.name for field in dataset.solution]
+
+    def found(ranks):
+        portion = Portion.of_whole(dataset, ranks.rank, ranks.size)
+        return shared_extrema(portion, expressions(portion.dataset, names), ranks)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(extrema_module, "_rows_that_decide", lambda some: np.arange(len(some)))
+        whole = repr([extrema_module.extrema(dataset, name) for name in names])
+    monkeypatch.setattr(extrema_module, "_AT_ONCE", 11)
+    assert repr([extrema_module.extrema(dataset, name) for name in names]) == whole
+    for size in (2, 5):
+        first, *others = played(size, found)
+        assert repr(first) == whole
+        assert not any(others)
 
 
 def tangled(shape):

@@ -277,8 +277,10 @@ def files(bent, tmp_path_factory):
         ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"),
         ("integrate", "--field", "1"),
         ("info", "--json", "--field", "d(u,x)/(2+u)"),
+        ("info", "--extrema"),
+        ("info", "--quantities"),
     ],
-    ids=lambda words: words[0],
+    ids=lambda words: " ".join(words[:2]),
 )
 def test_a_table_is_printed_once_and_is_that_of_one_process(files, started, words, monkeypatch, capfd):
     command = (words[0], "bent.xml", "bent.fld", *words[1:])

@@ -17,6 +17,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise
+from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets, corners, difference
@@ -32,6 +33,8 @@ from elvis.core.polynomials.rounding import (
 
 #: halvings at most, boxes at once, and the gap to the bound that is small enough, in parts of the field's magnitude
 _ROUNDS, _MANY, _CLOSE = 30, 1 << 12, 1e-13
+#: elements whose nets are looked at together
+_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -52,13 +55,44 @@ class Extreme:
 
 def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
     """The least and the greatest value of a field; ElvisError where no element has it, or with Fourier directions."""
-    held = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None]
+    held = _patches(dataset, name)
     if not held:
         raise ElvisError(f"expected elements of the domain under {name}, found none")
+    rows = [_rows_that_decide(patch) for patch in held]
+    nets = [_nets(patch, 0, own) for patch, own in zip(held, rows, strict=True)]
+    return _extreme(held, nets, -1, rows), _extreme(held, nets, 1, rows)
+
+
+def deciding_extrema(dataset: Dataset, name: str) -> Ints:
+    """(n,) ids of elements of which some decide `extrema`: those of these alone are those of all.
+
+    ElvisError with Fourier directions.
+    """
+    found = [np.empty(0, np.int64)]
+    for patch in _patches(dataset, name):
+        # the first of each patch, too, so that patches come in one order
+        found += [patch.element_ids[:1], patch.element_ids[_rows_that_decide(patch)]]
+    return np.unique(np.concatenate(found))
+
+
+def _rows_that_decide(patch: Patch) -> Ints:
+    """(n,) rows of elements, ascending, of which some decide the extremes of the first field of a patch.
+
+    Elements are looked at batch by batch, so that the nets of all are never in memory.
+    """
+    found = [np.empty(0, np.int64)]
+    for some in chunks(len(patch), _AT_ONCE):
+        nets = _nets(patch, 0, np.arange(len(patch))[some])
+        found += [some.start + _deciding(Nets(sign * nets.values, nets.error)) for sign in (-1, 1)]
+    return np.unique(np.concatenate(found))
+
+
+def _patches(dataset: Dataset, name: str) -> list[Patch]:
+    """Those that have a field; ElvisError with Fourier directions."""
+    held = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None and len(patch)]
     if any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected a field without Fourier directions, to bound it")
-    nets = [_nets(patch, 0) for patch in held]
-    return _extreme(held, nets, -1), _extreme(held, nets, 1)
+    return held
 
 
 def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extreme, Extreme]:
@@ -69,8 +103,9 @@ def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extr
     held = [patch for patch in patches(dataset, [name, other]) if None not in patch.fields]
     if not held or any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected elements with both fields and without Fourier directions, to bound them")
-    nets = [_nets(patch, 0).minus(_nets(patch, 1)) for patch in held]
-    return _extreme(held, nets, -1), _extreme(held, nets, 1)
+    rows = [np.arange(len(patch)) for patch in held]
+    nets = [_nets(patch, 0, own).minus(_nets(patch, 1, own)) for patch, own in zip(held, rows, strict=True)]
+    return _extreme(held, nets, -1, rows), _extreme(held, nets, 1, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +128,10 @@ class Nets:
         return np.asarray(np.abs(self.values).max(axis=tuple(range(1, self.values.ndim))))
 
 
-def _nets(patch: Patch, number: int) -> Nets:
-    """Those of a field of a patch."""
-    expansion, coefficients = _held(patch, number)
+def _nets(patch: Patch, number: int, rows: Ints) -> Nets:
+    """Those of a field on elements (n,) of a patch."""
+    expansion, every = _held(patch, number)
+    coefficients = every[rows]
     space, net = bernstein_space(expansion), bernstein_coefficients(expansion, coefficients)
     own = coefficient_rounding(expansion, coefficients)
     error = own + gamma(box_roundings(space)) * np.abs(net).max(axis=1)
@@ -109,13 +145,13 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _extreme(held: Sequence[Patch], nets: Sequence[Nets], sign: int) -> Extreme:
-    """The greatest value of ``sign`` times what has nets on the elements of patches."""
+def _extreme(held: Sequence[Patch], nets: Sequence[Nets], sign: int, rows: Sequence[Ints]) -> Extreme:
+    """The greatest value of ``sign`` times what has nets on elements of patches, by their rows (n,)."""
     best = greatest_of_nets(nets, sign)
-    patch = held[best.number]
-    place = pointwise.positions(patch, np.array([best.row]), uncollapse(patch.shape, best.eta[None]))[0]
+    patch, row = held[best.number], int(rows[best.number][best.row])
+    place = pointwise.positions(patch, np.array([row]), uncollapse(patch.shape, best.eta[None]))[0]
     x, y, z = map(float, place)
-    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[best.row]))
+    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[row]))
 
 
 def greatest_of_nets(nets: Sequence[Nets], sign: int) -> Best:
@@ -139,16 +175,45 @@ class Best:
     number: int = 0
 
 
+def _deciding(nets: Nets) -> Ints:
+    """(n,) rows of elements that `_greatest` depends on: those that are halved, the one that has the best value so far,
+    and of those that are done with the one with the greatest bound.
+
+    Of a part of the elements more are halved than of all, as the best value is no greater, and what is close no wider.
+    """
+    boxes = _whole(nets)
+    best = _none_of(nets)
+    boxes.improve(best)
+    upper = boxes.highest()
+    halved = _open(upper, best, nets)
+    bounds = upper + nets.error
+    bounds[halved] = -np.inf
+    return np.array([*halved, best.row, bounds.argmax()], np.int64)
+
+
+def _none_of(nets: Nets) -> Best:
+    """Where no value is known yet."""
+    return Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
+
+
+def _open(upper: Floats, best: Best, nets: Nets) -> Ints:
+    """(m,) which of boxes may hold a greater value than the best, the most promising first, so many as are halved.
+
+    upper  (n,) their greatest coefficients
+    nets   of all elements
+    """
+    close = _CLOSE * float(nets.size.max())
+    found = np.flatnonzero(upper > best.value + close)
+    return found[np.argsort(-upper[found], kind="stable")][:_MANY]
+
+
 def _greatest(nets: Nets) -> Best:
     """Of what has nets on elements."""
-    boxes = _whole(nets)
-    best = Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
-    close = _CLOSE * float(nets.size.max())
+    boxes, best = _whole(nets), _none_of(nets)
     for _ in range(_ROUNDS):
         boxes.improve(best)
         upper = boxes.highest()
-        open_boxes = np.flatnonzero(upper > best.value + close)
-        open_boxes = open_boxes[np.argsort(-upper[open_boxes])][:_MANY]
+        open_boxes = _open(upper, best, nets)
         closed = np.delete(upper + boxes.nets.error, open_boxes)
         best.bound = max(best.bound, float(closed.max(initial=-np.inf)))
         if not len(open_boxes):

@@ -15,12 +15,13 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extreme, Nets, extrema, greatest_of_nets
+from elvis.core.extrema import Extreme, Nets, deciding_extrema, extrema, greatest_of_nets
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
@@ -28,6 +29,7 @@ from elvis.core.quantities.expression_nets import degree_on, lattice_of, rounded
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, negative
+from elvis.core.ranks import Ranks
 
 #: functions that grow with their operand
 _GROWING = ("sqrt", "exp", "log", "sinh", "tanh", "atan")
@@ -52,6 +54,20 @@ def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme,
         raise ElvisError(f"{expression.text}: expected data without Fourier directions, to bound it")
     found = _of_polynomial(evaluator, expression, held)
     return found or (_Search(evaluator, expression, held, -1).found(), _Search(evaluator, expression, held, 1).found())
+
+
+def shared_extrema(part: Portion, fields: Sequence[Expression], ranks: Ranks) -> list[tuple[Extreme, Extreme]]:
+    """The same of fields of which each of several ranks has a part; none elsewhere than at the first rank.
+
+    Those elements of all parts that may decide them go there.
+    """
+    ids = [deciding_extrema(part.dataset, each.root.name) for each in fields]
+    own = part.of(np.unique(np.concatenate(ids))).alone
+    every = ranks.gather(own, f"extremes of {', '.join(each.text for each in fields)}")
+    if not every:
+        return []
+    dataset = unite(every).dataset
+    return [extrema(dataset, each.root.name) for each in fields]
 
 
 def _of_polynomial(

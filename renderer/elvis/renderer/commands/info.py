@@ -96,7 +96,7 @@ def info(
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
-    is_whole = strict or predefined or extremes or critical
+    is_whole = strict or critical
     if is_whole and is_idle(ranks):
         return
     if strict:
@@ -105,8 +105,8 @@ def info(
     ranks = ALONE if is_whole else ranks
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
-    source = _opened(data, series, quantities, ranks)
-    if source is None:
+    source = _opened(data, series, quantities, ranks, only_fields=extremes)
+    if source is None or (predefined and is_idle(ranks)):
         return
     tasks = (
         (jacobian, "--jacobian proves", partial(_prove, as_json=as_json, many=many)),
@@ -131,12 +131,20 @@ def info(
     _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
 
 
-def _opened(data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks) -> Source | None:
-    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others."""
+def _opened(
+    data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks, only_fields: bool
+) -> Source | None:
+    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others.
+
+    only_fields  whether nothing but fields comes apart
+    """
     from elvis.core.quantities import Expression
 
     def comes_apart(dataset: Dataset) -> bool:
-        return all(Expression.of(dataset, text).is_local for text in quantities)
+        known = [Expression.of(dataset, text) for text in quantities]
+        if only_fields:
+            return not dataset.others and all(each.is_field for each in known)
+        return all(each.is_local for each in known)
 
     found = data.part(ranks, comes_apart, series=series)
     if isinstance(found, NativeSource) and found.is_part:
@@ -152,13 +160,14 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
 
     from elvis.core.arguments import field_names
     from elvis.core.quantities import Expression
-    from elvis.core.quantity_extrema import quantity_extrema
     from elvis.core.terminal import print_json, print_table, stage
 
     dataset = source.dataset
     known = [Expression.of(dataset, name) for name in names or field_names(dataset, None)]
     with stage("bounding"):
-        pairs = [quantity_extrema(dataset, each) for each in known]
+        pairs = source.extrema(known)
+    if not pairs:
+        return
     found = {
         each.text: dict(zip(("least", "greatest"), own, strict=True)) for each, own in zip(known, pairs, strict=True)
     }

@@ -27,6 +27,7 @@ from elvis.core.ranks import ALONE, Ranks, is_idle
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.dataset import Dataset
+    from elvis.core.extrema import Extreme
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
@@ -357,6 +358,14 @@ class NativeSource:
         if texts:
             found["distances"] = self._distances(asked)
         return found
+
+    def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
+        """The least and the greatest value of each quantity; of parts, of fields alone, none but at the first rank."""
+        from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
+
+        if self.portion is not None:
+            return shared_extrema(self.portion, quantities, self.ranks)
+        return [quantity_extrema(self.dataset, each) for each in quantities]
 
     def validity(self) -> Validity | None:
         """The signs of Jacobians (see `elvis.core.validity`); of parts None elsewhere than at the first rank."""
