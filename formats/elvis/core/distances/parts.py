@@ -102,16 +102,15 @@ class Model:
     def of(patches: SurfacePatches, parts: Parts, goal: Floats) -> Model:
         """The model of each part, for a point of its own."""
         row, middle, frame = parts.row, parts.middle, parts.frame
-        gap = patches.at(middle, row) - goal
+        derivatives = patches.derivatives(middle, row, 2)
+        gap = derivatives[:, 0, 0] - goal
 
         # X_a, brought to the coordinates of the part
-        along = [patches.at(middle, row, *times) for times in ((1, 0), (0, 1))]
-        first = np.einsum("nia,nix->nax", frame, np.stack(along, axis=1))
+        along = np.stack([derivatives[:, 0, 1], derivatives[:, 1, 0]], axis=1)
+        first = np.einsum("nia,nix->nax", frame, along)
 
         # (X - p) . X_ab, likewise
-        ss = dot(gap, patches.at(middle, row, 2, 0))
-        st = dot(gap, patches.at(middle, row, 1, 1))
-        tt = dot(gap, patches.at(middle, row, 0, 2))
+        ss, st, tt = (dot(gap, derivatives[:, b, a]) for b, a in ((0, 2), (1, 1), (2, 0)))
         curvature = np.array([[ss, st], [st, tt]]).transpose(2, 0, 1)
         bend = np.einsum("nia,nij,njb->nab", frame, curvature, frame)
 

@@ -260,8 +260,8 @@ class _Search:
 
 def _side(patches: SurfacePatches, row: Ints, where: Floats, away: Floats, distance: Floats) -> Floats:
     """(n,) positive before the patch, negative behind; weighed by the angle that the face has at its border."""
-    s = patches.at(where, row, 1, 0)
-    t = patches.at(where, row, 0, 1)
+    derivatives = patches.derivatives(where, row, 1)
+    s, t = derivatives[:, 0, 1], derivatives[:, 1, 0]
     is_face = patches.corners > 2
     normal = np.cross(s, t) if is_face else s[:, [1, 0, 2]] * (1, -1, 0)
     size = np.linalg.norm(normal, axis=1) * distance

@@ -57,13 +57,21 @@ class SurfacePatches:
         """Whether the patches are lines and triangles, straight ones."""
         return self.corners < 4 and self.coefficients.shape[2] == 2
 
-    def at(self, points: Floats, rows: Ints, along: int = 0, across: int = 0) -> Floats:
-        """(n, 3) positions at points (n, 2) of patches ``rows`` (n,), or derivatives: how often along s and t."""
-        s, t = points.T
+    def at(self, points: Floats, rows: Ints) -> Floats:
+        """(n, 3) positions at points (n, 2) of patches ``rows`` (n,)."""
+        return np.asarray(self.derivatives(points, rows, 0)[:, 0, 0])
+
+    def derivatives(self, points: Floats, rows: Ints, most: int) -> Floats:
+        """(n, most + 1, most + 1, 3) derivatives there: [i, b, a] a times along s and b times along t."""
         m, k = self.coefficients.shape[1:3]
-        powers_s = np.stack([perm(i, along) * s ** max(i - along, 0) for i in range(k)], axis=1)
-        powers_t = np.stack([perm(j, across) * t ** max(j - across, 0) for j in range(m)], axis=1)
-        return np.asarray(np.einsum("njix,ni,nj->nx", self.coefficients[rows], powers_s, powers_t, optimize=True))
+        powers_s, powers_t = (
+            np.stack([_powers(own, count, times) for times in range(most + 1)], axis=1)
+            for own, count in zip(points.T, (k, m), strict=True)
+        )
+        # sums over i, then over j, of c_ji s^i t^j: products of small matrices, which don't depend on each other
+        along = np.matmul(powers_s[:, None], self.coefficients[rows])
+        across = np.matmul(powers_t, along.reshape(len(rows), m, 3 * (most + 1)))
+        return np.asarray(across.reshape(len(rows), most + 1, most + 1, 3))
 
     @property
     def vertices(self) -> Floats:
@@ -152,6 +160,11 @@ def _shift_matrix(count: int, middle: float, half: float) -> Floats:
     return frozen_floats(
         [[comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)] for i in range(count)]
     )
+
+
+def _powers(points: Floats, count: int, times: int) -> Floats:
+    """(n, count) the powers of points (n,), differentiated so many times."""
+    return np.stack([perm(i, times) * points ** max(i - times, 0) for i in range(count)], axis=1)
 
 
 def _falling_factorials(count: int, times: int) -> Floats:
