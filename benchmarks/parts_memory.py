@@ -40,6 +40,10 @@ COMMANDS = {
     "info of a series": "info --json --time 0.3",
     "probe of a series": "probe --line 0,0,0:1,1,1 -n 20000 --times all",
     "plane beside other data": f"{_PLANE} --field u-0.5*ref:u",
+    "plane of distances": f"{_PLANE} --field u+distance(boundary)",
+    "plane of jumps": f"{_PLANE} --field jump(u)",
+    "norms of jumps": "norms --json --field jump(u)",
+    "probe of distances": "probe --line 0,0,0:1,1,1 -n 20000 --field u+distance(boundary)",
 }
 COLUMNS = ["", "anonymous memory, MB", "whole / K", "the greatest, more", "s", "CPU s of a process"]
 #: seconds between two looks

@@ -242,7 +242,13 @@ def test_integrals_over_parts_are_those_of_the_whole(walled, size, over, clip):
 
 @pytest.mark.parametrize(
     ("field", "over"),
-    [("u", "within"), ("u", "u=0.2"), ("jump(u)", "domain"), ("u", "line:0.1,0.1,0.1:0.8,0.7,0.9"), ("u", "element:1")],
+    [
+        ("u", "within"),
+        ("u", "u=0.2"),
+        ("u", "distance(all)=0.1"),
+        ("u", "line:0.1,0.1,0.1:0.8,0.7,0.9"),
+        ("u", "element:1"),
+    ],
     ids=str,
 )
 def test_what_needs_more_than_parts_is_told(walled, field, over):

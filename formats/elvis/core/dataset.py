@@ -17,6 +17,7 @@ from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
     from elvis.core.common_elements import CommonElements
+    from elvis.core.distances import Surface
     from elvis.core.streamlines.moving import Interval
 
 #: key of the metadata that names the fields which hold the map of the elements
@@ -141,7 +142,8 @@ class Dataset:
     others   datasets that expressions may name, by the names that they have in these: `ref:p`
     shared   the names of those that hold all elements of this one (`elvis.core.common_elements`), whose fields are
              fields of this one too, as `field("ref:p")`
-    borrowed  the names of those fields that are others' or derivatives in time, as parts of a dataset have them
+    borrowed  the names of those fields that are others', derivatives in time or jumps, as parts of a dataset have them
+    surfaces  by the names of boundaries, those of the whole that parts of it measure distances to
     """
 
     mesh: Mesh
@@ -155,6 +157,7 @@ class Dataset:
     others: Mapping[str, Dataset] = default(default_factory=dict)
     shared: Mapping[str, CommonElements] = default(default_factory=dict)
     borrowed: frozenset[str] = frozenset()
+    surfaces: Mapping[str, Surface] = default(default_factory=dict)
 
     @property
     def map_names(self) -> tuple[str, ...]:

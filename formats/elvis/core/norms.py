@@ -146,8 +146,8 @@ class _Sum:
         """Take in elements: values at points (n, q), and the measure (n, q) that each stands for."""
         self.count += values.size
         self.squares.append((values * values * measure).sum(axis=1))
-        self.least = min(self.least, float(values.min()))
-        self.greatest = max(self.greatest, float(values.max()))
+        self.least = float(np.minimum(self.least, values.min()))
+        self.greatest = float(np.maximum(self.greatest, values.max()))
 
     def found(self) -> _Found:
         """What others have to know of it."""
@@ -171,8 +171,8 @@ def _norm(parts: Sequence[_Found]) -> Norm:
     Squares are added up exactly and rounded once, so that the sum doesn't depend on who knows which.
     """
     square = rounded_sum([number for own in parts for number in own.squares])
-    least, greatest = min(own.least for own in parts), max(own.greatest for own in parts)
-    return Norm(float(np.sqrt(square)), max(abs(least), abs(greatest)), greatest)
+    least, greatest = np.min([own.least for own in parts]), np.max([own.greatest for own in parts])
+    return Norm(float(np.sqrt(square)), float(np.maximum(abs(least), abs(greatest))), float(greatest))
 
 
 def _planes(dataset: Dataset) -> Homogeneous | None:

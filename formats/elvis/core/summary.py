@@ -7,7 +7,7 @@ so several ranks find what one would.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
         if not every:
             return {}
         tallies = [tally for tally, _ in every]
-        dataset = unite([portion for _, portion in every]).dataset
+        dataset = replace(unite([portion for _, portion in every]).dataset, surfaces=dataset.surfaces)
         blocks = geometry(dataset)
     mesh = dataset.mesh
     found = {

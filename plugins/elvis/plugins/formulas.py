@@ -10,10 +10,10 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import facets
-from elvis.core.quantities.attributes import from_ideal, is_constant, target_of
+from elvis.core.quantities.attributes import from_ideal, is_constant
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial, whole_exponent
+from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial, target_of, whole_exponent
 from elvis.core.shapes import Shape
 
 _FUNCTIONS: Mapping[str, str] = {

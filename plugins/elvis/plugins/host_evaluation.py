@@ -18,10 +18,10 @@ from elvis.core.distances import Surface, nearest, surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.tangents import duals
 from elvis.core.quantities import Expression
-from elvis.core.quantities.attributes import from_ideal, target_of
+from elvis.core.quantities.attributes import from_ideal
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, fold
+from elvis.core.quantities.tree import Node, fold, target_of
 from elvis.core.shapes import Shape
 from elvis.plugins.volume import Part, Volume
 

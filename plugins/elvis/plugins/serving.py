@@ -13,8 +13,8 @@ from elvis.core.dataset import Dataset
 from elvis.core.distances import surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression, Names
-from elvis.core.quantities.attributes import target_of
 from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.tree import target_of
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, ideal_of
 from elvis.plugins.host_evaluation import (

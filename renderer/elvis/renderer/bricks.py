@@ -195,9 +195,9 @@ class Bricks:
             return self.whole
         self._take_time(scene)
         head = self._timed(self.dataset)
-        if has_volumes(scene) or not is_local(head, self._head.is_even, [scene]):
-            raise _too_much(needed, "all elements, which count here,", memory)
         relevance = Relevance(head, whole_scene(head, scene))
+        if has_volumes(scene) or relevance.borrows or not is_local(head, self._head.is_even, [scene]):
+            raise _too_much(needed, "all elements, which count here,", memory)
         key = relevance.decided_by, relevance.shown_by
         if self._last is None or self._last[0] != key:
             self._last = None

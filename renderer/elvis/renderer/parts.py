@@ -136,7 +136,7 @@ def _names_beside(part: Portion) -> dict[str, Any]:
         name: replace(other.of(_NONE).dataset, rates=BorrowedRates.of(other.dataset))
         for name, other in part.others.items()
     }
-    return {"others": others, "shared": dataset.shared, "rates": BorrowedRates.of(dataset)}
+    return {**beside(dataset), "others": others, "rates": BorrowedRates.of(dataset)}
 
 
 def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
@@ -156,7 +156,7 @@ def comes_in_parts(scenes: Sequence[Scene]) -> bool:
 
 def beside(dataset: Dataset) -> dict[str, Any]:
     """What a dataset has beside elements and what portions have."""
-    return {"others": dataset.others, "shared": dataset.shared, "rates": dataset.rates}
+    return {name: getattr(dataset, name) for name in ("others", "shared", "rates", "surfaces")}
 
 
 def is_local(dataset: Dataset, even: bool, scenes: Sequence[Scene]) -> bool:

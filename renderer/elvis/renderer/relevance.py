@@ -83,16 +83,22 @@ class Relevance:
 
     @property
     def is_local(self) -> bool:
-        """Whether less than all may do: no line goes through all elements, no expression looks beyond one."""
+        """Whether less than all may do: no line goes through all elements, no expression looks beyond one, but for what
+        parts borrow."""
         scene = self.scene
         goes_through = any(isinstance(item, Streamlines | Glyphs) for item in scene.every_object)
         cones = any(isinstance(item, CutSurface) and isinstance(item.surface, Cone) for item in scene.every_object)
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
-        beyond = not all(each.is_local for each in expressions)
+        beyond = not all(each.is_borrowed for each in expressions)
         is_line = Kind.of(self.dataset) is Kind.LINE
         # elements of others that aren't those of the dataset may be anywhere
         apart = self.dataset.others.keys() != self.dataset.shared.keys()
         return not (goes_through or cones or beyond or is_line or apart)
+
+    @property
+    def borrows(self) -> bool:
+        """Whether an expression looks beyond an element."""
+        return not all(Expression.of(self.dataset, text).is_local for text in self.texts)
 
     @cached_property
     def _volume(self) -> Volume:

@@ -65,9 +65,10 @@ def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Rank
 
 def _range_in_parts(part: Portion, expression: Expression, ranks: Ranks) -> Range | None:
     """The range of a quantity, of those elements of each part that may hold an end; of all if it looks beyond one."""
-    if not expression.is_local:
+    if not expression.is_borrowed:
         whole = whole_of(part, [expression.text], ranks)
         return quantity_range(whole, Expression.of(whole, expression.text))
     part = borrowing(part, [expression.text], ranks)
     own = part.of(deciding_elements(part.dataset, expression)).alone
-    return quantity_range(unite(ranks.exchange(own, f"the range of {expression.text}")).dataset, expression)
+    every = ranks.exchange(own, f"the range of {expression.text}")
+    return quantity_range(replace(unite(every).dataset, surfaces=part.dataset.surfaces), expression)

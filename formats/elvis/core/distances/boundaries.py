@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,7 @@ def sides_by_name(mesh: Mesh) -> dict[str, Ints]:
 def faces_of(dataset: Dataset, name: str) -> list[Faces]:
     """The faces of a boundary, or all outer ones; those that belong to two elements once.
 
+    Of a part of a mesh outer ones are those beyond which there is nothing in the whole.
     ElvisError where there are none, and for lines.
     """
     mesh, known = dataset.mesh, boundaries(dataset.mesh)
@@ -80,21 +81,33 @@ def faces_of(dataset: Dataset, name: str) -> list[Faces]:
     if name != ALL and name not in known:
         raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join((ALL, *known))}")
     blocks = geometry(dataset)
-    members = [_members(mesh, block) for block in blocks]
-    sides = np.bincount(np.concatenate([np.empty(0, np.int64), *(own.reshape(-1) for own in members)]))
-    wanted = sides == 1
+    members = [sides_of(mesh, block.expansion.shape, block.element_ids) for block in blocks]
+    wanted = owners_of_sides(mesh, members) == 1
     if name != ALL:
-        wanted = np.isin(np.arange(len(sides)), known[name])
+        wanted = np.isin(np.arange(len(wanted)), known[name])
+    elif mesh.excerpt is not None:
+        wanted[mesh.excerpt.sides] = False
     found = [faces for block, own in zip(blocks, members, strict=True) for faces in _take(mesh, block, own, wanted)]
     if not found:
         raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
     return found
 
 
-def _members(mesh: Mesh, block: GeometryBlock) -> Ints:
-    """(n, sides) rows of the sides of the block's elements: faces, triangles first, or edges."""
-    elements = mesh.of(block.expansion.shape)
-    return np.asarray(elements.members[elements.rows_of(block.element_ids)])
+def owners_of_sides(mesh: Mesh, members: Sequence[Ints]) -> Ints:
+    """(n,) how many elements each face of volumes, edge of plane elements or end of lines belongs to.
+
+    members  of kinds of elements (k, sides) rows of their sides
+    """
+    shapes = [shape for shape in mesh.entities if shape.dimension == mesh.dimension - 1]
+    count = sum(len(mesh.of(shape)) for shape in shapes) if mesh.dimension > 1 else len(mesh.vertices)
+    every = np.concatenate([np.empty(0, np.int64), *(own.reshape(-1) for own in members)])
+    return np.bincount(every, minlength=count)
+
+
+def sides_of(mesh: Mesh, shape: Shape, element_ids: Ints) -> Ints:
+    """(n, sides) rows of the sides of elements (n,) of one shape: faces, triangles first, or edges."""
+    elements = mesh.of(shape)
+    return np.asarray(elements.members[elements.rows_of(element_ids)])
 
 
 def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:

@@ -73,11 +73,18 @@ class Surface:
 def surface_of(dataset: Dataset | None, target: str) -> Surface:
     """The surface that a name means: a boundary of the dataset, ``all`` of its outer faces, or a file of triangles.
 
+    Of a part of a dataset it is that of the whole where the part has borrowed that.
+
     ElvisError where there is none such, with those that there are.
     """
-    if dataset is None or (target.lower().endswith(SUFFIXES) and target not in boundaries(dataset.mesh)):
+    if dataset is None or is_file(dataset, target):
         return _from_file(target)
-    return _from_boundary(dataset, target)
+    return dataset.surfaces.get(target) or _from_boundary(dataset, target)
+
+
+def is_file(dataset: Dataset, target: str) -> bool:
+    """Whether a name means a file of triangles, and no boundary."""
+    return target.lower().endswith(SUFFIXES) and target not in boundaries(dataset.mesh)
 
 
 def _from_file(name: str) -> Surface:

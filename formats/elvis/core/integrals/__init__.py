@@ -14,6 +14,6 @@ integration      all of it in one call
 
 from __future__ import annotations
 
-from elvis.core.integrals.integration import ERROR, Integral, Integrals, comes_apart, integrate
+from elvis.core.integrals.integration import ERROR, Integral, Integrals, comes_apart, evaluated, integrate
 
-__all__ = ["ERROR", "Integral", "Integrals", "comes_apart", "integrate"]
+__all__ = ["ERROR", "Integral", "Integrals", "comes_apart", "evaluated", "integrate"]

@@ -115,19 +115,25 @@ def comes_apart(
 ) -> bool:
     """Whether integrals are sums of those over the parts of a dataset that ranks have.
 
-    They aren't where quantities look beyond an element, as isosurfaces do, which are moved by as much as fields jump,
-    along curves, and where one of two elements stands for a side of both: on boundaries inside of the data.
+    They aren't where quantities look farther than parts borrow, as isosurfaces do, which are moved by as much as fields
+    jump, along curves, and where one of two elements stands for a side of both: on boundaries inside of the data.
     dataset  what a rank has; the answer is that of all together.  All else as in `integrate`
     """
     if any(name.partition(":")[0] in (*KINDS, ELEMENT.removesuffix(":")) for name in over):
         return False
-    wanted = integrands(dataset, field)
-    wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset)) if coefficients is not None else []
+    wanted = evaluated(dataset, field, coefficients)
     levels = [level for name in over if (level := Level.parse(dataset, name)) is not None]
     levels += [] if clip is None else [Level.clip(dataset, clip)]
-    is_local = all(each.expression.is_local for each in wanted)
+    is_local = all(each.is_borrowed for each in wanted)
     is_local = is_local and all(own.expression.is_local and not own.expression.fields for own in levels)
     return all(ranks.exchange(is_local and has_outer_boundaries(dataset, over), repr((field, over))))
+
+
+def evaluated(dataset: Dataset, field: Sequence[str], coefficients: str | None = None) -> list[Expression]:
+    """What is integrated but for curves; all as in `integrate`."""
+    wanted = integrands(dataset, field)
+    wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset)) if coefficients is not None else []
+    return [each.expression for each in wanted]
 
 
 def integrate(

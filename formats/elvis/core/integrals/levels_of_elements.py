@@ -21,7 +21,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import call, fold, number
+from elvis.core.quantities.tree import call, fold, jump_name, number
 from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
@@ -124,7 +124,7 @@ class Level:
         places = Lattice(patch, rows, lattice)
         for name in self.expression.fields:
             ids = patch.element_ids[rows]
-            found = evaluator.attributes.constant(f"jump({name})", patch.shape, ids)
+            found = evaluator.attributes.constant(jump_name(name), patch.shape, ids)
             own = np.abs(places.derivative(evaluator.names.index(name), 0)).reshape(len(rows), -1).max(axis=1)
             is_rounding = found <= _MOST_JUMP * own
             parts = np.divide(found, own, out=np.zeros(len(rows)), where=is_rounding & (own > 0))

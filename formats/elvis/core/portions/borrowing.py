@@ -1,6 +1,7 @@
-"""Fields of other datasets and derivatives in time, of a part of a dataset, as fields of this part.
+"""What quantities on a part of a dataset are made of beside its own fields: other data and times, what is around it.
 
-So they are cut and united as its own ones are, and nobody needs what they were made of any longer.
+Fields of other datasets, derivatives in time and jumps become fields of the part.  So they are cut and united as its
+own ones are, and nobody needs what they were made of any longer.  Surfaces of boundaries all ranks have.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from elvis.core.common_elements import place_of
 from elvis.core.dataset import Dataset, Field, is_rate, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.portions.portion import Portion
+from elvis.core.portions.surroundings import with_jumps, with_surface
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import other_of
+from elvis.core.quantities.tree import jumping_of, other_of, target_of
 from elvis.core.ranks import Ranks
 
 if TYPE_CHECKING:
@@ -54,15 +56,35 @@ class BorrowedRates:
 def borrowing(portion: Portion, texts: Iterable[str], ranks: Ranks) -> Portion:
     """The part that one of several ranks has, with what quantities are made of among its fields; to be called by each.
 
-    Where other data don't hold the same elements, their portions have the fields that they are asked for.
+    Where other data don't hold the same elements, their portions have what they are asked for.
     """
     expressions = [Expression.of(portion.dataset, text) for text in texts]
     portion = _with_fields(portion, [name for each in expressions for name in each.fields], ranks)
-    asked = [pair for each in expressions for name in each.attributes if (pair := other_of(name)) is not None]
     others = dict(portion.others)
-    for owner, text in dict.fromkeys(asked):
-        others[owner] = borrowing(others[owner], [text], ranks)
-    return replace(portion, others=others)
+    for name in _attributes(expressions):
+        other = other_of(name)
+        if other is not None:
+            others[other[0]] = borrowing(others[other[0]], [other[1]], ranks)
+    return surrounded(replace(portion, others=others), expressions, ranks)
+
+
+def surrounded(portion: Portion, expressions: Iterable[Expression], ranks: Ranks) -> Portion:
+    """The part that one of several ranks has, with what quantities look at around its elements; to be called by each.
+
+    Fields of other data are found as they are needed, and don't become its own.
+    """
+    for name in _attributes(expressions):
+        target, jumping = target_of(name), jumping_of(name)
+        if target is not None:
+            portion = with_surface(portion, target, ranks)
+        if jumping is not None:
+            portion = with_jumps(_with_fields(portion, [jumping], ranks), jumping, ranks)
+    return portion
+
+
+def _attributes(expressions: Iterable[Expression]) -> dict[str, None]:
+    """What quantities use of elements by themselves, each once."""
+    return dict.fromkeys(name for each in expressions for name in each.attributes)
 
 
 def _with_fields(portion: Portion, names: Iterable[str], ranks: Ranks) -> Portion:

@@ -103,7 +103,7 @@ class Portion:
             faces=self.faces[curved_faces],
             blocks=blocks,
         )
-        numbers = portion._side_numbers()
+        numbers = portion.side_numbers
         return portion.with_sides(numbers[np.isin(numbers, self.sides)])
 
     @property
@@ -119,14 +119,23 @@ class Portion:
         entities = sum(own.ids.nbytes + own.members.nbytes for own in mesh.entities.values())
         return places + entities + sum(block.coefficients.nbytes for own in self.dataset.fields for block in own.blocks)
 
-    def _side_numbers(self) -> Ints:
-        """(n,) numbers in the whole of its faces, triangles first; of 2D meshes of its edges."""
-        numbers = _faces_in_whole if self.dataset.mesh.dimension == 3 else _edges_in_whole
-        return numbers(self, self.rows)
+    def with_fields(self, names: Iterable[str]) -> Portion:
+        """The same with the fields of these names alone, and those that are the map."""
+        kept = {*names, *self.dataset.map_names}
+        dataset = self.dataset
+        return replace(self, dataset=replace(dataset, fields=tuple(own for own in dataset.fields if own.name in kept)))
+
+    @property
+    def side_numbers(self) -> Ints:
+        """(n,) numbers in the whole of its faces, triangles first; of 2D meshes of its edges, of lines of vertices."""
+        dimension = self.dataset.mesh.dimension
+        if dimension == 3:
+            return _faces_in_whole(self, self.rows)
+        return self.rows[Shape.SEGMENT if dimension == 2 else None]
 
     def with_sides(self, sides: Ints) -> Portion:
         """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
-        own = self._side_numbers()
+        own = self.side_numbers
         excerpt = Excerpt(self.counts, narrow_ints(np.searchsorted(own, sides), len(own)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
         return replace(self, dataset=replace(self.dataset, mesh=mesh), sides=sides)
@@ -138,8 +147,8 @@ def _numbers(count: int, below: int) -> Ints:
 
 
 def without_beside(dataset: Dataset) -> Dataset:
-    """A dataset without others that expressions may name, and without derivatives in time that are not found yet."""
-    return replace(dataset, others={}, shared={}, rates=None)
+    """A dataset without others that expressions may name, derivatives in time that are not found yet, and surfaces."""
+    return replace(dataset, others={}, shared={}, rates=None, surfaces={})
 
 
 def portions(dataset: Dataset, parts: Sequence[Ints]) -> list[Portion]:

@@ -31,7 +31,7 @@ from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.jumps import jumps
-from elvis.core.quantities.tree import other_of
+from elvis.core.quantities.tree import jumping_of, other_of, target_of
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import validity
 
@@ -55,14 +55,9 @@ _IDEAL: Mapping[Shape, list[list[float]]] = {
 }
 
 
-def target_of(name: str) -> str | None:
-    """What an attribute is the distance to; None where it is no distance."""
-    return name[9:-1] if name.startswith("distance(") else None
-
-
 def is_constant(name: str) -> bool:
     """Whether an attribute is one number throughout an element."""
-    return name in CONSTANT or name.startswith("jump(")
+    return name in CONSTANT or jumping_of(name) is not None
 
 
 @cache
@@ -127,11 +122,16 @@ class Attributes:
         if name == "jacobian_sign":
             found = validity(self._dataset)
             return found.element_ids, found.status.astype(np.float64)
+        if name in self._dataset.borrowed:
+            blocks = self._dataset.field(name).blocks
+            ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
+            return ids, np.concatenate([np.empty(0), *(block.coefficients[:, 0] for block in blocks)])
         return jumps(self._dataset, name[5:-1])
 
     def _orders(self) -> tuple[Ints, Floats]:
         """Ids of elements and the highest degree of a field on each."""
-        blocks: list[Block | GeometryBlock] = [b for field in self._dataset.fields for b in field.blocks]
+        own = (field for field in self._dataset.fields if field.name not in self._dataset.borrowed)
+        blocks: list[Block | GeometryBlock] = [block for field in own for block in field.blocks]
         blocks = blocks or [*geometry(self._dataset)]
         ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
         degrees = np.repeat([max(block.expansion.modes) - 1.0 for block in blocks], list(map(len, blocks)))

@@ -15,10 +15,10 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets, power_net
 from elvis.core.quantities import intervals as i
-from elvis.core.quantities.attributes import Attributes, is_constant, target_of
+from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, fold
+from elvis.core.quantities.tree import Node, fold, target_of
 from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd) by what they are of: a coordinate or a field, then the direction of its derivative

@@ -11,7 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
-from elvis.core.quantities.tree import Node, field, fold, leaves, whole_exponent
+from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, target_of, whole_exponent
 
 #: the highest power of a polynomial that is taken for a polynomial
 _MOST_POWER = 64
@@ -63,6 +63,12 @@ class Expression:
     def is_local(self) -> bool:
         """Whether its values on an element depend on that element alone."""
         return all(name in _OWN for name in self.attributes)
+
+    @property
+    def is_borrowed(self) -> bool:
+        """Whether its values on an element depend on that one and on what parts of data borrow: see `borrowing`."""
+        beyond = [name for name in self.attributes if name not in _OWN]
+        return all(target_of(name) is not None or jumping_of(name) is not None for name in beyond)
 
     @property
     def order(self) -> int:

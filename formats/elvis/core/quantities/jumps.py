@@ -23,18 +23,20 @@ from elvis.core.shapes import Shape
 _Seen = tuple[Ints, Ints, Floats]
 
 
-def jumps(dataset: Dataset, name: str) -> tuple[Ints, Floats]:
+def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
     """Ids (n,) of elements that have the field, and the greatest jump (n,) at points of their sides.
 
     There are as many points along an edge as the highest order plus three.  Sides of one element alone have no jump; an
-    element without neighbours has jump 0.  ElvisError for quasi-3D fields.
+    element without neighbours has jump 0.
+    modes  the most in any direction, of the whole that the data are a part of
+    ElvisError for quasi-3D fields.
     """
     own = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None]
     if any(patch.homogeneous for patch in own):
         raise ElvisError(f"jump({name}): expected a field without Fourier directions")
     ids = np.concatenate([np.empty(0, np.int64), *(patch.element_ids for patch in own)])
     starts = np.cumsum([0, *map(len, own)])
-    along = max((max(patch.fields[0].modes) for patch in own if patch.fields[0]), default=0) + 2
+    along = max([modes, *(max(patch.fields[0].modes) for patch in own if patch.fields[0])]) + 2
 
     sides: dict[int, list[_Seen]] = {}
     for start, patch in zip(starts, own, strict=False):

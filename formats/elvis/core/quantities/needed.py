@@ -10,6 +10,7 @@ from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.quantities.tree import jumping_of
 
 if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
@@ -65,7 +66,8 @@ def _fields_of(dataset: Dataset, text: str) -> set[str] | None:
             continue
         if _OF_FIELDS in expression.attributes:
             return None
-        found = {*(found or ()), *expression.fields}
+        jumping = {own for name in expression.attributes if (own := jumping_of(name)) is not None}
+        found = {*(found or ()), *expression.fields, *jumping}
     return None if found is None else {name for name in found | asked.names if name in names.fields}
 
 

@@ -28,6 +28,7 @@ from elvis.core.quantities.tree import (
     attribute,
     call,
     in_dataset,
+    jump_name,
     leaves,
     negative,
     number,
@@ -133,7 +134,7 @@ class Parser(Grammar[Node]):
         if name == "jump":
             if of.op != "field" or of.axes:
                 raise self._mistaken("expected a field in jump(…)", first)
-            return attribute(f"jump({of.name})")
+            return attribute(jump_name(of.name))
         rule = _gradient if name == "grad" else _laplacian
         return self._guard(lambda: rule(of, self._names.dimension), first)
 

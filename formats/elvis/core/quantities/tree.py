@@ -87,6 +87,21 @@ def other_of(name: str) -> tuple[str, str] | None:
     return None if found is None else (found[1], found[2])
 
 
+def target_of(name: str) -> str | None:
+    """What an attribute is the distance to; None where it is no distance."""
+    return name[9:-1] if name.startswith("distance(") else None
+
+
+def jumping_of(name: str) -> str | None:
+    """The field whose jumps an attribute is; None where it is none."""
+    return name[5:-1] if name.startswith("jump(") else None
+
+
+def jump_name(name: str) -> str:
+    """The name of the attribute that the jumps of a field are."""
+    return f"jump({name})"
+
+
 def in_dataset(root: Node, dataset: str) -> Node:
     """An expression of fields of another dataset on the same mesh, by the names that these have here."""
 

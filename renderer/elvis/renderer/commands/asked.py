@@ -48,7 +48,7 @@ class Asked:
         from elvis.core.integrals.levels_of_elements import Level
 
         level = [Level.clip(dataset, self.clip).expression] if self.clip else []
-        return all(each.is_local for each in (*expressions(dataset, self.texts), *level))
+        return all(each.is_borrowed for each in (*expressions(dataset, self.texts), *level))
 
     def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
         """The table of quantities at places (n, 3); what is clipped is outside."""

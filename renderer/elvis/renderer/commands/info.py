@@ -144,7 +144,7 @@ def _opened(
         known = [Expression.of(dataset, text) for text in quantities]
         if only_fields:
             return not dataset.others and all(each.is_field for each in known)
-        return all(each.is_local for each in known)
+        return all(each.is_borrowed for each in known)
 
     found = data.part(ranks, comes_apart, series=series)
     if isinstance(found, NativeSource) and found.is_part:

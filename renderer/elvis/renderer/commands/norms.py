@@ -42,7 +42,7 @@ def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) 
     from elvis.core.terminal import stage
 
     def comes_apart(dataset: Dataset) -> bool:
-        return all(Expression.of(dataset, text).is_local for text in quantities)
+        return all(Expression.of(dataset, text).is_borrowed for text in quantities)
 
     source = data.shared(ranks, comes_apart)
     with stage("integrating"):

@@ -292,6 +292,12 @@ class NativeSource:
             note(self.dataset.rates.remark)
         return found
 
+    def _surrounded(self, expressions: Sequence[Expression]) -> Dataset:
+        """The dataset; of a part with what quantities look at beyond its elements."""
+        from elvis.core.portions.borrowing import surrounded
+
+        return self.dataset if self.portion is None else surrounded(self.portion, expressions, self.ranks).dataset
+
     def probe(self, points: Floats, wanted: Sequence[Expression], every: bool, ranks: Ranks = ALONE) -> Columns:
         """Columns point, x, y, z, element, status, and one of each quantity; ``every``: a row for each element.
 
@@ -300,7 +306,7 @@ class NativeSource:
         from elvis.core.quantities.evaluator import Sampler
         from elvis.core.sampling import by_elements, by_points
 
-        sampler, names = Sampler(self.dataset, wanted), [each.text for each in wanted]
+        sampler, names = Sampler(self._surrounded(wanted), wanted), [each.text for each in wanted]
         if not self.is_part:
             return by_points(lambda some: sampler.sample(some, all=every).columns(), points, names, ranks)
         return by_elements(sampler.sample(points, all=every), points, every, ranks)
@@ -311,7 +317,8 @@ class NativeSource:
 
         if texts is None:
             return dict(norms(self.dataset, ranks))
-        return quantity_norms(self.dataset, self.expressions(texts), ranks)
+        expressions = self.expressions(texts)
+        return quantity_norms(self._surrounded(expressions), expressions, ranks)
 
     def integrate(
         self,
@@ -324,9 +331,10 @@ class NativeSource:
         ranks: Ranks = ALONE,
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
-        from elvis.core.integrals import integrate
+        from elvis.core.integrals import evaluated, integrate
 
-        return integrate(self.dataset, texts, over, error, coefficients, clip, progress, ranks)
+        expressions = [] if self.portion is None else evaluated(self.dataset, texts, coefficients)
+        return integrate(self._surrounded(expressions), texts, over, error, coefficients, clip, progress, ranks)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""
@@ -356,7 +364,7 @@ class NativeSource:
         if report is not None:
             found["conversion"] = report.facts
         if texts:
-            found["distances"] = self._distances(asked)
+            found["distances"] = _distances(part.dataset if part else self.dataset, asked)
         return found
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
@@ -373,11 +381,12 @@ class NativeSource:
 
         return shared_validity(self.dataset, self.ranks) if self.is_part else validity(self.dataset)
 
-    def _distances(self, asked: Sequence[Expression]) -> Facts:
-        """What distances are measured to: how many faces, and whether they are closed, which gives distances a sign."""
-        from elvis.core.distances import surface_of
-        from elvis.core.quantities.attributes import target_of
 
-        targets = {target for each in asked for name in each.attributes if (target := target_of(name)) is not None}
-        found = {target: surface_of(self.dataset, target) for target in sorted(targets)}
-        return {target: {"faces": own.faces, "closed": own.is_closed} for target, own in found.items()}
+def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
+    """What distances are measured to: how many faces, and whether they are closed, which gives distances a sign."""
+    from elvis.core.distances import surface_of
+    from elvis.core.quantities.tree import target_of
+
+    targets = {target for each in asked for name in each.attributes if (target := target_of(name)) is not None}
+    found = {target: surface_of(dataset, target) for target in sorted(targets)}
+    return {target: {"faces": own.faces, "closed": own.is_closed} for target, own in found.items()}

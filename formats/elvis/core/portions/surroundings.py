@@ -1,0 +1,150 @@
+"""What parts of a dataset look at around them: boundaries that distances are measured to, neighbours of elements.
+
+Of a boundary each rank has the elements of its part that touch it, of neighbours those at sides that other parts have,
+too.  These alone are sent, as portions, which are put together in the order of the whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, rows_of
+from elvis.core.dataset import Block, Expansion, Field
+from elvis.core.distances import surface_of
+from elvis.core.distances.boundaries import ALL, boundaries, owners_of_sides, sides_of
+from elvis.core.distances.surface import is_file
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
+from elvis.core.portions.portion import Portion, unite
+from elvis.core.quantities.jumps import jumps
+from elvis.core.quantities.tree import jump_name
+from elvis.core.ranks import Ranks
+from elvis.core.shapes import Shape
+
+_NONE = np.empty(0, np.int64)
+
+
+def with_surface(portion: Portion, target: str, ranks: Ranks) -> Portion:
+    """The part that a rank has, with the surface that a boundary of the whole is; to be called by each.
+
+    Where a name means none, that shows where distances are measured.
+    """
+    dataset = portion.dataset
+    if target in dataset.surfaces or is_file(dataset, target) or dataset.mesh.dimension < 2:
+        return portion
+    map_alone = portion.with_fields(())
+    every = np.sort(dataset.mesh.domain_ids())
+    outer = _outer(portion, every, ranks) if target == ALL else _NONE
+    numbers = portion.side_numbers
+    rows = np.flatnonzero(np.isin(numbers, outer)) if target == ALL else boundaries(dataset.mesh).get(target, _NONE)
+    is_wanted = np.zeros(len(numbers), bool)
+    is_wanted[rows] = True
+    touching = _with_sides(portion, every, is_wanted)
+    # blocks of maps that fields give come in the order of their first elements
+    first = [block.element_ids[:1] for block in geometry(dataset)] if dataset.map_names else []
+    own = map_alone.of(np.unique(np.concatenate([touching, *first]))).alone
+    united = unite(ranks.exchange(own, f"elements at {target}"))
+    if target == ALL:
+        sides = united.side_numbers
+        united = united.with_sides(sides[~np.isin(sides, outer)])
+    with suppress(ElvisError):
+        surface = surface_of(united.dataset, target)
+        dataset = replace(dataset, surfaces={**dataset.surfaces, target: surface})
+    return replace(portion, dataset=dataset)
+
+
+def with_jumps(portion: Portion, name: str, ranks: Ranks) -> Portion:
+    """The part that a rank has, with the jumps of one of its fields as another one; to be called by each.
+
+    Where there are none, as across Fourier directions, that shows where they are evaluated.
+    """
+    dataset, own = portion.dataset, jump_name(name)
+    field = dataset.field(name)
+    if own in dataset or any(block.expansion.homogeneous for block in field.blocks):
+        return portion
+    greatest = _jumps(portion.with_fields([name]), field, ranks)
+    blocks = tuple(_constant(block, *greatest) for block in field.blocks)
+    fields, borrowed = (*dataset.fields, Field(own, blocks)), dataset.borrowed | {own}
+    dataset = replace(dataset, fields=fields, borrowed=borrowed)
+    return replace(portion, dataset=dataset, blocks={**portion.blocks, own: portion.blocks[name]})
+
+
+def _outer(portion: Portion, ids: Ints, ranks: Ranks) -> Ints:
+    """(n,) numbers in the whole of sides that belong to one of all elements of the domain, ascending.
+
+    ids  (n,) of those that this rank has
+    """
+    numbers, owners = portion.side_numbers, _owners(portion, ids)
+    candidates = np.concatenate(ranks.exchange(numbers[owners == 1], "outer sides of parts"))
+    outer, counts = np.unique(candidates, return_counts=True)
+    outer = outer[counts == 1]
+    # a part may have two elements at a side of which another one has one
+    inner = ranks.exchange(outer[np.isin(outer, numbers[owners > 1])], "sides that are no outer ones")
+    return np.setdiff1d(outer, np.concatenate(inner))
+
+
+def _jumps(portion: Portion, field: Field, ranks: Ranks) -> tuple[Ints, Floats]:
+    """Ids (n,), ascending, of a part's elements that have its one field, and the greatest jump (n,) of it at their
+    sides.
+
+    Jumps are found twice: in the part, and in its elements at sides of other parts together with theirs.
+    """
+    held = np.concatenate([_NONE, *(block.element_ids for block in field.blocks)])
+    held = held[np.isin(held, portion.dataset.mesh.domain_ids())]
+    modes = max((max(block.expansion.modes) for block in field.blocks if len(block)), default=0)
+    numbers, owners = portion.side_numbers, _owners(portion, held)
+    every = ranks.exchange((numbers[owners == 1], modes), f"sides of elements that have {field.name}")
+    modes = max(own for _, own in every)
+    sent = [
+        None if number == ranks.rank else _at(portion, held, np.isin(numbers, sides) & (owners > 0))
+        for number, (sides, _) in enumerate(every)
+    ]
+    found = ranks.alltoall(sent, f"neighbours of elements that have {field.name}")
+    neighbours = [own for own in found if own is not None]
+    border = [own for own in sent if own is not None]
+    parts = [portion, *([unite([*border, *neighbours])] if neighbours else [])]
+    ids, greatest = np.sort(held), np.zeros(len(held))
+    for some in parts:
+        own, jump = jumps(some.dataset, field.name, modes)
+        is_here = among(own, ids)
+        np.maximum.at(greatest, rows_of(ids, own[is_here]), jump[is_here])
+    return ids, greatest
+
+
+def _constant(block: Block, ids: Ints, values: Floats) -> Block:
+    """A block's elements with a number (n,) of each of elements ids (n,), ascending; NaN for others."""
+    found = np.full((len(block), 1), np.nan)
+    is_known = among(block.element_ids, ids)
+    found[is_known, 0] = values[np.searchsorted(ids, block.element_ids[is_known])]
+    shape = block.expansion.shape
+    expansion = Expansion(shape, block.expansion.bases, (1,) * shape.dimension)
+    return Block(expansion, block.element_ids, frozen_floats(found))
+
+
+def _of_shapes(portion: Portion, ids: Ints) -> Iterator[tuple[Shape, Ints]]:
+    """Those of elements with ids (n,) that are of each shape."""
+    for shape, entities in portion.dataset.mesh.elements.items():
+        yield shape, entities.ids[np.isin(entities.ids, ids)]
+
+
+def _owners(portion: Portion, ids: Ints) -> Ints:
+    """(n,) how many of the elements with ids (n,) each side of a part belongs to."""
+    mesh = portion.dataset.mesh
+    return owners_of_sides(mesh, [sides_of(mesh, shape, own) for shape, own in _of_shapes(portion, ids)])
+
+
+def _with_sides(portion: Portion, ids: Ints, is_wanted: Bools) -> Ints:
+    """Those of elements with ids (n,) that have one of the wanted sides (m,)."""
+    mesh = portion.dataset.mesh
+    found = [own[is_wanted[sides_of(mesh, shape, own)].any(axis=1)] for shape, own in _of_shapes(portion, ids)]
+    return np.concatenate([_NONE, *found])
+
+
+def _at(portion: Portion, ids: Ints, is_wanted: Bools) -> Portion | None:
+    """The portion's elements of these at wanted sides; None where there are none."""
+    own = _with_sides(portion, ids, is_wanted)
+    return portion.of(own).alone if len(own) else None
