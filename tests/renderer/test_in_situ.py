@@ -67,6 +67,7 @@ class TestPictures:
         assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
         assert (tmp_path / "u_000.png").read_bytes() != (tmp_path / "post.png").read_bytes()
 
+    @pytest.mark.own_devices  # what others have left on a device comes and goes
     def test_steady_steps_make_no_buffer(self, session):
         places = squares()
         with session({"quadrilateral": places}, device="auto", output=None, range=(0, 1)) as drawn:
