@@ -29,6 +29,7 @@ from elvis.renderer.rendering import Pictures
 from elvis.scene import (
     Camera,
     Clip,
+    Cone,
     Contours,
     CutSurface,
     Faces,
@@ -71,6 +72,7 @@ SCENES = {
     ),
     "clipped": Scene(objects=(Faces(), CutSurface(UPRIGHT)), clip=(Clip(UPRIGHT),), camera=GIVEN),
     "sphere": Scene(objects=(CutSurface(Sphere((0.5, 0.5, 0.5), 0.3)),), camera="iso", range="all", box=True),
+    "cone": Scene(objects=(CutSurface(Cone((0.4, 0.5, 0.1), (0.2, 0.1, 1.0), 25.0)),), camera="iso", box=True),
     "implicit": Scene(objects=(CutSurface(Implicit("x + 0.3*y*y - 0.6")),), range="all", camera=GIVEN),
     "volume": Scene(objects=(VolumeRendering(Transfer((0.0, 1.0), (0.0, 3.0))),), camera=GIVEN),
 }

@@ -43,6 +43,7 @@ from elvis.scene import (
     Sphere,
     Streamlines,
     TriangleMesh,
+    Vector,
     VolumeRendering,
     unit,
 )
@@ -87,13 +88,12 @@ class Relevance:
         parts borrow."""
         scene = self.scene
         goes_through = any(isinstance(item, Streamlines | Glyphs) for item in scene.every_object)
-        cones = any(isinstance(item, CutSurface) and isinstance(item.surface, Cone) for item in scene.every_object)
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
         beyond = not all(each.is_borrowed for each in expressions)
         is_line = Kind.of(self.dataset) is Kind.LINE
         # elements of others that aren't those of the dataset may be anywhere
         apart = self.dataset.others.keys() != self.dataset.shared.keys()
-        return not (goes_through or cones or beyond or is_line or apart)
+        return not (goes_through or beyond or is_line or apart)
 
     @property
     def borrows(self) -> bool:
@@ -359,7 +359,7 @@ def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
 
 
 def meets(surface: object, boxes: Boxes) -> Bools:
-    """(n,) whether a plane, a sphere, a cylinder or triangles may meet each of the boxes (n, 6)."""
+    """(n,) whether a plane, a sphere, a cylinder, a cone or triangles may meet each of the boxes (n, 6)."""
     slack = _SLACK * max((_greatest(boxes[some]) for some in chunks(len(boxes), _AT_ONCE)), default=0.0)
     if isinstance(surface, TriangleMesh):
         return _meets_triangles(surface, boxes, slack)
@@ -375,7 +375,7 @@ def _greatest(boxes: Boxes) -> float:
 
 
 def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
-    """(n,) whether a plane, a sphere or a cylinder may meet boxes with these corners (n, 6).
+    """(n,) whether a plane, a sphere, a cylinder or a cone may meet boxes with these corners (n, 6).
 
     Distances from them change by no more than one moves: from the middle of a box by half its diagonal, along a
     plane's normal by half its sides together.
@@ -389,16 +389,22 @@ def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
             distance, reach = (middle - surface.point) @ normal, half @ np.abs(normal)
         elif isinstance(surface, Sphere):
             distance = np.linalg.norm(middle - surface.center, axis=1) - surface.radius
+        elif isinstance(surface, Cylinder):
+            distance = _along_axis(surface.point, surface.axis, middle)[1] - surface.radius
         else:
-            assert isinstance(surface, Cylinder)
-            distance = _from_axis(surface, middle) - surface.radius
+            assert isinstance(surface, Cone)
+            # that to a line in the plane through the axis, which the cone's side is a part of
+            along, away = _along_axis(surface.apex, surface.axis, middle)
+            angle = np.radians(surface.angle)
+            distance = away * np.cos(angle) - along * np.sin(angle)
         return np.asarray(~(np.abs(distance) > reach + slack))
 
 
-def _from_axis(surface: Cylinder, points: Floats) -> Floats:
-    """(n,) distances of points (n, 3) from the axis of a cylinder."""
-    axis, away = unit(surface.axis, "axis"), points - np.asarray(surface.point)
-    return np.asarray(np.linalg.norm(away - np.outer(away @ axis, axis), axis=1))
+def _along_axis(start: Vector, direction: Vector, points: Floats) -> tuple[Floats, Floats]:
+    """(n,) where points (n, 3) lie along an axis, and (n,) their distances from it."""
+    axis, away = unit(direction, "axis"), points - np.asarray(start)
+    along = away @ axis
+    return along, np.linalg.norm(away - np.outer(along, axis), axis=1)
 
 
 def _meets_triangles(surface: TriangleMesh, boxes: Boxes, slack: float) -> Bools:
