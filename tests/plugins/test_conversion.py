@@ -105,6 +105,12 @@ def test_traces_of_continuous_fields_are_equal_to_the_last_bit(seed, is_polynomi
         blocks = [block.coefficients[:, None] for block in conversion.dataset.field("u").blocks]
         traces = Traces(conversion.dataset.mesh, conversion.blocks, [5] * len(blocks))
         assert traces.gather(blocks).largest_change(blocks) == 0
+        if mesh.dimension == 3:
+            apart = [own + np.random.default_rng(seed).normal(size=own.shape) for own in blocks]
+            skins = traces.gather(apart)
+            change = skins.largest_change(apart)
+            assert skins.apply(apart) == change > 0
+            assert skins.largest_change(apart) == 0
 
 
 @pytest.mark.parametrize("seed", range(3))

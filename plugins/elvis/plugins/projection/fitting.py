@@ -119,17 +119,10 @@ def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:
     return conforming(modified(block.shape, (modes,) * block.shape.dimension), extra)
 
 
-def join_traces(fitted: FieldFit, tolerance: float, traces: Traces) -> FieldFit:
-    """The field with one trace on every shared entity, where elements agree there to ``tolerance`` already.
-
-    Its coefficients are changed in place.
-    """
+def join_traces(fitted: FieldFit, traces: Traces) -> FieldFit:
+    """The field with one trace on every shared entity: its coefficients are changed in place, by up to ``jump``."""
     wide = [own[:, None, :] for own in fitted.coefficients]
-    skins = traces.gather(wide)
-    jump = float(skins.largest_change(wide)[0])
-    if not jump <= tolerance:
-        return FieldFit(fitted.field, fitted.modes, fitted.coefficients, jump)
-    skins.apply(wide)
+    jump = float(traces.gather(wide).apply(wide)[0])
     return FieldFit(fitted.field, fitted.modes, fitted.coefficients, jump, True)
 
 

@@ -106,5 +106,8 @@ def _join(
             known[modes] = Traces(mesh, blocks, modes)
         magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
         tolerance = np.inf if by_force else (1e-9 + 16 * source.precision) * magnitude
-        result[i] = join_traces(each, tolerance, known[modes])
+        result[i] = join_traces(each, known[modes])
+        if not result[i].jump <= tolerance:
+            alone = fit_fields(sampler, blocks, [each.field])[0]
+            result[i] = replace(alone, jump=result[i].jump)
     return result

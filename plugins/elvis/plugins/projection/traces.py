@@ -229,25 +229,28 @@ class Skins:
 
     def largest_change(self, coefficients: Sequence[Floats]) -> Floats:
         """(c,) the largest difference between what the elements hold and what `apply` would give them."""
+        return self._compared(coefficients, is_given=False)
 
+    def apply(self, coefficients: Sequence[Floats]) -> Floats:
+        """Give every element of every block (n, c, m) the coefficients of its vertices, edges and faces.
+
+        (c,) the largest difference from what it held.
+        """
+        return self._compared(coefficients, is_given=True)
+
+    def _compared(self, coefficients: Sequence[Floats], is_given: bool) -> Floats:
         def change(number: int, rows: slice) -> Floats:
-            worst = np.zeros(self.width)
+            worst, own = np.zeros(self.width), coefficients[number]
             for here, carried, seen in self._traces.views(number, rows, self):
-                difference = np.abs(coefficients[number][here[:, None], :, carried] - seen.transpose(0, 2, 1))
+                given = seen.transpose(0, 2, 1)
+                difference = np.abs(own[here[:, None], :, carried] - given)
                 worst = np.maximum(worst, difference.max(axis=(0, 1), initial=0))
+                if is_given:
+                    # what faces share is the same to the last bit, so that the next face finds no difference there
+                    own[here[:, None], :, carried] = given
             return worst
 
         return np.asarray(np.max([np.zeros(self.width), *self._of_batches(change)], axis=0))
-
-    def apply(self, coefficients: Sequence[Floats]) -> None:
-        """Give every element of every block (n, c, m) the coefficients of its vertices, edges and faces."""
-
-        def put(number: int, rows: slice) -> None:
-            for here, carried, seen in self._traces.views(number, rows, self):
-                coefficients[number][here[:, None], :, carried] = seen.transpose(0, 2, 1)
-
-        for _ in self._of_batches(put):
-            pass
 
     def _of_batches(self, work: Callable[[int, slice], T]) -> Iterator[T]:
         """What work returns of each batch of elements, which threads share: number of the block, and its rows."""
