@@ -35,6 +35,7 @@ COMMANDS = {
     "info": "info --json",
     "jacobian": "info --json --jacobian",
     "extrema": "info --json --extrema",
+    "critical": "info --json --critical --field u-0.5 --field x-0.3 --field y-0.4",
     "info of packed XML": "info --json",
     "plane of a series": f"{_PLANE} --time 0.3",
     "info of a series": "info --json --time 0.3",

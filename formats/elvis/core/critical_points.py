@@ -1,6 +1,7 @@
 """Critical points of a velocity: all places inside of elements where it is zero, isolated by Bernstein bounds.
 
-Elements are images of boxes (`subcells`), in which `zero_search` finds them.
+Elements are images of boxes (`subcells`), in which `zero_search` finds them.  Each of several ranks looks through the
+elements of its part, once it knows the vertices and edges of the outer boundary that others have.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import heights
 from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.net_zeros import BEYOND
+from elvis.core.portions.portion import Portion
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import same_level
 from elvis.core.quantities.tree import AXES, Node, world_derivative
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.streamlines.velocity import velocity_expressions
 from elvis.core.zero_search import ZeroSearch
 
@@ -56,8 +60,9 @@ class CriticalPoints:
     """All of them.
 
     points      each once
-    undecided   ids of elements in which the search ended before every box was decided, as along a line of zeros
-    beside      ids of elements where that happened only beside the outer boundary, within 1/128 of the element
+    undecided   ids, ascending, of elements in which the search ended before every box was decided, as along a line of
+                zeros
+    beside      the same of elements where that happened only beside the outer boundary, within 1/128 of the element
     """
 
     points: tuple[CriticalPoint, ...]
@@ -82,6 +87,42 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
     velocity  its components; None: what is customary in the data
     ElvisError for components that aren't zero where polynomials are, for surfaces in space and Fourier directions.
     """
+    outer = _Outer.of(dataset.mesh, np.arange(len(dataset.mesh.vertices)), ALONE)
+    return _united([_found(dataset, velocity, outer)])
+
+
+def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ranks: Ranks) -> CriticalPoints | None:
+    """The same where each of several ranks has a part of the data; None but at the first one.
+
+    Each part knows its inner sides (`knows_inner_sides`).
+    """
+    dataset = portion.dataset
+    found = _found(dataset, velocity, _Outer.of(dataset.mesh, portion.rows[None], ranks))
+    every = ranks.gather(found, f"critical points of {velocity}")
+    return _united(every) if every else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What was found in some elements, as `CriticalPoints`, with the ends of the coefficients of their maps."""
+
+    points: list[CriticalPoint]
+    undecided: list[int]
+    beside: list[int]
+    ends: list[float]
+
+
+def _united(every: Sequence[_Found]) -> CriticalPoints:
+    """All that was found in several parts."""
+    points = [point for own in every for point in own.points]
+    spread = _spread([end for own in every for end in own.ends])
+    undecided = sorted(id for own in every for id in own.undecided)
+    beside = sorted(id for own in every for id in own.beside)
+    return CriticalPoints(tuple(distinct(points, spread)), tuple(undecided), tuple(beside))
+
+
+def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> _Found:
+    """What is found in all elements of a dataset."""
     components = velocity_expressions(dataset, velocity)
     zeros = [numerator(each) for each in components]
     slopes = [
@@ -90,7 +131,6 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
         for axis in range(len(components))
     ]
     evaluator = Evaluator(dataset, [*zeros, *slopes])
-    outer = _Outer.of(dataset)
     found: list[CriticalPoint] = []
     undecided: list[int] = []
     beside: list[int] = []
@@ -101,9 +141,9 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
         for rows in chunks(len(patch), _CHUNK):
             search.run(np.arange(len(patch))[rows])
         found += search.classified(slopes)
-        undecided += patch.element_ids[sorted(search.undecided)].tolist()
-        beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
-    return CriticalPoints(tuple(distinct(found, size(evaluator.patches))), tuple(undecided), tuple(beside))
+        undecided += patch.element_ids[list(search.undecided)].tolist()
+        beside += patch.element_ids[list(search.beside - search.undecided)].tolist()
+    return _Found(found, undecided, beside, _ends(evaluator.patches))
 
 
 def numerator(component: Expression) -> Expression:
@@ -135,29 +175,39 @@ def degree_of(expression: Expression, evaluator: Evaluator, patch: Patch) -> int
 class _Outer:
     """The outer boundary of a mesh: sides that a single element has.
 
+    numbers   (vertices,) of vertices in the whole
+    count     of vertices there
     vertices  (vertices,) whether vertices are on it
     pairs     sorted codes of the vertices of its edges
     sides     (sides,) which of the mesh's faces, or edges in 2D, are of it
     """
 
+    numbers: Ints
+    count: int
     vertices: Bools
     pairs: Ints
     sides: Bools
 
     @staticmethod
-    def of(dataset: Dataset) -> _Outer:
-        """That of a dataset's mesh."""
-        mesh = dataset.mesh
-        shapes = [shape for shape in mesh.elements if shape.dimension == mesh.dimension]
-        owners = np.bincount(np.concatenate([mesh.of(shape).members.reshape(-1) for shape in shapes]))
-        vertices, pairs = np.zeros(len(mesh.vertices), bool), [np.empty(0, np.int64)]
-        for shape in shapes:
-            own, members = local_vertices(mesh, shape), mesh.of(shape).members
+    def of(mesh: Mesh, numbers: Ints, ranks: Ranks) -> _Outer:
+        """That of the whole mesh of which ranks have parts: elements of one may touch it where others have sides.
+
+        numbers  (vertices,) of vertices in the whole
+        """
+        count, empty = mesh.counts.vertices, np.empty(0, np.int64)
+        owners = np.bincount(np.concatenate([empty, *(own.members.reshape(-1) for own in mesh.elements.values())]))
+        if mesh.excerpt is not None:
+            owners[mesh.excerpt.sides] = 2
+        vertices, pairs = [empty], [empty]
+        for shape, entities in mesh.elements.items():
+            own = numbers[local_vertices(mesh, shape)]
             for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
-                around = own[owners[members[:, number]] == 1][:, list(local)]
-                vertices[around] = True
-                pairs.append(_codes(around, np.roll(around, 1, axis=1), len(vertices)).reshape(-1))
-        return _Outer(vertices, np.unique(np.concatenate(pairs)), owners == 1)
+                around = own[owners[entities.members[:, number]] == 1][:, list(local)]
+                vertices.append(around.reshape(-1))
+                pairs.append(_codes(around, np.roll(around, 1, axis=1), count).reshape(-1))
+        every = ranks.exchange([np.unique(np.concatenate(own)) for own in (vertices, pairs)], "the outer boundary")
+        touched, edges = (np.unique(np.concatenate(own)) for own in zip(*every, strict=True))
+        return _Outer(numbers, count, np.isin(numbers, touched), edges, owners == 1)
 
 
 def _codes(first: Ints, second: Ints, count: int) -> Ints:
@@ -167,8 +217,18 @@ def _codes(first: Ints, second: Ints, count: int) -> Ints:
 
 def size(patches: Sequence[Patch]) -> float:
     """Of the data, about: the greatest coefficient of maps less the least."""
-    ends = [(p.geometry_coefficients.min(), p.geometry_coefficients.max()) for p in patches]
-    return float(max(high for _, high in ends) - min(low for low, _ in ends)) if ends else 1.0
+    return _spread(_ends(patches))
+
+
+def _ends(patches: Sequence[Patch]) -> list[float]:
+    """The least and the greatest coefficients of maps."""
+    every = [patch.geometry_coefficients for patch in patches]
+    return [float(end) for own in every for end in (own.min(), own.max())]
+
+
+def _spread(ends: Sequence[float]) -> float:
+    """The greatest of some numbers less the least; 1 without any."""
+    return max(ends) - min(ends) if ends else 1.0
 
 
 class _Search(ZeroSearch):
@@ -194,7 +254,7 @@ class _Search(ZeroSearch):
 
         They are on a vertex, an edge or a side, by the vertices that all these facets share.
         """
-        shape, count = self.patch.shape, len(self.outer.vertices)
+        shape, numbers = self.patch.shape, self.outer.numbers
         on_facet = heights(shape, shape.vertices) == 0
         is_missed = np.asarray((touched[:, None] & ~on_facet).any(axis=2))
         shared = ~is_missed & touched.any(axis=1, keepdims=True)
@@ -202,7 +262,7 @@ class _Search(ZeroSearch):
         first = shared.argmax(axis=1)
         last = shared.shape[1] - 1 - shared[:, ::-1].argmax(axis=1)
         every = np.arange(len(rows))
-        pairs = _codes(own[every, first], own[every, last], count)
+        pairs = _codes(numbers[own[every, first]], numbers[own[every, last]], self.outer.count)
         found = (number == 1) & self.outer.vertices[own[every, first]]
         found |= (number == 2) & np.isin(pairs, self.outer.pairs)
         for side, local in enumerate(shape.faces if shape.dimension == 3 else ()):

@@ -13,6 +13,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 
@@ -49,7 +50,7 @@ def subcell_map(shape: Shape, cell: Ints, places: Floats) -> tuple[Floats, Float
     for number, own in enumerate(_coefficients(shape)):
         here = slice(None) if (cell == number).all() else np.flatnonzero(cell == number)
         products, derivatives = _products(places[here].T)
-        points[here] = (own.T @ products).T
+        points[here] = row_products(products.T, own)
         for axis, derivative in enumerate(derivatives):
             columns[here, :, axis] = (own.T @ derivative).T
     if shape is not Shape.PYRAMID:

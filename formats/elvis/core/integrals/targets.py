@@ -19,7 +19,7 @@ from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
 from elvis.core.mesh import Mesh
 from elvis.core.patch import Patch
-from elvis.core.portions.portion import carriers
+from elvis.core.portions.portion import knows_inner_sides
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 
@@ -242,9 +242,7 @@ def has_outer_boundaries(dataset: Dataset, names: Sequence[str]) -> bool:
     mesh = dataset.mesh
     if mesh.excerpt is None or not names:
         return True
-    ids = carriers(dataset)
-    if ids is not None and not all(np.isin(own.ids, ids).all() for own in mesh.elements.values()):
-        # then inner sides are those of elements that have the first field
+    if not knows_inner_sides(dataset):
         return False
     known = boundaries(mesh)
     return not any(np.isin(known[name], mesh.excerpt.sides).any() for name in names if name in known)

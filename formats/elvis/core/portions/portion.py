@@ -209,6 +209,12 @@ def carriers(dataset: Dataset) -> Ints | None:
     return every[0] if len(every) == 1 else np.concatenate(every) if every else None
 
 
+def knows_inner_sides(dataset: Dataset) -> bool:
+    """Whether inner sides of a part are those of the mesh: where all its elements have the first field."""
+    ids = carriers(dataset)
+    return ids is None or all(np.isin(own.ids, ids).all() for own in dataset.mesh.elements.values())
+
+
 def _inner_sides(dataset: Dataset) -> Ints:
     """Numbers of faces, of 2D meshes edges, that have elements on both sides, which have the first field if any has."""
     mesh, chosen_ids = dataset.mesh, carriers(dataset)

@@ -96,7 +96,7 @@ def info(
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
-    is_whole = strict or critical
+    is_whole = strict or wall is not None
     if is_whole and is_idle(ranks):
         return
     if strict:
@@ -105,7 +105,7 @@ def info(
     ranks = ALONE if is_whole else ranks
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
-    source = _opened(data, series, quantities, ranks, only_fields=extremes)
+    source = _opened(data, series, quantities, ranks, only_fields=extremes, needs_sides=critical)
     if source is None or (predefined and is_idle(ranks)):
         return
     tasks = (
@@ -132,18 +132,23 @@ def info(
 
 
 def _opened(
-    data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks, only_fields: bool
+    data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks, only_fields: bool, needs_sides: bool
 ) -> Source | None:
     """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others.
 
     only_fields  whether nothing but fields comes apart
+    needs_sides  whether parts have to know their inner sides, and nothing else around them
     """
+    from elvis.core.portions.portion import knows_inner_sides
     from elvis.core.quantities import Expression
 
     def comes_apart(dataset: Dataset) -> bool:
         known = [Expression.of(dataset, text) for text in quantities]
         if only_fields:
             return not dataset.others and all(each.is_field for each in known)
+        if needs_sides:
+            is_known = all(each.is_local for each in known) and knows_inner_sides(dataset)
+            return all(ranks.exchange(is_known, "sides of elements"))
         return all(each.is_borrowed for each in known)
 
     found = data.part(ranks, comes_apart, series=series)
@@ -184,13 +189,13 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
 
 def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_json: bool) -> None:
     """Print where a velocity is zero inside of the data, or its shear on a wall, with kinds, and what is undecided."""
-    from elvis.core.critical_points import critical_points
     from elvis.core.terminal import note, print_json, print_table, stage, warn
     from elvis.core.wall_points import wall_points
 
-    dataset = source.dataset
     with stage("searching"):
-        found = critical_points(dataset, names or None) if wall is None else wall_points(dataset, wall, names or None)
+        found = source.critical(names) if wall is None else wall_points(source.dataset, wall, names or None)
+    if found is None:
+        return
     if as_json:
         print_json(found.facts())
     else:

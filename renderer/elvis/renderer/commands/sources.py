@@ -26,6 +26,7 @@ from elvis.core.ranks import ALONE, Ranks, is_idle
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
+    from elvis.core.critical_points import CriticalPoints
     from elvis.core.dataset import Dataset
     from elvis.core.extrema import Extreme
     from elvis.core.files.columns import Columns
@@ -366,6 +367,15 @@ class NativeSource:
         if texts:
             found["distances"] = _distances(part.dataset if part else self.dataset, asked)
         return found
+
+    def critical(self, velocity: Sequence[str]) -> CriticalPoints | None:
+        """Where a velocity is zero, of these components if any; of parts None elsewhere than at the first rank."""
+        from elvis.core.critical_points import critical_points, shared_critical_points
+        from elvis.core.portions.borrowing import borrowing
+
+        if self.portion is None:
+            return critical_points(self.dataset, velocity or None)
+        return shared_critical_points(borrowing(self.portion, velocity, self.ranks), velocity or None, self.ranks)
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
         """The least and the greatest value of each quantity; of parts, of fields alone, none but at the first rank."""
