@@ -209,11 +209,12 @@ def test_extremes_hold_what_nets_are_rounded_by(shape):
     lower = modified(shape, (3,) * shape.dimension)
     two = with_random(grid(shape, 1), lower, rng)
     patch = replace(one, fields=(*one.fields, lower), coefficients=(*one.coefficients, two.coefficients[0]))
-    own = extrema._nets(patch, 0)
+    rows = np.arange(len(patch))
+    own = extrema._nets(patch, 0, rows)
     for t in exact(rng.integers(0, 17, (5, patch.dimension)) / 16):
         away = truth(patch.fields[0], patch.coefficients[0][0], 2 * t - 1) - net_value(own.values[0], t)
         assert abs(away) <= own.error[0]
-    boxes = extrema._whole(own.minus(extrema._nets(patch, 1)))
+    boxes = extrema._whole(own.minus(extrema._nets(patch, 1, rows)))
     for _ in range(3):
         k = int(rng.integers(len(boxes.rows)))
         t = exact(rng.integers(0, 17, patch.dimension) / 16)

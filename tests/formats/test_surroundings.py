@@ -13,7 +13,6 @@ from elvis.core.portions import along_curve, portions, unite
 from elvis.core.portions.borrowing import borrowing, surrounded
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
-from elvis.core.quantities.needed import needed_fields
 from elvis.core.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
@@ -133,8 +132,3 @@ def test_what_names_no_surface_is_told_where_distances_are_measured():
         assert not part.dataset.surfaces
         with pytest.raises(ElvisError, match="found none in 'boundary'"):
             surface_of(part.dataset, "boundary")
-
-
-def test_the_field_that_jumps_is_needed():
-    dataset = bent(grid(Shape.TETRAHEDRON, 1))
-    assert needed_fields(dataset, ["jump(v)"]) == ("v",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,16 @@ def needed_fields(dataset: Dataset, texts: Sequence[str]) -> tuple[str, ...]:
         found |= own
     if not found.intersection(solution):
         found.update(solution[:1])
+    few = replace(dataset, fields=tuple(field for field in dataset.fields if field.name in found))
+    # a component of the velocity is one field, which is known as that by the others
+    if not all(_is_same(dataset, few, text or solution[0]) for text in texts if solution):
+        return every
     return tuple(name for name in every if name in found)
+
+
+def _is_same(dataset: Dataset, few: Dataset, text: str) -> bool:
+    """Whether a quantity is made of the same in a dataset with fewer fields."""
+    return [each.root for each in _expressions(dataset, text)[0]] == [each.root for each in _expressions(few, text)[0]]
 
 
 def lack_of(dataset: Dataset, text: str) -> str:
@@ -55,20 +65,23 @@ def lack_of(dataset: Dataset, text: str) -> str:
 
 def _fields_of(dataset: Dataset, text: str) -> set[str] | None:
     """The fields of one quantity, however many coordinates the fields depend on; None where nothing is known of it."""
+    expressions, asked = _expressions(dataset, text)
+    if not expressions or any(_OF_FIELDS in each.attributes for each in expressions):
+        return None
+    jumping = {own for each in expressions for name in each.attributes if (own := jumping_of(name)) is not None}
+    found = {name for each in expressions for name in each.fields}
+    return (found | jumping | asked).intersection(Names.of(dataset).fields)
+
+
+def _expressions(dataset: Dataset, text: str) -> tuple[list[Expression], set[str]]:
+    """A quantity for each number of coordinates for which it says something; fields whose rates it asks for."""
     asked, names = _AskedRates(), Names.of(dataset)
-    found: set[str] | None = None
+    found = []
     for dimension in range(dataset.mesh.space, 4):
-        try:
-            expression = Expression.parse(
-                text, replace(names, dimension=dimension, time=names.time or 1.0, rates=asked)
-            )
-        except ElvisError:
-            continue
-        if _OF_FIELDS in expression.attributes:
-            return None
-        jumping = {own for name in expression.attributes if (own := jumping_of(name)) is not None}
-        found = {*(found or ()), *expression.fields, *jumping}
-    return None if found is None else {name for name in found | asked.names if name in names.fields}
+        with suppress(ElvisError):
+            own = replace(names, dimension=dimension, time=names.time or 1.0, rates=asked)
+            found.append(Expression.parse(text, own))
+    return found, asked.names
 
 
 class _AskedRates:
