@@ -3,10 +3,13 @@
 A limit on the size of files stands for the disk: writing beyond it fails as it does on one that is full.
 """
 
+import gc
 import resource
+import sys
 from contextlib import contextmanager
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
@@ -108,3 +111,20 @@ def test_what_no_longer_fits_on_the_disk_can_be_read_while_it_is_written(tmp_pat
 
     with files_up_to(1000), pytest.raises(OSError, match="File too large"):
         written_and_read()
+
+
+def test_an_interrupt_while_a_file_is_closed_leaves_no_words(tmp_path, monkeypatch):
+    """What h5py could not close then is written when it is let go: nobody hears of it."""
+    heard = []
+    monkeypatch.setattr(sys, "unraisablehook", heard.append)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(h5py.File, "__exit__", interrupted)
+        with pytest.raises(KeyboardInterrupt), created(tmp_path / "u.h5") as file:
+            file["u"] = np.arange(1000.0)
+    del file
+    gc.collect()
+    assert not heard

@@ -233,8 +233,11 @@ def created(path: Path) -> Iterator[h5py.File]:
     try:
         with h5py.File(stream, "w") as file:
             yield file
-    finally:
-        stream.content.close()
+    except BaseException:
+        # what an interrupt has kept h5py from closing writes again once it is let go
+        stream.go_on_in_memory()
+        raise
+    stream.content.close()
     if stream.failure:
         raise stream.failure
 
@@ -242,7 +245,7 @@ def created(path: Path) -> Iterator[h5py.File]:
 class _Stream:
     """A file that can always be written and read again; the first failure of the disk is kept.
 
-    content  the file on the disk, after a failure the same in memory
+    content  the file on the disk, after a failure or an interrupt the same in memory
     """
 
     def __init__(self, path: Path) -> None:
@@ -258,7 +261,8 @@ class _Stream:
             while rest:
                 rest = rest[self.content.write(rest) or 0 :]
         except OSError as error:
-            self._go_on_in_memory(error)
+            self.failure = error
+            self.go_on_in_memory()
             self.content.seek(start)
             self.content.write(data)
         return size
@@ -268,7 +272,8 @@ class _Stream:
         try:
             return self.content.truncate(size)
         except OSError as error:
-            self._go_on_in_memory(error)
+            self.failure = error
+            self.go_on_in_memory()
             missing = size - self.content.seek(0, os.SEEK_END)
             self.content.write(bytes(max(missing, 0)))
             return self.content.truncate(size)
@@ -292,8 +297,8 @@ class _Stream:
     def flush(self) -> None:
         """There is no buffer."""
 
-    def _go_on_in_memory(self, failure: OSError) -> None:
-        self.failure = failure
+    def go_on_in_memory(self) -> None:
+        """Leave the disk: what is written from now on is lost with the stream."""
         self.content.seek(0)
         written = self.content.read()
         self.content.close()
