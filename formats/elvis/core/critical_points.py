@@ -13,6 +13,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import owners_of_sides
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import heights
 from elvis.core.mapping.orientation import chunks, local_vertices
@@ -195,7 +196,7 @@ class _Outer:
         numbers  (vertices,) of vertices in the whole
         """
         count, empty = mesh.counts.vertices, np.empty(0, np.int64)
-        owners = np.bincount(np.concatenate([empty, *(own.members.reshape(-1) for own in mesh.elements.values())]))
+        owners = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
         if mesh.excerpt is not None:
             owners[mesh.excerpt.sides] = 2
         vertices, pairs = [empty], [empty]

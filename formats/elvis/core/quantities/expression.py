@@ -108,5 +108,10 @@ def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str])
     found = [Expression.parse(text, names) for text in dict.fromkeys(texts)]
     bad = [each.text for each in found if each.text in taken]
     if bad:
-        raise ElvisError(f"the field {bad[0]!r} has the name of a column; an expression such as 1*{bad[0]} has not")
+        raise ElvisError(taken_name(bad[0]))
     return found
+
+
+def taken_name(field: str) -> str:
+    """A sentence on a field with the name of a column that a table has by itself."""
+    return f"the field {field!r} has the name of a column; an expression such as 1*{field} has not"

@@ -372,16 +372,16 @@ def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]
 
     ElvisError where such a one is named, or there is no other.
     """
+    from elvis.core.quantities.expression import taken_name
     from elvis.core.terminal import warn
 
     found = source.expressions(texts)
     wanted = [each for each in found if each.text not in _COLUMNS]
     for each in found:
         if each not in wanted:
-            reason = f"the field {each.text!r} has the name of a column; an expression such as 1*{each.text} has not"
             if texts or not wanted:
-                raise ElvisError(reason)
-            warn(f"{reason}: it is left out")
+                raise ElvisError(taken_name(each.text))
+            warn(f"{taken_name(each.text)}: it is left out")
     return wanted
 
 
