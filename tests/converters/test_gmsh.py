@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.converters.gmsh import Gmsh
 from elvis.core.errors import ElvisError, FormatError
@@ -121,11 +122,11 @@ def where(source, tags):
     ],
 )
 def test_agrees_with_the_library(file, truth):
-    path, truth = DATA / f"{file}.msh", np.load(DATA / f"{truth}.truth.npz")
+    path, truth = DATA / f"{file}.msh", arrays_of(DATA / f"{truth}.truth.npz")
     done = check(Gmsh, [path])
     shift = np.array([RENUMBERED[str(shape)] if "v22" in file else 0 for shape in truth["shape"]])
     blocks, rows = where(Gmsh([path]), truth["elem"] - shift)
-    key = next(key for key in truth.files if key.startswith("f_"))
+    key = next(key for key in truth if key.startswith("f_"))
     for i, values in enumerate(truth[key].T):
         name, bound = key[2:] + (f"_{'xyz'[i]}" if truth[key].shape[1] > 1 else ""), 1e-10 * np.ptp(values)
         for block in np.unique(blocks):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.converters.nek import Nek
 from elvis.core.errors import ElvisError, FormatError
@@ -56,7 +57,7 @@ def polynomial(x):
 
 @shared
 def test_agrees_with_the_solver():
-    truth = np.load(DATA / "ethier_p7.truth.npz")
+    truth = arrays_of(DATA / "ethier_p7.truth.npz")
     done = check(Nek, [DATA / "ethier0.f00001", DATA / "ethier.re2"])
     names = {f"velocity_{axis}": truth["f_vel"][:, i] for i, axis in enumerate("xyz")}
     for name, wanted in {**names, "pressure": truth["f_p"][:, 0]}.items():

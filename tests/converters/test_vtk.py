@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
@@ -110,7 +111,7 @@ def where(source, ids):
     ],
 )
 def test_agrees_with_the_solver(file, truth, bound):
-    path, truth = DATA / "vtk" / f"{file}.vtu", np.load(DATA / "vtk" / f"{truth}.truth.npz")
+    path, truth = DATA / "vtk" / f"{file}.vtu", arrays_of(DATA / "vtk" / f"{truth}.truth.npz")
     done, (blocks, rows) = check(Vtk, [path]), where(Vtk([path]), truth["elem"])
     names = {f"{n}_{a}": ("f_" + n, i) for n in "v" for i, a in enumerate("xyz")} | {n: ("f_" + n, 0) for n in "uw"}
     compared = [each.name for each in done.report.fields if each.name in names]
@@ -132,9 +133,9 @@ def test_agrees_with_the_solver(file, truth, bound):
 @shared
 def test_agrees_with_pyfr_where_its_export_keeps_the_elements():
     """Pyramids come as linear pieces; every other element holds the solution as it was."""
-    truth = np.load(DATA / "pyfr" / "mixed3d_p3-01.truth.npz")
+    truth = arrays_of(DATA / "pyfr" / "mixed3d_p3-01.truth.npz")
     done = check(Vtk, [DATA / "vtk" / "pyfr_mixed3d_p3.vtu"])
-    key = next(key for key in truth.files if key.startswith("f_"))
+    key = next(key for key in truth if key.startswith("f_"))
     kept = truth["shape"] != "pyr"
     wanted = truth[key][:, 0][kept]
     found = values_found(done.dataset, "Density", truth["xyz"][kept])
@@ -145,7 +146,7 @@ def test_agrees_with_pyfr_where_its_export_keeps_the_elements():
 @shared
 def test_nodes_that_lie_elsewhere_are_found_out():
     path = DATA / "vtk" / "dolfinx_tet_o3_u_p0_000000.vtu"
-    truth = np.load(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
+    truth = arrays_of(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
     errors = {}
     for nodes in ("auto", "gll", "equispaced"):
         done = convert(Vtk([path], nodes=nodes))
@@ -158,7 +159,7 @@ def test_nodes_that_lie_elsewhere_are_found_out():
 @shared
 def test_fields_of_one_mesh_in_two_files():
     files = [DATA / "vtk" / f"dolfinx_tet_o3_{name}_p0_000000.vtu" for name in "wu"]
-    truth = np.load(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
+    truth = arrays_of(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
     done = check(Vtk, files)
     assert done.report.elements == {"tetrahedron": 679}
     assert {field.name: field.is_continuous for field in done.report.fields} == {"w": False, "u": True}
@@ -175,7 +176,7 @@ def test_hexahedra_of_the_wrong_version_are_refused(tmp_path):
     path.write_bytes(raw.replace(b'version="0.1"', b'version="2.2"'))
     with pytest.raises(FormatError, match=r"two edges exchanged in 6 hexahedra.*option hexahedra"):
         Vtk([path])
-    truth = np.load(DATA / "vtk" / "dealii_shell_p4.truth.npz")
+    truth = arrays_of(DATA / "vtk" / "dealii_shell_p4.truth.npz")
     done = convert(Vtk([path], hexahedra="exchanged"))
     wanted = truth["f_u"][:, 0]
     assert np.abs(values_found(done.dataset, "u", truth["xyz"]) - wanted).max() < 2e-7 * np.ptp(wanted)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.core.errors import FormatError
 from elvis.plugins.faces import faces_of
@@ -70,7 +71,7 @@ def same_places(source, field, truth, ids=True):
 
 @pytest.mark.parametrize("heading", ["controlpoints", "controlpoints_homogeneous", "controlpoints_cartesian"])
 def test_patches_with_their_own_control_points_are_the_same_mesh(pipe, tmp_path, heading):
-    path, truth = written(pipe.mesh, tmp_path / "own.mesh", heading), np.load(MFEM / "pipe_nurbs.truth.npz")
+    path, truth = written(pipe.mesh, tmp_path / "own.mesh", heading), arrays_of(MFEM / "pipe_nurbs.truth.npz")
     source = Nurbs([path, MFEM / "pipe_nurbs.u.gf"])
     ((_, values),) = same_places(source, "u", truth)
     assert np.abs(values - truth["f_u"][:, 0]).max() < 1e-11 * np.ptp(values)
@@ -79,7 +80,7 @@ def test_patches_with_their_own_control_points_are_the_same_mesh(pipe, tmp_path,
 def test_the_solver_reads_these_patches_likewise(pipe, tmp_path):
     mfem = pytest.importorskip("mfem.ser")
     path = written(pipe.mesh, tmp_path / "own.mesh")
-    mesh, truth = mfem.Mesh(str(path), 1, 1), np.load(MFEM / "pipe_nurbs.truth.npz")
+    mesh, truth = mfem.Mesh(str(path), 1, 1), arrays_of(MFEM / "pipe_nurbs.truth.npz")
     point = mfem.IntegrationPoint()
     for element, reference, xyz in zip(truth["elem"][:40], truth["ref"], truth["xyz"], strict=False):
         point.Set3(*reference.tolist())
@@ -88,7 +89,7 @@ def test_the_solver_reads_these_patches_likewise(pipe, tmp_path):
 
 
 def test_json_is_the_same_mesh(pipe, tmp_path):
-    path, truth = tmp_path / "pipe.json", np.load(MFEM / "pipe_nurbs.truth.npz")
+    path, truth = tmp_path / "pipe.json", arrays_of(MFEM / "pipe_nurbs.truth.npz")
     sides = {"ends": [[patch, side] for patch in range(4) for side in ("z-", "z+")]}
     path.write_text(json.dumps(as_json(pipe.mesh, boundaries=sides)))
     assert Nurbs.opens([path])

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.core.dataset import Homogeneous
 from elvis.core.errors import ElvisError
@@ -34,7 +35,7 @@ def pipe():
     if not MFEM.is_dir():
         pytest.skip(f"there is no {MFEM}")
     source = Nurbs([MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf", MFEM / "pipe_nurbs.w.gf"])
-    return source, dict(np.load(MFEM / "pipe_nurbs.truth.npz"))
+    return source, arrays_of(MFEM / "pipe_nurbs.truth.npz")
 
 
 @pytest.fixture

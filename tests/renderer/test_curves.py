@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import with_field
@@ -62,7 +63,7 @@ def test_views_of_curves_are_fitted_and_files_written(tmp_path):
     assert np.ptp(rows) > 0.9 * frame.view.height or np.ptp(columns) > 0.9 * frame.view.width
     for name in ("a.png", "a.npz", "a.exr"):
         frame.save(tmp_path / name)
-    record = np.load(tmp_path / "a.npz")
+    record = arrays_of(tmp_path / "a.npz")
     assert np.abs(record["reference"][frame.seen][:, 0]).max() <= 1.0
 
 

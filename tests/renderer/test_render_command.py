@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.plugins import command
 
@@ -52,16 +53,16 @@ def test_all_outputs_and_statistics(render, tmp_path):
     assert stats["seconds"]["frame"] > 0
     assert all(count > 0 for count in stats["bytes"].values())
     assert set(stats["device"]) >= {"name", "label"}
-    assert np.load(tmp_path / "a.npz")["field"].shape == (40, 60)
+    assert arrays_of(tmp_path / "a.npz")["field"].shape == (40, 60)
 
 
 def test_devices_draw_the_same_automatic_picture(render, tmp_path):
     for name in ("auto", "vulkan", "vulkan:0", "reference"):
         assert render(CUBE, *PLANE, "--size", "60x45", "--device", name, outputs=(f"{name}.npz",))[0] == 0
     auto, vulkan, first, reference = (
-        np.load(tmp_path / f"{name}.npz") for name in ("auto", "vulkan", "vulkan:0", "reference")
+        arrays_of(tmp_path / f"{name}.npz") for name in ("auto", "vulkan", "vulkan:0", "reference")
     )
-    for name in auto.files:
+    for name in auto:
         assert auto[name].tobytes() == vulkan[name].tobytes() == first[name].tobytes()
     assert np.array_equal(reference["element"], auto["element"])
     assert np.allclose(reference["field"], auto["field"], rtol=0, atol=1e-11, equal_nan=True)
@@ -72,7 +73,7 @@ def test_devices_draw_the_same_automatic_picture(render, tmp_path):
 def test_the_automatic_size_follows_what_is_seen(render, tmp_path, case_name):
     options = PLANE if case_name == CUBE else ()
     assert render(case_name, *options, "--device", "vulkan")[0] == 0
-    record = np.load(tmp_path / "a.npz")
+    record = arrays_of(tmp_path / "a.npz")
     height, width = record["field"].shape
     assert width == 1000 or height == 800
     seen = record["element"] >= 0
@@ -84,7 +85,7 @@ def test_the_automatic_size_follows_what_is_seen(render, tmp_path, case_name):
 def test_cameras_ranges_and_colours(render, tmp_path):
     options = ("--camera", "2,-1.5,1.4:0.5,0.5,0.5:0,0,1:40", "--range", "0:1", "--colormap", "gray", "--size", "50x40")
     assert render(CUBE, *PLANE, *options)[0] == 0
-    record = np.load(tmp_path / "a.npz")
+    record = arrays_of(tmp_path / "a.npz")
     seen = record["element"] >= 0
     grey = record["color"][seen]
     assert np.ptp(grey, axis=1).max() == 0
@@ -202,7 +203,7 @@ def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tm
     assert (status, err.count("\n")) == (0, 1)
     assert err.startswith("elvis: warning: nothing says what to draw, such as --plane or --cut: all outer faces are")
     assert render(case_name, *options, "--faces", "all", outputs=("b.npz",))[:2] == (0, "")
-    one, other = (dict(np.load(tmp_path / name)) for name in ("a.npz", "b.npz"))
+    one, other = (arrays_of(tmp_path / name) for name in ("a.npz", "b.npz"))
     assert (one["element"] >= 0).any()
     assert all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
 

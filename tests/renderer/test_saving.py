@@ -5,6 +5,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from archives import arrays_of
 from PIL import Image
 
 from elvis.core.errors import ElvisError
@@ -32,7 +33,7 @@ def frame(request, draw, linear):
 
 def test_npz_is_the_exact_record(frame, tmp_path):
     frame.save(tmp_path / "a.npz")
-    record = dict(np.load(tmp_path / "a.npz"))
+    record = arrays_of(tmp_path / "a.npz")
     assert set(record) == {*SCALARS, *VECTORS}
     for name, dtype in SCALARS.items():
         assert record[name].shape == (50, 70)
@@ -46,7 +47,7 @@ def test_npz_is_the_exact_record(frame, tmp_path):
 
 def test_what_stands_where_nothing_is_seen(frame, tmp_path):
     frame.save(tmp_path / "a.npz")
-    record = np.load(tmp_path / "a.npz")
+    record = arrays_of(tmp_path / "a.npz")
     nothing = record["element"] == -1
     assert 0 < nothing.sum() < nothing.size
     assert np.isnan(record["field"][nothing]).all()

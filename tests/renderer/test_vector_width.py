@@ -8,8 +8,8 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
+from archives import arrays_of
 
 from elvis.renderer.adapters import adapters
 
@@ -67,7 +67,7 @@ def records(tmp_path):
             environment |= {name: str(folder / name) for name in ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR")}
             environment["LP_NATIVE_VECTOR_WIDTH"] = width
         subprocess.run([sys.executable, "-c", DRAWING, device, folder, *cases], check=True, env=environment)
-        return {case: dict(np.load(folder / f"{case}.npz")) for case in cases}
+        return {case: arrays_of(folder / f"{case}.npz") for case in cases}
 
     return drawn
 

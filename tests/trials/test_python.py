@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import arrays_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = {"size": (40, 30), "device": "reference"}
@@ -67,7 +68,7 @@ def test_pictures_take_the_names_of_the_command_line():
     frame.save("u.png")
     frame.save("u.npz")
     assert Path("u.png").stat().st_size
-    assert np.load("u.npz")["status"].shape == (30, 40)
+    assert arrays_of("u.npz")["status"].shape == (30, 40)
     blocks = read("blocks.xml", "blocks.fld")
     cut = ((1.5, 0.5, 0.45), (0.1, 0.2, 1))
     # NumPy takes a minute for contours of order 6

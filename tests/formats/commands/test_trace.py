@@ -2,6 +2,7 @@ import csv
 
 import numpy as np
 import pytest
+from archives import arrays_of
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from elvis.core.dataset import Dataset
@@ -28,7 +29,7 @@ def test_files_of_all_kinds_hold_the_same_lines(shear, elvis, tmp_path):
     found = trace(dataset, SEEDS[1::2], direction="both", fields=["2*p"])
     for suffix in ("csv", "npz", "vtp"):
         elvis("trace", *files, *SEEDS, "--direction", "both", "--field", "2*p", "-o", tmp_path / f"lines.{suffix}")
-    archive = np.load(tmp_path / "lines.npz")
+    archive = arrays_of(tmp_path / "lines.npz")
     assert list(archive) == ["offsets", "seed", "end", "points", "time", "length", "element", "velocity", "2*p", "ends"]
     assert (archive["points"] == found.points).all()
     assert [archive["ends"][end] for end in archive["end"]] == ["boundary", "boundary", "outside"] * 2
@@ -95,7 +96,7 @@ def eddy(tmp_path):
 def test_cores(eddy, elvis, elvis_json, tmp_path):
     for suffix in ("csv", "npz", "vtp"):
         elvis("trace", *eddy, "--cores", "--field", "2*u", "--spacing", "0.5", "-o", tmp_path / f"cores.{suffix}")
-    archive = np.load(tmp_path / "cores.npz")
+    archive = arrays_of(tmp_path / "cores.npz")
     assert archive["points"][:, :2] == pytest.approx(np.tile([0.4, 0.7], (len(archive["points"]), 1)), abs=1e-12)
     assert archive["swirl"] == pytest.approx(1.0)
     assert archive["ends"][archive["last"]] == ["boundary"]
