@@ -89,7 +89,7 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
     ElvisError for components that aren't zero where polynomials are, for surfaces in space and Fourier directions.
     """
     outer = _Outer.of(dataset.mesh, np.arange(len(dataset.mesh.vertices)), ALONE)
-    return _united([_found(dataset, velocity, outer)])
+    return united([_found(dataset, velocity, outer)])
 
 
 def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ranks: Ranks) -> CriticalPoints | None:
@@ -100,11 +100,11 @@ def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ran
     dataset = portion.dataset
     found = _found(dataset, velocity, _Outer.of(dataset.mesh, portion.rows[None], ranks))
     every = ranks.gather(found, f"critical points of {velocity}")
-    return _united(every) if every else None
+    return united(every) if every else None
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class Found:
     """What was found in some elements, as `CriticalPoints`, with the ends of the coefficients of their maps."""
 
     points: list[CriticalPoint]
@@ -113,16 +113,16 @@ class _Found:
     ends: list[float]
 
 
-def _united(every: Sequence[_Found]) -> CriticalPoints:
+def united(every: Sequence[Found]) -> CriticalPoints:
     """All that was found in several parts."""
     points = [point for own in every for point in own.points]
     spread = _spread([end for own in every for end in own.ends])
     undecided = sorted(id for own in every for id in own.undecided)
     beside = sorted(id for own in every for id in own.beside)
-    return CriticalPoints(tuple(distinct(points, spread)), tuple(undecided), tuple(beside))
+    return CriticalPoints(tuple(_distinct(points, spread)), tuple(undecided), tuple(beside))
 
 
-def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> _Found:
+def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> Found:
     """What is found in all elements of a dataset."""
     components = velocity_expressions(dataset, velocity)
     zeros = [numerator(each) for each in components]
@@ -144,7 +144,7 @@ def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> _
         found += search.classified(slopes)
         undecided += patch.element_ids[list(search.undecided)].tolist()
         beside += patch.element_ids[list(search.beside - search.undecided)].tolist()
-    return _Found(found, undecided, beside, _ends(evaluator.patches))
+    return Found(found, undecided, beside, ends(evaluator.patches))
 
 
 def numerator(component: Expression) -> Expression:
@@ -218,10 +218,10 @@ def _codes(first: Ints, second: Ints, count: int) -> Ints:
 
 def size(patches: Sequence[Patch]) -> float:
     """Of the data, about: the greatest coefficient of maps less the least."""
-    return _spread(_ends(patches))
+    return _spread(ends(patches))
 
 
-def _ends(patches: Sequence[Patch]) -> list[float]:
+def ends(patches: Sequence[Patch]) -> list[float]:
     """The least and the greatest coefficients of maps."""
     every = [patch.geometry_coefficients for patch in patches]
     return [float(end) for own in every for end in (own.min(), own.max())]
@@ -309,7 +309,7 @@ def classified(gradient: Floats, place: Floats, element: int) -> CriticalPoint:
     return CriticalPoint(kind, index, (x, y, z), element, tuple(map(complex, values)))
 
 
-def distinct(points: Sequence[CriticalPoint], size: float) -> Iterator[CriticalPoint]:
+def _distinct(points: Sequence[CriticalPoint], size: float) -> Iterator[CriticalPoint]:
     """Each place once, in the order of elements; elements that share a side find a zero on it twice."""
     kept: list[CriticalPoint] = []
     places = np.empty((0, 3))

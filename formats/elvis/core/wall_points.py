@@ -5,19 +5,32 @@ is that of lambda times du/dlambda, a polynomial.  The shear is zero where both 
 are, t_i . du/dlambda, which are polynomials in (r, s) even where the face is curved.  Lines on the wall leave such a
 point where fluid comes to the wall, at attachments: there the trace of the shear's gradient is positive, as by
 continuity the velocity across the wall is -h^2/2 times it (Delery 2013, Three-dimensional separated flow topology).
+Each of several ranks looks through the faces of its part, once all know how fast the velocity grows across the wall.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.critical_points import CriticalPoint, CriticalPoints, classified, degree_of, distinct, numerator, size
+from elvis.core.critical_points import (
+    CriticalPoint,
+    CriticalPoints,
+    Found,
+    classified,
+    degree_of,
+    ends,
+    numerator,
+    united,
+)
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL, sides_by_name
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.targets import has_outer_boundaries
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
@@ -25,10 +38,12 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.portions.portion import Portion, knows_inner_sides
 from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import AXES, world_derivative
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.streamlines.velocity import velocity_expressions
 from elvis.core.streamlines.walls import facet_slope, wall_pieces
 from elvis.core.zero_search import ZeroSearch
@@ -49,61 +64,115 @@ def wall_points(dataset: Dataset, wall: str, velocity: Sequence[str] | None = No
     Points on edges along which all shear is zero, as between two walls, are left out.  ElvisError as
     `critical_points`, for data that aren't 3D, unknown boundaries, and where the velocity isn't zero on the wall.
     """
+    return united([_found(dataset, wall, velocity, ALONE)])
+
+
+def shared_wall_points(
+    portion: Portion, wall: str, velocity: Sequence[str] | None, ranks: Ranks
+) -> CriticalPoints | None:
+    """The same where each of several ranks has a part of the data; None but at the first one.
+
+    For walls that are outer boundaries (`is_outer_wall`).
+    """
+    every = ranks.gather(_found(portion.dataset, wall, velocity, ranks), f"critical points of {velocity} on {wall}")
+    return united(every) if every else None
+
+
+def is_outer_wall(dataset: Dataset, wall: str) -> bool:
+    """Whether a part of a dataset knows its inner sides, and a name means a boundary that has none of them."""
+    is_known = wall == ALL or wall in sides_by_name(dataset.mesh)
+    return is_known and knows_inner_sides(dataset) and has_outer_boundaries(dataset, [wall])
+
+
+def _found(dataset: Dataset, wall: str, velocity: Sequence[str] | None, ranks: Ranks) -> Found:
+    """What is found on the wall's faces in a dataset, which is the part of one of several ranks."""
     zeros = [numerator(each) for each in velocity_expressions(dataset, velocity)]
     slopes = [
         Expression(f"{each.text}_{x}", world_derivative(each.root, k)) for each in zeros for k, x in enumerate(AXES)
     ]
     evaluator = Evaluator(dataset, [*zeros, *slopes])
+    pieces = wall_pieces(dataset, evaluator.patches, wall, ranks)
+    searches = [_OnFaces(evaluator, piece, zeros, slopes) for piece in pieces]
+    _check_rest([own for search in searches for own in search.fastest], wall, ranks)
     found: list[CriticalPoint] = []
     undecided: set[int] = set()
-    for piece in wall_pieces(dataset, evaluator.patches, wall):
-        search = _OnFaces(evaluator, piece, zeros, slopes, wall)
+    for search in searches:
         search.run(search.sound)
         found += search.points()
         open_rows = sorted(search.undecided | search.unsound)
-        undecided |= set(piece.patch.element_ids[piece.rows[open_rows]].tolist())
-    return CriticalPoints(tuple(distinct(found, size(evaluator.patches))), tuple(sorted(undecided)), ())
+        undecided |= set(search.piece.patch.element_ids[search.piece.rows[open_rows]].tolist())
+    return Found(found, sorted(undecided), [], ends(evaluator.patches))
+
+
+@dataclass(frozen=True)
+class _Fastest:
+    """Where a velocity is greatest on some faces.
+
+    speed   its greatest component there; element, an id, and place (3,), where that is
+    length  of the velocity there
+    growth  the greatest component of what any velocity on the faces grows to across an element
+    """
+
+    speed: float
+    element: int
+    place: tuple[float, ...]
+    length: float
+    growth: float
+
+
+def _check_rest(own: Sequence[_Fastest], wall: str, ranks: Ranks) -> None:
+    """ElvisError where the velocity isn't zero on a wall, beside what it grows to across the elements of all ranks."""
+    every = [some for part in ranks.exchange(list(own), f"the velocity on {wall}") for some in part]
+    if not every:
+        return
+    fastest = max(every, key=lambda some: (some.speed, -some.element))
+    if fastest.speed > _AT_REST * max(some.growth for some in every):
+        x, y, z = fastest.place
+        found = f"{fastest.length:.3g} at {x:.6g}, {y:.6g}, {z:.6g}"
+        raise ElvisError(f"expected a velocity that is zero on the wall {wall}, found {found}")
 
 
 class _OnFaces(ZeroSearch):
     """The zeros of shear on sides of elements; rows are those of the piece.
 
     sound, unsound  faces on which the parts of the shear are polynomials, and on which they aren't
+    fastest         where the velocity is greatest, at the points that tell the shear
     """
 
     def __init__(
-        self,
-        evaluator: Evaluator,
-        piece: Piece,
-        zeros: Sequence[Expression],
-        slopes: Sequence[Expression],
-        wall: str,
+        self, evaluator: Evaluator, piece: Piece, zeros: Sequence[Expression], slopes: Sequence[Expression]
     ) -> None:
         patch = piece.patch
         curved = max(box_degrees(bernstein_space(patch.geometry)))
         super().__init__(piece.shape, curved + max(degree_of(each, evaluator, patch) for each in zeros))
-        self.evaluator, self.piece, self.zeros, self.slopes, self.wall = evaluator, piece, zeros, slopes, wall
+        self.evaluator, self.piece, self.zeros, self.slopes = evaluator, piece, zeros, slopes
         self._expansion = modified(piece.shape, (self.degree + 1,) * 2)
         self._coefficients = self._interpolated()
 
     def _interpolated(self) -> Floats:
         """(n, 2, m) coefficients of the shear's parts on each face; what is sound is seen at other points."""
-        every = np.arange(len(self.piece))
-        tables = []
-        for count in (self.degree + 1, self.degree + 2):
-            nodes = gauss(count)[0]
+        count, tables, fastest = len(self.piece), [], []
+        for nodes in (gauss(self.degree + 1)[0], gauss(self.degree + 2)[0]):
             lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
             points = uncollapse(self.shape, lattice)
-            tables.append((values(self._expansion, points), self.values(every, points).reshape(len(every), -1, 2)))
+            places, velocity, across = self._motion(np.arange(count), points)
+            fastest.append(_fastest(places, velocity, across))
+            tables.append((values(self._expansion, points), self._shear(places, across).reshape(count, -1, 2)))
         (modes, shear), (others, more) = tables
         found = np.einsum("mq,nqi->nim", np.linalg.pinv(modes), shear)
         apart = np.abs(np.einsum("nim,qm->nqi", found, others) - more).max(axis=(1, 2))
         is_sound = apart <= _NO_POLYNOMIAL * np.abs(shear).max(axis=(1, 2))
         self.sound, self.unsound = np.flatnonzero(is_sound), set(np.flatnonzero(~is_sound).tolist())
+        self.fastest = fastest
         return np.asarray(found)
 
     def values(self, rows: Ints, lattice: Floats) -> Floats:
-        """As in `ZeroSearch`: t_i . du/dlambda; ElvisError where the velocity isn't zero."""
+        """As in `ZeroSearch`: t_i . du/dlambda."""
+        places, _, across = self._motion(rows, lattice)
+        return self._shear(places, across)
+
+    def _motion(self, rows: Ints, lattice: Floats) -> tuple[Lattice, Floats, Floats]:
+        """Points of faces, the velocity (n, 3) there, and du/dlambda (n, 3)."""
         piece = self.piece
         places = Lattice(piece.patch, piece.rows[rows], piece.places(lattice))
         found = [
@@ -113,15 +182,11 @@ class _OnFaces(ZeroSearch):
 
         # across the face along any step that lambda grows by one on: along the face the velocity doesn't change
         slope = facet_slope(piece)
-        across = np.einsum("nck,nki,i->nc", gradient, places.jacobians, slope / (slope @ slope))
-        moving = np.abs(velocity).max(axis=1) > _AT_REST * np.abs(across).max(initial=0.0)
-        if moving.any():
-            x, y, z = places.positions[moving.argmax()]
-            expected = f"expected a velocity that is zero on the wall {self.wall}"
-            raise ElvisError(
-                f"{expected}, found {np.linalg.norm(velocity[moving.argmax()]):.3g} at {x:.6g}, {y:.6g}, {z:.6g}"
-            )
-        return np.asarray(np.einsum("nci,nc->ni", piece.along(places.jacobians), across))
+        return places, velocity, np.einsum("nck,nki,i->nc", gradient, places.jacobians, slope / (slope @ slope))
+
+    def _shear(self, places: Lattice, across: Floats) -> Floats:
+        """(n, 2) its parts along the tangents."""
+        return np.asarray(np.einsum("nci,nc->ni", self.piece.along(places.jacobians), across))
 
     def is_outer(self, rows: Ints, touched: Bools) -> Bools:
         """As in `ZeroSearch`: nowhere."""
@@ -148,6 +213,16 @@ class _OnFaces(ZeroSearch):
                 continue
             point = classified(gradients[number], positions[number], int(piece.patch.element_ids[row]))
             yield _on_wall(point)
+
+
+def _fastest(places: Lattice, velocity: Floats, across: Floats) -> _Fastest:
+    """Where a velocity (n, 3) is greatest, of equal ones in the first element, and what it grows to, across (n, 3)."""
+    speed = np.nan_to_num(np.abs(velocity).max(axis=1), nan=0.0)
+    ids = places.patch.element_ids[places.rows]
+    first = int(np.lexsort((ids, -speed))[0])
+    growth = float(np.nan_to_num(np.abs(across), nan=0.0).max())
+    length = float(np.linalg.norm(velocity[first]))
+    return _Fastest(float(speed[first]), int(ids[first]), tuple(map(float, places.positions[first])), length, growth)
 
 
 def _on_wall(point: CriticalPoint) -> CriticalPoint:

@@ -31,6 +31,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.ranks import ALONE, Ranks
 from elvis.core.streamlines.neighbours import Sides
 from elvis.core.streamlines.velocity import Motion, Velocity, velocity_expressions
 
@@ -53,12 +54,18 @@ def check_walls(dataset: Dataset, wall: str) -> None:
         raise ElvisError(f"lines on the wall {wall}: expected 3D data, whose walls have faces")
 
 
-def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str) -> list[Piece]:
-    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none."""
+def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str, ranks: Ranks = ALONE) -> list[Piece]:
+    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none.
+
+    ranks  that have parts of the data, of which this is one; each calls this, and has its own faces
+    """
     check_walls(dataset, wall)
-    target = Places(dataset, tuple(patches), {}).named(wall)
+    target = Places(dataset, tuple(patches), {}, ranks=ranks).named(wall)
     rows = target.rows if target.total is None else (target.total,)
-    return [piece for row in rows for piece in row.pieces if isinstance(piece, Piece)]
+    pieces = [piece for row in rows for piece in row.pieces if isinstance(piece, Piece)]
+    if not all(piece.is_side for piece in pieces):
+        raise ElvisError(f"expected a wall, the name or id of a boundary, found {wall}")
+    return pieces
 
 
 def corners_of(dataset: Dataset, piece: Piece) -> Ints:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.core.arguments import field_option, json_option
-from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
 from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options
@@ -96,16 +96,16 @@ def info(
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
-    is_whole = strict or wall is not None
-    if is_whole and is_idle(ranks):
-        return
     if strict:
-        _check(data.paths, as_json)
+        if not is_idle(ranks):
+            _check(data.paths, as_json)
         return
-    ranks = ALONE if is_whole else ranks
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
-    source = _opened(data, series, quantities, ranks, only_fields=extremes, needs_sides=critical)
+    comes_apart = partial(_are_fields if extremes else _are_borrowed, quantities)
+    if critical:
+        comes_apart = partial(_have_all_sides, quantities, wall, ranks)
+    source = _opened(data, series, comes_apart, ranks)
     if source is None or (predefined and is_idle(ranks)):
         return
     tasks = (
@@ -131,32 +131,42 @@ def info(
     _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
 
 
-def _opened(
-    data: Data, series: Series | None, quantities: Sequence[str], ranks: Ranks, only_fields: bool, needs_sides: bool
-) -> Source | None:
-    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others.
-
-    only_fields  whether nothing but fields comes apart
-    needs_sides  whether parts have to know their inner sides, and nothing else around them
-    """
-    from elvis.core.portions.portion import knows_inner_sides
-    from elvis.core.quantities import Expression
-
-    def comes_apart(dataset: Dataset) -> bool:
-        known = [Expression.of(dataset, text) for text in quantities]
-        if only_fields:
-            return not dataset.others and all(each.is_field for each in known)
-        if needs_sides:
-            is_known = all(each.is_local for each in known) and knows_inner_sides(dataset)
-            return all(ranks.exchange(is_known, "sides of elements"))
-        return all(each.is_borrowed for each in known)
-
+def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], bool], ranks: Ranks) -> Source | None:
+    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others."""
     found = data.part(ranks, comes_apart, series=series)
     if isinstance(found, NativeSource) and found.is_part:
         return found
     if is_idle(ranks):
         return None
     return data.source() if found is None else found
+
+
+def _are_fields(quantities: Sequence[str], dataset: Dataset) -> bool:
+    """Whether quantities are fields of the data themselves."""
+    from elvis.core.quantities import Expression
+
+    return not dataset.others and all(Expression.of(dataset, text).is_field for text in quantities)
+
+
+def _are_borrowed(quantities: Sequence[str], dataset: Dataset) -> bool:
+    """Whether quantities on a part are made of it and of what it borrows."""
+    from elvis.core.quantities import Expression
+
+    return all(Expression.of(dataset, text).is_borrowed for text in quantities)
+
+
+def _have_all_sides(quantities: Sequence[str], wall: str | None, ranks: Ranks, dataset: Dataset) -> bool:
+    """Whether quantities are those of elements by themselves, and all parts know their inner sides.
+
+    wall  a boundary, if any, whose sides are no inner ones
+    """
+    from elvis.core.portions.portion import knows_inner_sides
+    from elvis.core.quantities import Expression
+    from elvis.core.wall_points import is_outer_wall
+
+    is_known = knows_inner_sides(dataset) if wall is None else is_outer_wall(dataset, wall)
+    is_known &= all(Expression.of(dataset, text).is_local for text in quantities)
+    return all(ranks.exchange(is_known, "sides of elements"))
 
 
 def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
@@ -190,10 +200,9 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
 def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_json: bool) -> None:
     """Print where a velocity is zero inside of the data, or its shear on a wall, with kinds, and what is undecided."""
     from elvis.core.terminal import note, print_json, print_table, stage, warn
-    from elvis.core.wall_points import wall_points
 
     with stage("searching"):
-        found = source.critical(names) if wall is None else wall_points(source.dataset, wall, names or None)
+        found = source.critical(names, wall)
     if found is None:
         return
     if as_json:

@@ -368,14 +368,21 @@ class NativeSource:
             found["distances"] = _distances(part.dataset if part else self.dataset, asked)
         return found
 
-    def critical(self, velocity: Sequence[str]) -> CriticalPoints | None:
-        """Where a velocity is zero, of these components if any; of parts None elsewhere than at the first rank."""
+    def critical(self, velocity: Sequence[str], wall: str | None) -> CriticalPoints | None:
+        """Where a velocity is zero, of these components if any, or its shear on a wall; of parts None elsewhere than at
+        the first rank.
+        """
         from elvis.core.critical_points import critical_points, shared_critical_points
         from elvis.core.portions.borrowing import borrowing
+        from elvis.core.wall_points import shared_wall_points, wall_points
 
+        dataset, components = self.dataset, velocity or None
         if self.portion is None:
-            return critical_points(self.dataset, velocity or None)
-        return shared_critical_points(borrowing(self.portion, velocity, self.ranks), velocity or None, self.ranks)
+            return critical_points(dataset, components) if wall is None else wall_points(dataset, wall, components)
+        part = borrowing(self.portion, velocity, self.ranks)
+        if wall is not None:
+            return shared_wall_points(part, wall, components, self.ranks)
+        return shared_critical_points(part, components, self.ranks)
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
         """The least and the greatest value of each quantity; of parts, of fields alone, none but at the first rank."""
