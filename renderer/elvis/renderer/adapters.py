@@ -223,7 +223,12 @@ def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) 
     options.include_paths = [str(folder) for folder in folders]
     if adapter.kind != "cpu":
         options.optimization = slangpy.SlangOptimizationLevel[level]
-    return device.create_slang_session(options)
+    kept = kernel_cache().modules.place(slangpy.__version__, adapter.kind, level, *map(str, folders))
+    try:
+        return device.create_slang_session(options, cache_path=kept)
+    except RuntimeError:
+        # its folders can't be made
+        return device.create_slang_session(options)
 
 
 def _has(device: slangpy.Device, feature: str) -> bool:

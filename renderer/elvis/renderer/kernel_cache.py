@@ -16,6 +16,7 @@ from pathlib import Path
 
 from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.files.scratch import scratch
+from elvis.renderer.compiled_modules import CompiledModules
 from elvis.renderer.kernel_database import DatabaseError, content, fill
 
 #: most bytes of kernels that are kept: those that were not used for longest go
@@ -27,6 +28,7 @@ class KernelCache:
 
     private  folder of slangpy's database; None where there is no room for one, and kernels are in memory alone
     remarks  what the user should know
+    modules  what kernels are compiled of, compiled
     """
 
     def __init__(self, kept_in: Path | None) -> None:
@@ -34,6 +36,7 @@ class KernelCache:
         self._store = None if kept_in is None else _store(kept_in)
         self._until_exit = ExitStack()
         self.remarks: list[str] = []
+        self.modules = CompiledModules(None if kept_in is None else kept_in.with_name("modules"), self.remarks)
         self._known: dict[bytes, Path] = {}
         if kept_in is None:
             self.remarks.append("compiled kernels are not kept: there is no home folder, and no XDG_CACHE_HOME")
@@ -55,6 +58,7 @@ class KernelCache:
 
     def keep(self) -> None:
         """Write the kernels that are new to files, and note which others were used; nobody may compile meanwhile."""
+        self.modules.seal()
         if self.private is None or self._store is None:
             return
         try:
