@@ -33,7 +33,8 @@ class Bands:
 
     @staticmethod
     def even(view: View, count: int) -> Bands:
-        """As many bands of about as many rows each; where there are more bands than rows of tiles, some have none."""
+        """As many bands of about as many rows each; where there are more bands than rows of tiles, some have none, but
+        never the first."""
         return Bands.sharing(view, np.zeros(_tiles(view), np.int64), count)
 
     @staticmethod
@@ -47,6 +48,8 @@ class Bands:
         shares = done[-1] * np.arange(count + 1) / count
         # each border is the one between two rows of tiles that comes nearest to its share
         borders = np.searchsorted(0.5 * (done[1:] + done[:-1]), shares)
+        # the first rank has some: what it draws tells it which colour bars there are
+        borders[1:] = np.maximum(borders[1:], 1)
         return Bands(view, np.minimum(TILE * borders, view.height))
 
     def reached(self, rows: Ints, number: int) -> Bools:

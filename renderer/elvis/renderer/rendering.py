@@ -442,5 +442,5 @@ class Renderer:
         shown = every["field"], every["element"], every.get("reference"), every["status"]
         frame = Frame(scene, view, *shown)
         sizes = {"volume": loaded.bytes, "image": 12 * view.count}
-        frame.stats.update(tiles=cutter.tiles, bytes=sizes, seconds=dict(cutter.clock.seconds))
+        frame.stats.update(bytes=sizes, seconds=dict(cutter.clock.seconds))
         return frame

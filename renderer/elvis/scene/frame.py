@@ -328,8 +328,9 @@ def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def constant_of(scene: Scene, values: Floats) -> float | None:
-    """The only value that is seen, NaN aside, where colours go by the range of those; None where there are several."""
-    if scene.range is not None:
+    """The only value that is seen, NaN aside, where colours go by the range of those; None where there are several,
+    and of no values, as a rank without rows has."""
+    if scene.range is not None or not values.size:
         return None
     low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
     return float(low) if is_constant(low, high) else None

@@ -51,13 +51,12 @@ class Cutter:
         # no method of its own, which would keep all that steps of a series leave until garbage is collected
         self.gaps, self.far = Gaps(self.parts, partial(_candidates, self.device), bent), loaded.is_far
         self.clock = Clock()
-        self.tiles = 0
         self.references = True
 
     def draw(self, view: PlaneView, *, references: bool = True) -> HitBuffer:
         """What one view shows; without reference coordinates it is there a little sooner."""
         self.references = references
-        self.clock, self.tiles = Clock(), 0
+        self.clock = Clock()
         count = view.width * view.height
         with self.clock.stage("clear"):
             names = ("owner", "field", "reference") if references else ("owner", "field")
@@ -117,7 +116,6 @@ class Cutter:
         # the pixels of every tile; drawing twice is harmless, should the list of candidates have been too short
         with self.clock.stage("draw"):
             tiles = tiles_by_section(sections["least"], sections["most"], view, draw.dtype("tiles"))
-            self.tiles += len(tiles)
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
             candidates = self.device.appended(
