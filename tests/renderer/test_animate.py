@@ -233,9 +233,9 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
         workers.results(Ended(), [], "frames stay")
 
 
-@pytest.mark.parametrize("is_kept", [False, True])
-def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, monkeypatch, is_kept):
-    """Where kernels are to be compiled, the first one that draws goes before all others."""
+@pytest.fixture
+def asked(monkeypatch):
+    """Two workers that are this process; what they are asked for."""
     pytest.importorskip("distributed")
     asked = []
 
@@ -246,9 +246,9 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
             self.found = found
 
     class Here:
-        def submit(self, into, folder, work, base, items, *more, pure):
-            asked.append((work.__name__, len(items)))
-            return Done(into(folder, work, base, items, *more))
+        def submit(self, into, folder, work, base, *piece, pure):
+            asked.append((work.__name__, *map(len, piece[:-1])))
+            return Done(into(folder, work, base, *piece))
 
         def gather(self, futures):
             return [future.found for future in futures]
@@ -256,11 +256,18 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
         def run(self, work):
             work()
 
+    monkeypatch.setattr(film_workers, "is_any_kept", lambda: True)
+    monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)
+    monkeypatch.setattr(workers.Workers, "client", lambda self: nullcontext(Here()))
+    return asked
+
+
+@pytest.mark.parametrize("is_kept", [False, True])
+def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, monkeypatch, asked, is_kept):
+    """Where kernels are to be compiled, the first one that draws goes before all others."""
     # what finds the camera keeps its kernels, of which there are more
     answers = iter([is_kept, True, True])
     monkeypatch.setattr(film_workers, "is_any_kept", lambda: next(answers))
-    monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)
-    monkeypatch.setattr(workers.Workers, "client", lambda self: nullcontext(Here()))
     arguments = ["animate", *files[:2], *FAST, "--camera", "iso", "--orbit", "40", "--frames", "9"]
     run(*arguments, "--workers", "2", "-o", tmp_path / "two")
     assert not film_workers._OPEN
@@ -268,6 +275,20 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
     assert pictures(tmp_path / "two") == pictures(tmp_path / "one")
     sizes = [2, *[1] * 7] if is_kept else [1, 2, *[1] * 6]
     assert asked == [("camera_of_first", 9)] * (1 + is_kept) + [("draw_block", size) for size in sizes]
+
+
+@pytest.mark.parametrize("moves", [("--orbit", "40"), ("--key", "zoom=1:2")])
+def test_data_are_read_by_workers_alone(files, tmp_path, monkeypatch, asked, drawn, moves):
+    readers, show = [], Film._show
+    monkeypatch.setattr(Film, "_show", lambda film, data, moment: readers.append(film) or show(film, data, moment))
+    camera = ("--camera", "2,2,2:0.5,0.5,0:0,0,1:30")
+    run("animate", *files[:2], *FAST, *camera, *moves, "--frames", "4", "--workers", "2", "-o", tmp_path / "frames")
+    assert asked[:2] == [("open_film",)] * 2
+    assert len(readers) == 1
+    files[1].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[1].read_text()))
+    with pytest.raises(ElvisError, match=r"m_0\.chk"):
+        run("animate", *files[:2], *FAST, *camera, *moves, "--frames", "4", "--workers", "2", "-o", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
 
 
 def test_the_first_camera_is_found_without_a_picture(files, monkeypatch):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from elvis.core.errors import ElvisError
@@ -20,6 +22,21 @@ def require_module(module: str, what: str, extra: str = "") -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        package = module.partition(".")[0]
-        command = f"pip install 'elvis-viz[{extra}]'" if extra else f"pip install {package}"
-        raise MissingPackageError(f"{what} needs {package}, which is not installed; {command} brings it") from error
+        raise _missing(module, what, extra) from error
+
+
+def check_module(module: str, what: str, extra: str = "") -> None:
+    """Check that a module of the top is there, as `require_module` does, without the time that importing it takes."""
+    if not is_there(module):
+        raise _missing(module, what, extra)
+
+
+def is_there(module: str) -> bool:
+    """Whether a module of the top can be imported, without doing so."""
+    return sys.modules[module] is not None if module in sys.modules else find_spec(module) is not None
+
+
+def _missing(module: str, what: str, extra: str) -> MissingPackageError:
+    package = module.partition(".")[0]
+    command = f"pip install 'elvis-viz[{extra}]'" if extra else f"pip install {package}"
+    return MissingPackageError(f"{what} needs {package}, which is not installed; {command} brings it")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain_or_folder
+from elvis.core.needing import is_there
 from elvis.plugins.conversion import Converter, Option
 from elvis.plugins.recognition import found_instead
 from elvis.plugins.registry import PluginError, plugins
@@ -33,7 +34,7 @@ class Candidate:
     def missing(self) -> tuple[str, ...]:
         """Packages that it needs and that are not installed."""
         needs = self.converter.needs if self.converter else ()
-        return tuple(name for name in needs if name not in sys.modules and find_spec(name) is None)
+        return tuple(name for name in needs if not is_there(name))
 
 
 def installed_converters() -> list[Candidate]:

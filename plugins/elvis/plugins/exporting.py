@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Protocol, cast
 
@@ -13,6 +12,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.needing import is_there
 from elvis.core.relative import error_limit, scale
 from elvis.plugins.discovery import installing
 from elvis.plugins.registry import load
@@ -87,5 +87,5 @@ def exporter(suffix: str) -> Exporter:
 
 def require(module: str, package: str) -> None:
     """ElvisError, naming what brings it, where a package that an export needs is missing."""
-    if find_spec(module) is None:
+    if not is_there(module):
         raise ElvisError(f"the export needs {package}, which is not installed; {installing(package)} brings it")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from elvis.core.errors import ElvisError
-from elvis.core.needing import require_module
+from elvis.core.needing import check_module, require_module
 
 T = TypeVar("T")
 #: how processes begin: where a system can, as copies of one that has loaded modules and holds no device
@@ -49,7 +49,7 @@ class Workers:
         if count < 2 and not scheduler:
             return None
         for module in ("distributed", *(() if scheduler else ("cryptography",))):
-            require_module(module, "--workers", "parallel")
+            check_module(module, "--workers", "parallel")
         return Workers(count, scheduler)
 
     def prepare(self, module: str) -> None:

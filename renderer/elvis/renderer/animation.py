@@ -87,7 +87,7 @@ def orbited(camera: Camera, degrees: float) -> Camera:
 
 
 class Film:
-    """The data of a scene, found once, and its pictures at one moment after another; steps are read when drawn.
+    """The data of a scene, found once, and its pictures at one moment after another; data are read when drawn.
 
     series  the steps that the files are, None where they are one state
     scene   that it was opened with
@@ -100,14 +100,12 @@ class Film:
             raise SceneError("the scene names no data: give the mesh and field files too")
         self.scene, self.ranks = scene, ranks
         self.files = expanded(tuple(map(Path, scene.data)))
-        reading = replace(reading_for([scene], is_kept), ranks=ranks if comes_in_parts([scene]) else ALONE)
-        self.series: Series | None = series_in(self.files, reading)
-        self._is_in_parts = reading.ranks.size > 1
-        self._texts, self._field = reading.quantities, scene.field
-        self._device, self._pictures = scene.device, None
-        if self.series is None:
-            opening = opening_for([scene]) if ranks.size == 1 else opening_for_ranks([scene], ranks)
-            self._pictures = Pictures(self._of_ranks(opening(self.files, reading, warn)), scene.device, ranks=ranks)
+        self._reading = replace(reading_for([scene], is_kept), ranks=ranks if comes_in_parts([scene]) else ALONE)
+        self.series: Series | None = series_in(self.files, self._reading)
+        self._is_in_parts = self._reading.ranks.size > 1
+        self._texts, self._field = self._reading.quantities, scene.field
+        self._device = scene.device
+        self._pictures: Pictures | None = None
         self._moment: Moment | None = None
         # one thread alone reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")
@@ -118,6 +116,13 @@ class Film:
 
     def __exit__(self, *_: Any) -> None:
         self.close()
+
+    def open(self) -> None:
+        """Read the data, unless that is done, or they are a series; raises what reading raises."""
+        if self.series is None and self._pictures is None:
+            several = self.ranks.size > 1
+            opening = opening_for_ranks([self.scene], self.ranks) if several else opening_for([self.scene])
+            self._show(opening(self.files, self._reading, warn), Moment())
 
     def close(self) -> None:
         """Give the device back."""
@@ -157,6 +162,7 @@ class Film:
 
     def _shown(self, scene: Scene, following: Scene | None = None) -> Pictures | None:
         """Pictures of the data of a scene, None as of `draw`."""
+        self.open()
         is_read = self.series is None or scene.moment == self._moment
         data = None if self.series is None or is_read else self._at(self.series, scene.moment)
         self._expect(following)
@@ -172,16 +178,16 @@ class Film:
         if self.series is None or following is None or following.moment == self._moment or self.ranks.size > 1:
             self._next = None
         elif self._next is None or self._next[0] != following.moment:
-            self._next = following.moment, self._reading(self.series, following.moment)
+            self._next = following.moment, self._begun(self.series, following.moment)
 
     def _at(self, series: Series, moment: Moment) -> Dataset | Portion | None:
         """The data of a moment; None where that is a step that can't be read.
 
         Ranks, which have to agree on it, read nothing beside the work on a picture.
         """
-        return _part(series, moment) if self._is_in_parts else self._reading(series, moment).result()
+        return _part(series, moment) if self._is_in_parts else self._begun(series, moment).result()
 
-    def _reading(self, series: Series, moment: Moment) -> Future[Dataset | None]:
+    def _begun(self, series: Series, moment: Moment) -> Future[Dataset | None]:
         """The same of all data: those that are being read, where these are meant."""
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
@@ -209,8 +215,8 @@ class Film:
             return str(error)
         return ""
 
-    def _show(self, data: Dataset | Portion, moment: Moment) -> None:
-        """Take the data of another moment."""
+    def _show(self, data: Opened | Bricks, moment: Moment) -> None:
+        """Take the data of a moment."""
         self._moment = moment
         shown = self._of_ranks(data)
         if self._pictures is None:

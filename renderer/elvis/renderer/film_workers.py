@@ -5,7 +5,7 @@ Each worker opens the data once and draws frames that follow one another, so tha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -51,6 +51,7 @@ class Team:
     def begin(self) -> None:
         """Let workers start while something else goes on here; a scheduler's have started."""
         if not self._workers.scheduler:
+            self._workers.prepare(__name__)
             self._start()
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
@@ -58,11 +59,20 @@ class Team:
 
         All workers find it, for all need what it is found with; only the first where kernels are to be compiled.
         """
+        camera: Camera = self._of_opening(camera_of_first, self._base, scenes, self._is_kept)
+        return camera
+
+    def open(self) -> None:
+        """Let workers read the data, unless they have; raises what reading raises."""
+        if not self._opening:
+            self._of_opening(open_film, self._base, self._is_kept)
+
+    def _of_opening(self, work: Callable[..., Any], *piece: Any) -> Any:
+        """What the first worker finds as all of them open the film."""
         client = self._connected()
         count = self._workers.number(client) if self._has_kernels else 1
-        self._opening = begun(client, camera_of_first, [(self._base, scenes, self._is_kept)] * count)
-        camera: Camera = results(client, self._opening[:1], _KEPT)[0]
-        return camera
+        self._opening = begun(client, work, [piece] * count)
+        return results(client, self._opening[:1], _KEPT)[0]
 
     def write(self, shots: Sequence[Shot], told: list[str]) -> Iterator[Path]:
         """Draw frames; their files, as they come to be.
@@ -117,6 +127,11 @@ def draw_block(base: Scene, shots: Sequence[Shot], is_kept: bool) -> tuple[str, 
 def camera_of_first(base: Scene, scenes: Sequence[Scene], is_kept: bool) -> Camera:
     """The camera of the first scene whose step can be read, found in a worker."""
     return _film(base, is_kept).first_camera(scenes)
+
+
+def open_film(base: Scene, is_kept: bool) -> None:
+    """Read the data of a film in a worker."""
+    _film(base, is_kept).open()
 
 
 def _film(base: Scene, is_kept: bool) -> Film:

@@ -134,14 +134,15 @@ def animate(
     is_new = not any(folder.glob("frame-*.png"))
     with ExitStack() as until_end:
         team = None if crew is None else until_end.enter_context(Team(crew, scene, not no_cache))
-        if crew is not None and team is not None and is_new:
-            crew.prepare("elvis.renderer.film_workers")
+        if team is not None and is_new:
             team.begin()
         film = until_end.enter_context(Film(scene, not no_cache, ranks))
         moments = _moments(film, times, frames, bool(moving or orbit or path))
         scene, coloured = _coloured(film, scene, folder, not no_cache)
-        camera_of = team.first_camera if team is not None and is_new else film.first_camera
-        scenes = _filmed(camera_of, scenes_of(scene, moments, moving), orbit, path)
+        # data that workers read are not read here
+        reader = team if team is not None and is_new else film
+        scenes = _filmed(reader.first_camera, scenes_of(scene, moments, moving), orbit, path)
+        reader.open()
         place = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files, coloured)
         found = _draw(film, scenes, place, team)
     if ranks.rank:
