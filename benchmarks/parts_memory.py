@@ -29,13 +29,19 @@ from elvis.formats import write
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 MPIEXEC = Path(sys.executable).parent / "mpiexec"
 _PLANE = "render --plane 0.5,0.45,0.52:0.3,0.2,1"
+#: a velocity that is zero on all walls of the cube
+_AT_REST = " ".join(f"--field x*(1-x)*y*(1-y)*z*(1-z)*({own})" for own in ("u-0.5", "x-0.3", "y-0.4"))
 #: commands by what they are of
 COMMANDS = {
     "plane": _PLANE,
     "info": "info --json",
     "jacobian": "info --json --jacobian",
     "extrema": "info --json --extrema",
+    "extrema of polynomials": "info --json --extrema --field u*x-y",
+    "extrema by intervals": "info --json --extrema --field max(u,x)",
+    "strict": "info --json --strict",
     "critical": "info --json --critical --field u-0.5 --field x-0.3 --field y-0.4",
+    "wall": f"info --json --critical --wall all {_AT_REST}",
     "info of packed XML": "info --json",
     "plane of a series": f"{_PLANE} --time 0.3",
     "info of a series": "info --json --time 0.3",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.core import extrema as extrema_module
+from elvis.core import quantity_extrema as quantity_extrema_module
 from elvis.core import ranges
 from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.mesh import Composite
@@ -15,7 +16,7 @@ from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression, bounding
-from elvis.core.quantity_extrema import shared_extrema
+from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
 from elvis.core.shapes import Shape
 from elvis.core.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
@@ -164,10 +165,60 @@ def test_extremes_of_parts_are_those_of_the_whole(case, many, monkeypatch):
         return shared_extrema(portion, expressions(portion.dataset, names), ranks)
 
     with monkeypatch.context() as patch:
-        patch.setattr(extrema_module, "_rows_that_decide", lambda some: np.arange(len(some)))
+        patch.setattr(extrema_module, "_deciding", lambda nets: np.arange(len(nets.error)))
         whole = repr([extrema_module.extrema(dataset, name) for name in names])
     monkeypatch.setattr(extrema_module, "_AT_ONCE", 11)
     assert repr([extrema_module.extrema(dataset, name) for name in names]) == whole
+    for size in (2, 5):
+        first, *others = played(size, found)
+        assert repr(first) == whole
+        assert not any(others)
+
+
+#: polynomials and such as grow with them, on straight elements and on bent ones; others; with values in few places
+EXPRESSIONS = (
+    "wave*noise-one",
+    "sqrt(2+noise*wave)",
+    "sqrt(noise*x)",
+    "2",
+    "d(wave,x)*y",
+    "max(wave,noise)",
+    "sin(wave)+element",
+    "abs(one-0.1)",
+    "1/(noise-0.1)",
+    "log(wave-0.999)",
+    "d(d(noise,x),y)",
+    "jacobian*wave",
+)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")  # of numbers that are not finite
+@pytest.mark.parametrize("many", [3, 1 << 8])
+@pytest.mark.parametrize("text", EXPRESSIONS)
+@pytest.mark.parametrize(
+    "case", ["bent", "not finite", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PYRAMID], ids=str
+)
+@pytest.mark.sampled(least=12)
+def test_extremes_of_expressions_of_parts_are_those_of_the_whole(case, text, many, monkeypatch):
+    """As those of fields."""
+    monkeypatch.setattr(quantity_extrema_module, "_MANY", many)
+    dataset = symmetric(Shape.PRISM if isinstance(case, str) else case)
+    if case == "bent":
+        dataset = replace(dataset, mesh=curved(dataset.mesh, ripple(0.03), 3))
+    if case == "not finite":
+        coefficients = dataset["noise"].blocks[0].coefficients.copy()
+        coefficients[1, 2], coefficients[-1, 3] = np.nan, np.inf
+        noise = replace(dataset["noise"], blocks=(replace(dataset["noise"].blocks[0], coefficients=coefficients),))
+        dataset = replace(dataset, fields=(*dataset.fields[:2], noise))
+
+    def found(ranks):
+        portion = Portion.of_whole(dataset, ranks.rank, ranks.size)
+        return shared_extrema(portion, expressions(portion.dataset, [text, "wave"]), ranks)
+
+    whole = repr([quantity_extrema(dataset, each) for each in expressions(dataset, [text, "wave"])])
+    monkeypatch.setattr(quantity_extrema_module, "_ELEMENTS", 7)
+    monkeypatch.setattr(extrema_module, "_AT_ONCE", 11)
+    assert repr([quantity_extrema(dataset, each) for each in expressions(dataset, [text, "wave"])]) == whole
     for size in (2, 5):
         first, *others = played(size, found)
         assert repr(first) == whole

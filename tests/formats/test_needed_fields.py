@@ -2,6 +2,7 @@
 
 import pytest
 
+from elvis.core.quantities import Expression
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.testing import approximated, grid
 from elvis.formats import Dataset, Shape
@@ -33,3 +34,15 @@ def dataset_of(names):
 )
 def test_fields_that_are_needed(names, texts, needed):
     assert needed_fields(dataset_of(names), texts) == tuple(needed)
+
+
+def test_each_quantity_is_parsed_once_for_all_fields(monkeypatch):
+    """And once for those that are needed."""
+    parsed = []
+    parse = Expression.parse
+    monkeypatch.setattr(Expression, "parse", lambda text, names: parsed.append(names.fields) or parse(text, names))
+    dataset = dataset_of("uvp")
+    assert needed_fields(dataset, ["u+v", "u+v"]) == ("u", "v")
+    coordinates = 4 - dataset.mesh.space
+    assert len(parsed) == 2 * coordinates
+    assert sum("p" in fields for fields in parsed) == coordinates

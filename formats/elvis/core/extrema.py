@@ -8,8 +8,9 @@ rounded by, `polynomials.rounding`: that of the coefficients, and of each halvin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -33,8 +34,8 @@ from elvis.core.polynomials.rounding import (
 
 #: halvings at most, boxes at once, and the gap to the bound that is small enough, in parts of the field's magnitude
 _ROUNDS, _MANY, _CLOSE = 30, 1 << 12, 1e-13
-#: elements whose nets are looked at together
-_AT_ONCE = 1 << 12
+#: elements whose nets are looked at together, and numbers in these
+_AT_ONCE, _NUMBERS = 1 << 12, 1 << 20
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,7 @@ def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
     held = _patches(dataset, name)
     if not held:
         raise ElvisError(f"expected elements of the domain under {name}, found none")
-    rows = [_rows_that_decide(patch) for patch in held]
-    nets = [_nets(patch, 0, own) for patch, own in zip(held, rows, strict=True)]
-    return _extreme(held, nets, -1, rows), _extreme(held, nets, 1, rows)
+    return _ends(held, [_chosen_of_field(patch) for patch in held])
 
 
 def deciding_extrema(dataset: Dataset, name: str) -> Ints:
@@ -68,23 +67,21 @@ def deciding_extrema(dataset: Dataset, name: str) -> Ints:
 
     ElvisError with Fourier directions.
     """
-    found = [np.empty(0, np.int64)]
-    for patch in _patches(dataset, name):
-        # the first of each patch, too, so that patches come in one order
-        found += [patch.element_ids[:1], patch.element_ids[_rows_that_decide(patch)]]
-    return np.unique(np.concatenate(found))
+    held = _patches(dataset, name)
+    return ids_of(held, [_chosen_of_field(patch).rows for patch in held])
 
 
-def _rows_that_decide(patch: Patch) -> Ints:
-    """(n,) rows of elements, ascending, of which some decide the extremes of the first field of a patch.
-
-    Elements are looked at batch by batch, so that the nets of all are never in memory.
+def ids_of(held: Sequence[Patch], rows: Sequence[Ints]) -> Ints:
+    """(n,) ids, ascending, of rows (m,) of patches, and of the first element of each, so that these come in one order
+    whatever is left of them.
     """
-    found = [np.empty(0, np.int64)]
-    for some in chunks(len(patch), _AT_ONCE):
-        nets = _nets(patch, 0, np.arange(len(patch))[some])
-        found += [some.start + _deciding(Nets(sign * nets.values, nets.error)) for sign in (-1, 1)]
-    return np.unique(np.concatenate(found))
+    found = [patch.element_ids[np.append(0, own)] for patch, own in zip(held, rows, strict=True)]
+    return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
+
+
+def _chosen_of_field(patch: Patch) -> Chosen:
+    """The elements of a patch of which some decide the extremes of its first field."""
+    return chosen(len(patch), partial(_nets, patch, 0))
 
 
 def _patches(dataset: Dataset, name: str) -> list[Patch]:
@@ -103,9 +100,35 @@ def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extr
     held = [patch for patch in patches(dataset, [name, other]) if None not in patch.fields]
     if not held or any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected elements with both fields and without Fourier directions, to bound them")
-    rows = [np.arange(len(patch)) for patch in held]
-    nets = [_nets(patch, 0, own).minus(_nets(patch, 1, own)) for patch, own in zip(held, rows, strict=True)]
-    return _extreme(held, nets, -1, rows), _extreme(held, nets, 1, rows)
+
+    def nets(patch: Patch, rows: Ints) -> Nets:
+        return _nets(patch, 0, rows).minus(_nets(patch, 1, rows))
+
+    return _ends(held, [chosen(len(patch), partial(nets, patch)) for patch in held])
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Elements of which some decide extremes: rows (n,) of a patch, ascending, and their nets."""
+
+    rows: Ints
+    nets: Nets
+
+
+def chosen(count: int, nets_on: Callable[[Ints], Nets], numbers: int = 0) -> Chosen:
+    """Those of ``count`` elements of a patch that decide extremes, with nets, which are made batch by batch.
+
+    So the nets of all are never in memory.
+
+    numbers  of an element's nets at most, where that is known: the more, the fewer elements are looked at together
+    """
+    rows, nets = [], []
+    for some in chunks(count, max(1, min(_AT_ONCE, _NUMBERS // max(numbers, 1)))):
+        own = nets_on(np.arange(count)[some])
+        deciding = np.unique(np.concatenate([_deciding(own.times(sign)) for sign in (-1, 1)]))
+        rows.append(some.start + deciding)
+        nets.append(own.part(deciding))
+    return Chosen(np.concatenate(rows), Nets.together(nets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +137,20 @@ class Nets:
 
     values: Floats
     error: Floats
+
+    @staticmethod
+    def together(several: Sequence[Nets]) -> Nets:
+        """Those of several, one after the other."""
+        values = np.concatenate([own.values for own in several])
+        return Nets(values, np.concatenate([own.error for own in several]))
+
+    def part(self, rows: Ints) -> Nets:
+        """Some of them."""
+        return Nets(self.values[rows], self.error[rows])
+
+    def times(self, sign: int) -> Nets:
+        """The nets, or with -1 those of the negative."""
+        return Nets(sign * self.values, self.error)
 
     def minus(self, other: Nets) -> Nets:
         """The nets of the difference: of the greater degree each way, and rounded once more."""
@@ -145,27 +182,33 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _extreme(held: Sequence[Patch], nets: Sequence[Nets], sign: int, rows: Sequence[Ints]) -> Extreme:
-    """The greatest value of ``sign`` times what has nets on elements of patches, by their rows (n,)."""
-    best = greatest_of_nets(nets, sign)
-    patch, row = held[best.number], int(rows[best.number][best.row])
-    place = pointwise.positions(patch, np.array([row]), uncollapse(patch.shape, best.eta[None]))[0]
+def _ends(held: Sequence[Patch], some: Sequence[Chosen]) -> tuple[Extreme, Extreme]:
+    """The least and the greatest value of what has nets on elements of patches."""
+    return _extreme(held, some, -1), _extreme(held, some, 1)
+
+
+def _extreme(held: Sequence[Patch], some: Sequence[Chosen], sign: int) -> Extreme:
+    """The greatest value of ``sign`` times what has nets on elements of patches."""
+    best = greatest_of(some, sign)
+    patch = held[best.number]
+    place = pointwise.positions(patch, np.array([best.row]), uncollapse(patch.shape, best.eta[None]))[0]
     x, y, z = map(float, place)
-    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[row]))
+    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[best.row]))
 
 
-def greatest_of_nets(nets: Sequence[Nets], sign: int) -> Best:
-    """The greatest value of ``sign`` times what has nets on elements, some nets for each of several patches."""
-    found = [_greatest(Nets(sign * own.values, own.error)) for own in nets]
-    first = max(range(len(nets)), key=lambda number: found[number].value)
-    return replace(found[first], bound=max(own.bound for own in found), number=first)
+def greatest_of(some: Sequence[Chosen], sign: int) -> Best:
+    """The greatest value of ``sign`` times what has nets on elements of several patches."""
+    found = [_greatest(own.nets.times(sign)) for own in some]
+    number = max(range(len(some)), key=lambda number: found[number].value)
+    row = int(some[number].rows[found[number].row])
+    return replace(found[number], bound=max(own.bound for own in found), number=number, row=row)
 
 
 @dataclass
 class Best:
     """The greatest value so far, and what no other exceeds.
 
-    number  of the nets, row among their elements, and place eta (d,) there
+    number  of the patch, row of it, and place eta (d,) there
     """
 
     value: float
@@ -236,8 +279,7 @@ class _Boxes:
 
     def part(self, chosen: Ints) -> _Boxes:
         """Some of them."""
-        nets = Nets(self.nets.values[chosen], self.nets.error[chosen])
-        return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], nets)
+        return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], self.nets.part(chosen))
 
     def halved(self) -> _Boxes:
         """Both halves in every direction."""

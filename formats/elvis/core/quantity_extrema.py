@@ -8,14 +8,15 @@ bounds come down with the size of the boxes, not with its square, so that a wide
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extreme, Nets, deciding_extrema, extrema, greatest_of_nets
+from elvis.core.extrema import Chosen, Extreme, Nets, chosen, deciding_extrema, extrema, greatest_of, ids_of
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.orientation import chunks
@@ -23,6 +24,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import degree_on, lattice_of, rounded_nets
@@ -33,7 +35,7 @@ from elvis.core.ranks import Ranks
 
 #: functions that grow with their operand
 _GROWING = ("sqrt", "exp", "log", "sinh", "tanh", "atan")
-#: numbers in nets at most
+#: numbers in nets of all elements at most
 _MOST = 1 << 27
 #: halvings at most, boxes and elements at once, and the gap that is small enough, in parts of the value
 _ROUNDS, _MANY, _ELEMENTS, _CLOSE = 16, 1 << 8, 1 << 10, 1e-12
@@ -48,57 +50,146 @@ def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme,
     """
     if expression.is_field:
         return extrema(dataset, expression.root.name)
-    evaluator = Evaluator(dataset, [expression])
-    held = [patch for patch in evaluator.patches if None not in patch.fields and len(patch)]
-    if any(patch.homogeneous for patch in held):
-        raise ElvisError(f"{expression.text}: expected data without Fourier directions, to bound it")
-    found = _of_polynomial(evaluator, expression, held)
-    return found or (_Search(evaluator, expression, held, -1).found(), _Search(evaluator, expression, held, 1).found())
+    own = _Quantity.of(dataset, expression)
+    return (_of_polynomial(own) if _are_polynomials([own.numbers]) else None) or _of_any(own)
 
 
-def shared_extrema(part: Portion, fields: Sequence[Expression], ranks: Ranks) -> list[tuple[Extreme, Extreme]]:
-    """The same of fields of which each of several ranks has a part; none elsewhere than at the first rank.
+def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks) -> list[tuple[Extreme, Extreme]]:
+    """The same of quantities on data of which each of several ranks has a part; none elsewhere than at the first rank.
 
     Those elements of all parts that may decide them go there.
     """
-    ids = [deciding_extrema(part.dataset, each.root.name) for each in fields]
-    own = part.of(np.unique(np.concatenate(ids))).alone
-    every = ranks.gather(own, f"extremes of {', '.join(each.text for each in fields)}")
-    if not every:
-        return []
-    dataset = unite(every).dataset
-    return [extrema(dataset, each.root.name) for each in fields]
+    found = [_shared(part, each, ranks) for each in quantities]
+    return [each for each in found if each is not None]
 
 
-def _of_polynomial(
-    evaluator: Evaluator, expression: Expression, held: Sequence[Patch]
-) -> tuple[Extreme, Extreme] | None:
-    """Those of a polynomial, or of functions that grow with one; None where it is neither, or not everywhere."""
-    outer: list[Node] = []
-    root = expression.root
-    while root.op in _GROWING:
-        outer.append(root)
-        root = root.operands[0]
-    inner = Expression(expression.text, root)
-    degrees = [degree_on(inner, evaluator, patch, _is_affine(patch)) for patch in held]
-    known = [max(degree, 1) for degree in degrees if degree is not None]
-    sizes = [len(patch) * (degree + 1) ** patch.shape.dimension for patch, degree in zip(held, known, strict=False)]
-    if not held or len(known) < len(held) or sum(sizes) > _MOST:
+def _shared(part: Portion, expression: Expression, ranks: Ranks) -> tuple[Extreme, Extreme] | None:
+    """The extremes of one quantity; None elsewhere than at the first rank."""
+    task = f"extremes of {expression.text}"
+    if expression.is_field:
+        name = expression.root.name
+        whole = _gathered(part, deciding_extrema(part.dataset, name), ranks, task)
+        return None if whole is None else extrema(whole, name)
+    own = _Quantity.of(part.dataset, expression)
+    if _are_polynomials(ranks.exchange(own.numbers, task)):
+        ids = _deciding_polynomial(own)
+        if all(ranks.exchange(ids is not None, task)) and ids is not None:
+            whole = _gathered(part, ids, ranks, task)
+            found = None if whole is None else _of_polynomial(_Quantity.of(whole, expression))
+            if ranks.exchange(found is not None, task)[0]:
+                return found
+    whole = _gathered(part, _deciding_any(own), ranks, task)
+    return None if whole is None else _of_any(_Quantity.of(whole, expression))
+
+
+def _gathered(part: Portion, ids: Ints, ranks: Ranks, task: str) -> Dataset | None:
+    """The elements (n,) of all parts, with what distances are measured to; None elsewhere than at the first rank."""
+    every = ranks.gather(part.of(ids).alone, task)
+    return replace(unite(every).dataset, surfaces=part.dataset.surfaces) if every else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Quantity:
+    """A quantity on those patches of a dataset that have all its fields."""
+
+    expression: Expression
+    evaluator: Evaluator
+    held: tuple[Patch, ...]
+
+    @staticmethod
+    def of(dataset: Dataset, expression: Expression) -> _Quantity:
+        """That of a dataset; ElvisError with Fourier directions."""
+        evaluator = Evaluator(dataset, [expression])
+        held = tuple(patch for patch in evaluator.patches if None not in patch.fields and len(patch))
+        if any(patch.homogeneous for patch in held):
+            raise ElvisError(f"{expression.text}: expected data without Fourier directions, to bound it")
+        return _Quantity(expression, evaluator, held)
+
+    @cached_property
+    def outer(self) -> tuple[Node, ...]:
+        """The functions that grow with what is in them, the outermost first."""
+        found = [self.expression.root]
+        while found[-1].op in _GROWING:
+            found.append(found[-1].operands[0])
+        return tuple(found[:-1])
+
+    @cached_property
+    def inner(self) -> Expression:
+        """What is in all these."""
+        return Expression(self.expression.text, self.outer[-1].operands[0] if self.outer else self.expression.root)
+
+    @cached_property
+    def degrees(self) -> list[int | None]:
+        """Of what is inner on each patch, at least 1; None where it is no polynomial."""
+        has_slopes = self.inner.order > 0
+        found = [
+            degree_on(self.inner, self.evaluator, patch, not has_slopes or _is_affine(patch)) for patch in self.held
+        ]
+        return [degree if degree is None else max(degree, 1) for degree in found]
+
+    @cached_property
+    def numbers(self) -> int | None:
+        """How many numbers are in the nets of what is inner, if these are polynomials on all elements."""
+        sizes = [
+            None if degree is None else len(patch) * (degree + 1) ** patch.shape.dimension
+            for patch, degree in zip(self.held, self.degrees, strict=True)
+        ]
+        known = [size for size in sizes if size is not None]
+        return sum(known) if len(known) == len(sizes) else None
+
+    @cached_property
+    def chosen(self) -> list[Chosen]:
+        """The elements of which some decide the extremes of what is inner, with nets, which are finite on all elements.
+
+        _NotFinite where they aren't.
+        """
+
+        def nets_on(patch: Patch, rows: Ints) -> Nets:
+            own = rounded_nets(self.inner, self.evaluator, patch, rows)
+            if not np.isfinite(own.nets).all():
+                raise _NotFiniteError
+            return Nets(own.nets, own.slack)
+
+        sizes = [(degree or 1) + 1 for degree in self.degrees]
+        return [
+            chosen(len(patch), partial(nets_on, patch), size**patch.shape.dimension)
+            for patch, size in zip(self.held, sizes, strict=True)
+        ]
+
+
+class _NotFiniteError(Exception):
+    """Nets are not finite."""
+
+
+def _are_polynomials(numbers: Sequence[int | None]) -> bool:
+    """Whether a quantity is one on the elements of all parts, with nets that have so many numbers."""
+    known = [own for own in numbers if own is not None]
+    return len(known) == len(numbers) and 0 < sum(known) <= _MOST
+
+
+def _deciding_polynomial(own: _Quantity) -> Ints | None:
+    """(n,) ids of elements of which some decide the extremes of a polynomial; None where nets are not finite."""
+    try:
+        return ids_of(own.held, [some.rows for some in own.chosen])
+    except _NotFiniteError:
         return None
-    bounded = [rounded_nets(inner, evaluator, patch) for patch in held]
-    nets = [Nets(own.nets, np.full(len(own.nets), own.slack)) for own in bounded]
-    if not all(np.isfinite(own.values).all() for own in nets):
+
+
+def _of_polynomial(own: _Quantity) -> tuple[Extreme, Extreme] | None:
+    """The extremes of a polynomial, or of functions that grow with one; None where they have no values there."""
+    try:
+        least, greatest = (greatest_of(own.chosen, sign) for sign in (-1, 1))
+    except _NotFiniteError:
         return None
-    least, greatest = (greatest_of_nets(nets, sign) for sign in (-1, 1))
     interval: Interval = (np.array([-least.bound]), np.array([greatest.bound]))
     with np.errstate(all="ignore"):
-        for node in outer[::-1]:
+        for node in own.outer[::-1]:
             interval = function(node).interval(interval)
     found = []
     for best, sign, bound in ((least, -1, interval[0]), (greatest, 1, interval[1])):
-        patch, row = held[best.number], np.array([best.row])
+        patch, row = own.held[best.number], np.array([best.row])
         reference = uncollapse(patch.shape, best.eta[None])
-        value = float(evaluator.values(expression, patch, row, reference)[0])
+        value = float(own.evaluator.values(own.expression, patch, row, reference)[0])
         found.append(_extreme(patch, best.row, reference, sign * value, sign * float(bound[0]), sign))
     return (found[0], found[1]) if all(np.isfinite(end.value) for end in found) else None
 
@@ -109,74 +200,128 @@ def _extreme(patch: Patch, row: int, reference: Floats, value: float, bound: flo
     return Extreme(sign * value, sign * max(bound, value), (x, y, z), int(patch.element_ids[row]))
 
 
+def _of_any(own: _Quantity) -> tuple[Extreme, Extreme]:
+    """The extremes of any quantity; ElvisError where there is no value."""
+    least, greatest = (search.found() for search in _searches(own))
+    return least, greatest
+
+
+def _deciding_any(own: _Quantity) -> Ints:
+    """(n,) ids of elements of which some decide these."""
+    searches = _searches(own)
+    rows = [np.concatenate([search.rows_of(number) for search in searches]) for number in range(len(own.held))]
+    return ids_of(own.held, rows)
+
+
+def _searches(own: _Quantity) -> tuple[_Search, _Search]:
+    """Searches for the least and the greatest value that have seen all elements, batch by batch."""
+    searches = _Search(own, -1), _Search(own, 1)
+    for number, patch in enumerate(own.held):
+        corners = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
+        for part in chunks(len(patch), _ELEMENTS):
+            rows = np.arange(len(patch))[part]
+            places = Lattice(patch, rows, corners)
+            (values,) = own.evaluator.values_at([own.expression], places)
+            cells = _cells(own, patch, rows)
+            for search in searches:
+                search.attain(number, places, np.broadcast_to(values, len(places)))
+                search.note(number, cells)
+    return searches
+
+
+def _cells(own: _Quantity, patch: Patch, rows: Ints) -> Cells:
+    """Boxes of whole elements."""
+    has_slopes = own.expression.order > 0 or any("jacobian" in name for name in own.expression.attributes)
+    return Cells.of(patch, own.evaluator.names, own.evaluator.attributes, rows, has_slopes)
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     """Boxes of elements of a patch, with what no value on them exceeds (n,)."""
 
-    patch: Patch
+    number: int
     cells: Cells
     upper: Floats
 
 
 class _Search:
-    """The greatest value of ``sign`` times a quantity, by interval arithmetic."""
+    """The greatest value of ``sign`` times a quantity, by interval arithmetic.
 
-    def __init__(self, evaluator: Evaluator, expression: Expression, held: Sequence[Patch], sign: int) -> None:
-        self._evaluator, self._held, self._sign = evaluator, held, sign
-        self._expression = expression
-        self._root = expression.root if sign > 0 else negative(expression.root)
+    It depends on the element that has the greatest value at corners and middles, and on those with the greatest bounds,
+    one more than are looked at closely: what is left out is bounded by that one.  Of equal values that of the first
+    element counts, so that it doesn't depend on what is looked at together.
+    """
+
+    def __init__(self, own: _Quantity, sign: int) -> None:
+        self._own, self._sign = own, sign
+        self._root = own.expression.root if sign > 0 else negative(own.expression.root)
         self._value, self._bound = -np.inf, -np.inf
-        self._place: tuple[Patch, int, Floats] | None = None
+        self._place: tuple[int, int, Floats] | None = None
+        # of the elements with the greatest bounds: these, the numbers of their patches, their rows
+        self._upper, self._numbers, self._rows = np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
+
+    def attain(self, number: int, places: ElementPoints, values: Floats) -> None:
+        """Keep the greatest of values (n,) at points of a patch, where it is greater than what is known."""
+        values = self._sign * values
+        values = np.where(np.isfinite(values), values, -np.inf)
+        best = int(values.argmax())
+        if values[best] > self._value:
+            self._value, row = float(values[best]), int(places.rows[best])
+            self._place = number, row, places.points[best : best + 1]
+
+    def note(self, number: int, cells: Cells) -> None:
+        """Keep those of a patch's elements that have the greatest bounds."""
+        upper = np.concatenate([self._upper, self._bounds(cells)])
+        numbers = np.concatenate([self._numbers, np.full(len(cells), number)])
+        rows = np.concatenate([self._rows, cells.rows])
+        most = np.sort(np.argsort(-upper, kind="stable")[: _MANY + 1])
+        self._upper, self._numbers, self._rows = upper[most], numbers[most], rows[most]
+
+    def rows_of(self, number: int) -> Ints:
+        """(n,) rows of a patch that it depends on."""
+        rows = self._rows[self._numbers == number]
+        is_here = self._place is not None and self._place[0] == number
+        return np.append(rows, self._place[1]) if self._place is not None and is_here else rows
 
     def found(self) -> Extreme:
         """The extreme; ElvisError where there is no value."""
-        open_parts = self._kept([part for patch in self._held for part in self._whole(patch)])
+        open_parts = self._kept(list(self._whole()))
         for depth in range(_ROUNDS):
             if not open_parts or (depth > _HOPEFUL and any(np.isinf(part.upper).any() for part in open_parts)):
                 break
             open_parts = self._kept([self._halved(part) for part in open_parts])
         bound = max([self._bound, *(float(part.upper.max()) for part in open_parts)])
         if self._place is None:
-            raise ElvisError(f"expected elements of the domain with a value of {self._expression.text}, found none")
-        patch, row, reference = self._place
-        return _extreme(patch, row, reference, self._value, bound, self._sign)
+            text = self._own.expression.text
+            raise ElvisError(f"expected elements of the domain with a value of {text}, found none")
+        number, row, reference = self._place
+        return _extreme(self._own.held[number], row, reference, self._value, bound, self._sign)
 
-    def _whole(self, patch: Patch) -> Iterator[_Part]:
-        """All elements of a patch."""
-        corners = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
-        derivatives = self._expression.order > 0 or any("jacobian" in name for name in self._expression.attributes)
-        for part in chunks(len(patch), _ELEMENTS):
-            rows = np.arange(len(patch))[part]
-            for corner in corners:
-                self._attain(patch, rows, np.tile(corner, (len(rows), 1)))
-            cells = Cells.of(patch, self._evaluator.names, self._evaluator.attributes, rows, derivatives)
-            upper = self._upper(cells)
-            is_open = ~(upper <= self._value)
-            yield _Part(patch, cells.part(is_open), upper[is_open])
+    def _whole(self) -> Iterator[_Part]:
+        """The elements with the greatest bounds."""
+        for number, patch in enumerate(self._own.held):
+            here = self._numbers == number
+            if here.any():
+                yield _Part(number, _cells(self._own, patch, self._rows[here]), self._upper[here])
 
     def _halved(self, part: _Part) -> _Part:
         """Halves of boxes, at whose middles and corners values are tried."""
-        cells = part.cells.halves()
+        cells, patch = part.cells.halves(), part.cells.patch
         for share in np.vstack(
             [np.full(cells.low.shape[1], 0.5), lattice_of(np.array([0.0, 1.0]), cells.low.shape[1])]
         ):
             eta = cells.low + share * (cells.high - cells.low)
-            self._attain(part.patch, cells.rows, uncollapse(part.patch.shape, eta))
-        return _Part(part.patch, cells, self._upper(cells))
+            places = ElementPoints(patch, cells.rows, uncollapse(patch.shape, eta))
+            values = self._own.evaluator.values(self._own.expression, patch, places.rows, places.points)
+            self.attain(part.number, places, values)
+        return _Part(part.number, cells, self._bounds(cells))
 
-    def _upper(self, cells: Cells) -> Floats:
+    def _bounds(self, cells: Cells) -> Floats:
         """(n,) what no value on boxes exceeds; -inf where there are none."""
-        if self._expression.order > 1:
+        if self._own.expression.order > 1:
             return np.full(len(cells), np.inf)
         upper = cells.bounds(self._root)[1]
         return np.where(np.isnan(upper), -np.inf, upper)
-
-    def _attain(self, patch: Patch, rows: Ints, reference: Floats) -> None:
-        values = self._sign * self._evaluator.values(self._expression, patch, rows, reference)
-        values = np.where(np.isfinite(values), values, -np.inf)
-        best = int(values.argmax()) if len(values) else 0
-        if len(values) and values[best] > self._value:
-            self._value, self._place = float(values[best]), (patch, int(rows[best]), reference[best : best + 1])
 
     def _kept(self, parts: Sequence[_Part]) -> list[_Part]:
         """Boxes that may hold a greater value, the most promising; what is left out is bounded."""
@@ -185,10 +330,11 @@ class _Search:
         if (every > least).sum() > _MANY:
             least = max(least, float(np.partition(every, -_MANY)[-_MANY]))
         self._bound = max(self._bound, float(every[every <= least].max(initial=-np.inf)))
-        chosen = [(part, part.upper > least) for part in parts]
-        return [_Part(part.patch, part.cells.part(own), part.upper[own]) for part, own in chosen if own.any()]
+        is_open = [(part, part.upper > least) for part in parts]
+        return [_Part(part.number, part.cells.part(own), part.upper[own]) for part, own in is_open if own.any()]
 
 
 def _is_affine(patch: Patch) -> bool:
     """Whether the maps of all elements are."""
-    return bool(Piece(patch, np.arange(len(patch)), patch.shape).is_affine.all())
+    every = (Piece(patch, np.arange(len(patch))[some], patch.shape) for some in chunks(len(patch), _ELEMENTS))
+    return all(bool(piece.is_affine.all()) for piece in every)

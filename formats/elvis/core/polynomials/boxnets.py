@@ -90,7 +90,7 @@ def _raised(nets: Floats, axis: int, degree: int) -> Floats:
     if own == degree:
         return nets
     matrix = np.array([power_net(power, own, degree) for power in range(own + 1)])
-    return np.moveaxis(np.moveaxis(nets, axis, -1) @ matrix, -1, axis)
+    return np.moveaxis(row_products(np.moveaxis(nets, axis, -1), matrix), -1, axis)
 
 
 def nets_through(values: Floats, places: Floats, dimension: int, degree: int | None = None) -> Floats:
@@ -104,7 +104,7 @@ def nets_through(values: Floats, places: Floats, dimension: int, degree: int | N
     inverse = np.linalg.inv(table) if is_full else np.linalg.pinv(table)
     nets = values.reshape(-1, *(count,) * dimension)
     for axis in range(dimension):
-        nets = np.moveaxis(np.moveaxis(nets, 1 + axis, -1) @ inverse.T, -1, 1 + axis)
+        nets = np.moveaxis(row_products(np.moveaxis(nets, 1 + axis, -1), inverse.T), -1, 1 + axis)
     return nets
 
 

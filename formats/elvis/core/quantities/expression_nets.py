@@ -81,15 +81,18 @@ class NetsOf:
 
 @dataclass(frozen=True, eq=False)
 class Rounded:
-    """Nets (n, D1, …, Dd) of a polynomial, and by how much rounding may have moved it."""
+    """Nets (n, D1, …, Dd) of a polynomial on elements, and by how much (n,) rounding may have moved it there.
+
+    A single net stands for all elements.
+    """
 
     nets: Floats
-    slack: float
+    slack: Floats
 
     @property
-    def size(self) -> float:
-        """Of the coefficients, at most."""
-        return float(np.abs(self.nets).max(initial=0.0))
+    def size(self) -> Floats:
+        """(n,) of the coefficients, at most."""
+        return np.asarray(np.abs(self.nets).max(axis=tuple(range(1, self.nets.ndim)), initial=0.0))
 
     def __add__(self, other: Rounded) -> Rounded:
         nets = total(self.nets, other.nets)
@@ -103,26 +106,30 @@ class Rounded:
         return Rounded(product(self.nets, other.nets), slack)
 
 
-def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch) -> Rounded:
-    """The nets of an expression, a polynomial on all elements of a patch: of those of fields, added and multiplied."""
-    rows, d = np.arange(len(patch)), patch.shape.dimension
+def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch, rows: Ints) -> Rounded:
+    """The nets of an expression, a polynomial on elements (n,) of a patch: of those of fields, added and multiplied.
+
+    What is found on an element doesn't depend on others.
+    """
+    d = patch.shape.dimension
 
     def constant(value: float) -> Rounded:
-        return Rounded(np.full((1, *(1,) * d), value), 0.0)
+        return Rounded(np.full((1, *(1,) * d), value), np.zeros(1))
 
     def leaf(node: Node) -> Rounded:
         if node.op == "number":
             return constant(node.value)
         field = None if node.op == "coordinate" else evaluator.names.index(node.name)
         expansion = patch.geometry if field is None else patch.fields[field]
-        own = patch.geometry_coefficients[:, node.axes[0]] if field is None else patch.coefficients[field]
+        every = patch.geometry_coefficients[:, node.axes[0]] if field is None else patch.coefficients[field]
         assert expansion is not None
-        assert own is not None
+        assert every is not None
+        own = every[rows]
         space = bernstein_space(expansion)
         if field is not None and node.axes:
             return _through(Expression(expression.text, node), evaluator, patch, rows, max(box_degrees(space)))
         nets = box_nets(space, bernstein_coefficients(expansion, own))
-        return Rounded(nets, _BASIS * _EPS * float(np.abs(own).max(initial=0.0)))
+        return Rounded(nets, _BASIS * _EPS * np.abs(own).max(axis=1, initial=0.0))
 
     def inner(node: Node, parts: list[Rounded]) -> Rounded:
         first, last = parts[0], parts[-1]
@@ -135,14 +142,17 @@ def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch) -> 
             last = Rounded(-last.nets, last.slack)
         return first * last if node.op == "*" else first + last
 
-    return fold(expression.root, leaf, inner)
+    found = fold(expression.root, leaf, inner)
+    count = len(rows)
+    nets = np.broadcast_to(found.nets, (count, *found.nets.shape[1:]))
+    return Rounded(nets, np.broadcast_to(found.slack, count))
 
 
 def _through(expression: Expression, evaluator: Evaluator, patch: Patch, rows: Ints, degree: int) -> Rounded:
     """The nets of a polynomial from its values, whose rounding a matrix enlarges in each direction."""
     places = places_of(degree)
     reference = uncollapse(patch.shape, 2 * lattice_of(places, patch.shape.dimension) - 1)
-    found = Rounded(NetsOf(expression, evaluator, patch, places).on(rows, reference), 0.0)
+    found = Rounded(NetsOf(expression, evaluator, patch, places).on(rows, reference), np.zeros(len(rows)))
     inverse = np.linalg.inv(line_tables(degree, places)[0])
     growth = float(np.abs(inverse).sum(axis=1).max()) ** patch.shape.dimension
     return Rounded(found.nets, _BASIS * _EPS * found.size * growth)

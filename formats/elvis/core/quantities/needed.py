@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
-from elvis.core.quantities.tree import jumping_of
+from elvis.core.quantities.tree import Node, jumping_of
 
 if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
@@ -29,24 +29,21 @@ def needed_fields(dataset: Dataset, texts: Sequence[str]) -> tuple[str, ...]:
     """
     every = tuple(field.name for field in dataset.fields)
     solution = tuple(field.name for field in dataset.solution)
+    known = dict.fromkeys(text or solution[0] for text in texts) if solution else {}
+    asked = {text: _meanings(dataset, text) for text in known}
     found = set(dataset.map_names)
-    for text in texts if solution else ():
-        own = _fields_of(dataset, text or solution[0])
-        if own is None:
+    for own in asked.values():
+        fields = own.fields_of(dataset)
+        if fields is None:
             return every
-        found |= own
+        found |= fields
     if not found.intersection(solution):
         found.update(solution[:1])
     few = replace(dataset, fields=tuple(field for field in dataset.fields if field.name in found))
     # a component of the velocity is one field, which is known as that by the others
-    if not all(_is_same(dataset, few, text or solution[0]) for text in texts if solution):
+    if any(_meanings(few, text).roots != own.roots for text, own in asked.items()):
         return every
     return tuple(name for name in every if name in found)
-
-
-def _is_same(dataset: Dataset, few: Dataset, text: str) -> bool:
-    """Whether a quantity is made of the same in a dataset with fewer fields."""
-    return [each.root for each in _expressions(dataset, text)[0]] == [each.root for each in _expressions(few, text)[0]]
 
 
 def lack_of(dataset: Dataset, text: str) -> str:
@@ -63,25 +60,37 @@ def lack_of(dataset: Dataset, text: str) -> str:
     return f"there is no field {lacking[0]!r}" if lacking else ""
 
 
-def _fields_of(dataset: Dataset, text: str) -> set[str] | None:
-    """The fields of one quantity, however many coordinates the fields depend on; None where nothing is known of it."""
-    expressions, asked = _expressions(dataset, text)
-    if not expressions or any(_OF_FIELDS in each.attributes for each in expressions):
-        return None
-    jumping = {own for each in expressions for name in each.attributes if (own := jumping_of(name)) is not None}
-    found = {name for each in expressions for name in each.fields}
-    return (found | jumping | asked).intersection(Names.of(dataset).fields)
+@dataclass(frozen=True, eq=False)
+class _Meanings:
+    """A quantity for each number of coordinates for which a text says something, and fields whose rates it asks for."""
+
+    expressions: Sequence[Expression]
+    rates: frozenset[str]
+
+    @property
+    def roots(self) -> list[Node]:
+        """What it is made of."""
+        return [each.root for each in self.expressions]
+
+    def fields_of(self, dataset: Dataset) -> set[str] | None:
+        """Its fields, however many coordinates the fields depend on; None where nothing is known of it."""
+        if not self.expressions or any(_OF_FIELDS in each.attributes for each in self.expressions):
+            return None
+        attributes = [name for each in self.expressions for name in each.attributes]
+        jumping = {own for name in attributes if (own := jumping_of(name)) is not None}
+        found = {name for each in self.expressions for name in each.fields}
+        return (found | jumping | self.rates).intersection(Names.of(dataset).fields)
 
 
-def _expressions(dataset: Dataset, text: str) -> tuple[list[Expression], set[str]]:
-    """A quantity for each number of coordinates for which it says something; fields whose rates it asks for."""
+def _meanings(dataset: Dataset, text: str) -> _Meanings:
+    """What a text says of a dataset."""
     asked, names = _AskedRates(), Names.of(dataset)
     found = []
     for dimension in range(dataset.mesh.space, 4):
         with suppress(ElvisError):
             own = replace(names, dimension=dimension, time=names.time or 1.0, rates=asked)
             found.append(Expression.parse(text, own))
-    return found, asked.names
+    return _Meanings(found, frozenset(asked.names))
 
 
 class _AskedRates:

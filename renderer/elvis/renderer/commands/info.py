@@ -102,9 +102,7 @@ def info(
         return
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
-    comes_apart = partial(_are_fields if extremes else _are_borrowed, quantities)
-    if critical:
-        comes_apart = partial(_have_all_sides, quantities, wall, ranks)
+    comes_apart = partial(_have_all_sides, quantities, wall, ranks) if critical else partial(_are_borrowed, quantities)
     source = _opened(data, series, comes_apart, ranks)
     if source is None or (predefined and is_idle(ranks)):
         return
@@ -139,13 +137,6 @@ def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], 
     if is_idle(ranks):
         return None
     return data.source() if found is None else found
-
-
-def _are_fields(quantities: Sequence[str], dataset: Dataset) -> bool:
-    """Whether quantities are fields of the data themselves."""
-    from elvis.core.quantities import Expression
-
-    return not dataset.others and all(Expression.of(dataset, text).is_field for text in quantities)
 
 
 def _are_borrowed(quantities: Sequence[str], dataset: Dataset) -> bool:

@@ -385,11 +385,13 @@ class NativeSource:
         return shared_critical_points(part, components, self.ranks)
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
-        """The least and the greatest value of each quantity; of parts, of fields alone, none but at the first rank."""
+        """The least and the greatest value of each quantity; of parts none but at the first rank."""
+        from elvis.core.portions.borrowing import borrowing
         from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
 
         if self.portion is not None:
-            return shared_extrema(self.portion, quantities, self.ranks)
+            part = borrowing(self.portion, [each.text for each in quantities], self.ranks)
+            return shared_extrema(part, quantities, self.ranks)
         return [quantity_extrema(self.dataset, each) for each in quantities]
 
     def validity(self) -> Validity | None:
