@@ -153,6 +153,30 @@ def test_chebyshev_series_are_exact_where_symmetry_says_so():
         )
 
 
+def test_values_with_errors_make_series_no_worse_where_high_terms_are_left_out():
+    """How much greater than errors at n nodes what they make of T_0 to T_b is, at most, on [-1, 1]: see `amplified`."""
+    angles = np.linspace(0, np.pi, 1000)
+    for n in range(2, 36):
+        own, most = (2 * np.arange(n) + 1) * np.pi / (2 * n), 1 + 0.637 * np.log(n)
+        for b in range(1, n):
+            terms = np.arange(b + 1)
+            weights = np.where(terms == 0, 1, 2) / n
+            kernel = (np.cos(np.outer(angles, terms)) * weights) @ np.cos(np.outer(terms, own))
+            assert np.abs(kernel).sum(axis=1).max() < most
+
+
+def test_pyramids_of_high_order_need_few_sub_elements(renderer):
+    """A sine, which is the same to five digits from order 4 on; errors of the terms that it hasn't are not followed."""
+    counts = []
+    for order in (4, 7):
+        data = with_field(grid(Shape.PYRAMID, 1), lambda p: np.sin(2 * p[:, 0]) + p[:, 1] * p[:, 2], order + 1)
+        drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["u"])))
+        hits = drawer.draw(View.through(CAMERA, (24, 20)), None, 0.8)
+        assert (hits.status[hits.owner != NOBODY] == Status.CERTAIN).mean() > 0.95
+        counts.append(drawer.counts["sub_elements"])
+    assert counts[1] < 1.5 * counts[0]
+
+
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])
 def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, shape):
     """Two planes 2^-8 apart: sub-elements next to the eye's plane, next to the picture, are not halved to the end."""

@@ -103,6 +103,7 @@ class Quantity:
     condition optional, of straight tetrahedra with a degree: what is positive where its level 0 isn't to be shown; with
              the same map and numbers, bounds and rounding
     slopes   optional, where degree is 0: bounds of its derivatives
+    base_degree as Part.base_degree
     """
 
     type: str
@@ -116,6 +117,7 @@ class Quantity:
     enclosure: Enclosure | None = None
     condition: Quantity | None = None
     slopes: SlopeBounds | None = None
+    base_degree: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +148,7 @@ class Part:
                  (`host_evaluation`)
     is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding``, ``enclosure`` and
                  ``slopes``
+    base_degree  optional, where they are collapsed: the same as ``degree`` in the first two coordinates alone
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
 
@@ -170,6 +173,7 @@ class Part:
     rounding: Callable[[], Floats] | None = None
     enclosure: Enclosure | None = None
     slopes: SlopeBounds | None = None
+    base_degree: int = 0
 
     def __len__(self) -> int:
         return len(self.element_ids)

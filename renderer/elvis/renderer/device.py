@@ -407,11 +407,13 @@ def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) 
     """Slang text that makes a type a stage's ``TheVolume``."""
     chosen_leaves = _leaves(chosen) if stage.startswith("iso_") else ""
     together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith(("Expressed<", "Stacked<"))
+    degree = chosen.degree or stand_in(chosen)
     return (
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
         f"export static const bool lanes_together = {str(together).lower()};"
         f"export static const bool compact = {str(compact).lower()};"
-        f"export static const int cube_degree = {chosen.degree or stand_in(chosen)};"
+        f"export static const int cube_degree = {degree};"
+        f"export static const int cube_base_degree = {chosen.base_degree or degree};"
         f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
         f"export static const bool cube_collapsed = {str(part.collapsed).lower()};{chosen_leaves}"
         f"{_condition(chosen) if stage == 'iso_line' else ''}"

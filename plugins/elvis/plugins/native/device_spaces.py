@@ -29,3 +29,15 @@ def even_space(space: BernsteinSpace, least: int) -> BernsteinSpace:
         base = max(degrees[:2])
         return BernsteinSpace(space.shape, (base, base, degrees[2]))
     return BernsteinSpace(space.shape, (max(degrees),) * len(degrees))
+
+
+def type_arguments(space: BernsteinSpace) -> list[int]:
+    """Those of the Slang type of polynomials in a space of one degree, or of pyramids with two."""
+    return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
+
+
+def degrees_of(geometry: BernsteinSpace, field: BernsteinSpace) -> tuple[int, int]:
+    """`Part.degree` and `Part.base_degree` of elements with a map and a field in these spaces."""
+    own, given = geometry.degrees, field.degrees
+    base = max(*own[:2], *given[:2]) if geometry.shape is Shape.PYRAMID else 0
+    return max(*own, *given), base

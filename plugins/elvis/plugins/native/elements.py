@@ -26,7 +26,7 @@ from elvis.core.shapes import Shape
 from elvis.core.threads import Once
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
-from elvis.plugins.native.device_spaces import even_space, field_space
+from elvis.plugins.native.device_spaces import degrees_of, even_space, field_space, type_arguments
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import expression_rounding, field_rounding, operations, polynomial_rounding
@@ -99,6 +99,7 @@ class Elements:
             bends=None if self._is_affine or self.series else solver.bends,
             quantities=quantities,
             degree=own.degree,
+            base_degree=own.base_degree,
             collapsed=shape is Shape.PYRAMID,
             affine=self._is_straight,
             bounds=own.bounds,
@@ -146,8 +147,10 @@ class Elements:
         if expression.is_field:
             if self.series:
                 return Quantity(type, source, buffers)
-            degree, error = max(*self.geometry.degrees, *space.degrees), cache(partial(self._rounding, names))
-            return Quantity(type, source, buffers, degree, partial(_bounds, net, space, error), rounding=error)
+            error = cache(partial(self._rounding, names))
+            degree, base = degrees_of(self.geometry, space)
+            own_bounds = partial(_bounds, net, space, error)
+            return Quantity(type, source, buffers, degree, own_bounds, rounding=error, base_degree=base)
         ideal = ideal_of(shape), shape.dimension + self._directions
         found = expression.degree(lambda leaf: self._degree(leaf, space))
         highest = HIGHEST_STRAIGHT if stands_for and self._is_straight else HIGHEST
@@ -232,10 +235,11 @@ class Elements:
         space = net.space
         rounding = net.error + UNIT * operations(space) * net.size
         coefficients = np.ascontiguousarray((net.coefficients * weights(space)[:, None]).T)
-        degree = max(*self.geometry.degrees, *space.degrees)
         bounds = partial(_bounds, coefficients, space, lambda: rounding)
         type = f"{space.shape.label}<{self._all_arguments(space)}>"
-        return Quantity(type, "", {"coefficients": coefficients}, degree, bounds, rounding=lambda: rounding)
+        degree, base = degrees_of(self.geometry, space)
+        own = {"coefficients": coefficients}
+        return Quantity(type, "", own, degree, bounds, rounding=lambda: rounding, base_degree=base)
 
     def _of_product(self, expression: Expression, spurious: Node) -> Quantity | None:
         """A product, and under which condition its zeros count, as two fields of each element; None: see `_expand`."""
@@ -260,7 +264,7 @@ class Elements:
 
     def _all_arguments(self, space: BernsteinSpace) -> str:
         """Those of the Slang type of elements with this map and a field in a space."""
-        return ", ".join(map(str, _arguments(self.geometry) + _arguments(space)))
+        return ", ".join(map(str, type_arguments(self.geometry) + type_arguments(space)))
 
     def _expand(self, expression: Expression) -> Net | None:
         """The polynomials that an expression is on these elements; None where it is none, or one of too many terms."""
@@ -425,10 +429,6 @@ def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) 
         plain.max(axis=1, out=high[part])
     error = rounding()
     return low - error, high + error
-
-
-def _arguments(space: BernsteinSpace) -> list[int]:
-    return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
 
 
 def _fill(net: Floats, patch: Patch, number: int, space: BernsteinSpace) -> None:
