@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis.core import wall_points as wall_points_module
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mesh import Composite
@@ -46,10 +47,11 @@ def shared(dataset, size, wall="floor"):
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(3), None], ids=str)
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.sampled(least=5)
-def test_points_on_walls_of_parts_are_those_of_the_whole(shape, size):
-    """Also where some parts have no face of the wall."""
+def test_points_on_walls_of_parts_are_those_of_the_whole(shape, size, monkeypatch):
+    """Also where some parts have no face of the wall, and few are looked at together."""
     dataset = on_floor(mixed_volume() if shape is None else grid(shape, 2))
     whole = wall_points(dataset, "floor")
+    monkeypatch.setattr(wall_points_module, "_CHUNK", 3)
     found, *others = shared(dataset, size)
     assert len(found) > 1
     assert repr(found.facts()) == repr(whole.facts())

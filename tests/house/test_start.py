@@ -3,8 +3,12 @@
 import resource
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
+
+from elvis.core.testing import approximated, grid
+from elvis.formats import Dataset, Shape, write
 
 HELP = "from elvis.plugins.command import main; main(['--help'])"
 
@@ -55,3 +59,19 @@ def test_a_scene_of_options_loads_no_pydantic():
     )
     code = "; ".join([*lines, "assert 'pydantic' not in sys.modules"])
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_native_files_are_told_of_without_converters_and_what_writes_documents(tmp_path):
+    """Each of several ranks has what is loaded: nothing that looks for other formats, fetches, or writes XML."""
+    mesh = Dataset(grid(Shape.TETRAHEDRON, 1))
+    dataset = replace(mesh, fields=(approximated(mesh, "u", lambda p: p[:, 0], 2),))
+    files = [str(path) for path in write(dataset, tmp_path / "a.xml", mesh_format="text", field_format="hdf5")]
+    heavy = ("urllib.request", "ssl", "html", "email.message", "concurrent.futures", "elvis.converters.nek", "pydantic")
+    lines = (
+        "import sys",
+        "from elvis.plugins.command import elvis",
+        f"elvis(['info', '--extrema', *{files!r}], standalone_mode=False)",
+        f"found = [name for name in {heavy!r} if name in sys.modules]",
+        "assert not found, found",
+    )
+    subprocess.run([sys.executable, "-c", "; ".join(lines)], check=True, capture_output=True)

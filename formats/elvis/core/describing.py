@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -49,6 +48,8 @@ def line_of_dataset(dataset: Dataset) -> str:
 
 def table_of_dataset(dataset: Dataset) -> str:
     """HTML: what ``elvis info`` opens with, and a row for each field; names are escaped, as they come from files."""
+    from html import escape
+
     rows = []
     for field in dataset.solution:
         kinds = "continuous" if field.continuous else "" if field.continuous is None else "discontinuous"
@@ -72,6 +73,8 @@ def line_of_samples(samples: Samples) -> str:
 
 def table_of_columns(columns: Columns, caption: str) -> str:
     """HTML: a row for each entry of the columns; of a long table the first and the last."""
+    from html import escape
+
     count = len(next(iter(columns.values())))
     rows = range(count) if count <= 2 * _ENDS else [*range(_ENDS), None, *range(count - _ENDS, count)]
     lines = []

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 T = TypeVar("T")
 #: jobs that are at work at once
@@ -19,6 +21,8 @@ def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
 
     The first exception of a job, in their order, comes out of here.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(_AT_ONCE, "elvis-work") as pool:
         for job in jobs:
@@ -44,6 +48,8 @@ class Once(Generic[T]):
         if self._found:
             yield lambda: self._found[0]
             return
+        from concurrent.futures import ThreadPoolExecutor
+
         with ThreadPoolExecutor(1, "elvis-work") as pool:
             waiting = pool.submit(copy_context().run, job)
             yield waiting.result

@@ -32,6 +32,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.targets import has_outer_boundaries
 from elvis.core.mapping import pointwise, tangents
+from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.collapse import uncollapse
@@ -48,6 +49,8 @@ from elvis.core.streamlines.velocity import velocity_expressions
 from elvis.core.streamlines.walls import facet_slope, wall_pieces
 from elvis.core.zero_search import ZeroSearch
 
+#: faces at once
+_CHUNK = 512
 #: a velocity on the wall, in parts of what it grows to across an element, that is none
 _AT_REST = 1e-9
 #: how far the shear's parts may be from the polynomials that they are, in parts of the greatest value on the face
@@ -92,7 +95,8 @@ def _found(dataset: Dataset, wall: str, velocity: Sequence[str] | None, ranks: R
     ]
     evaluator = Evaluator(dataset, [*zeros, *slopes])
     pieces = wall_pieces(dataset, evaluator.patches, wall, ranks)
-    searches = [_OnFaces(evaluator, piece, zeros, slopes) for piece in pieces]
+    batches = [piece.part(np.arange(len(piece))[some]) for piece in pieces for some in chunks(len(piece), _CHUNK)]
+    searches = [_OnFaces(evaluator, batch, zeros, slopes) for batch in batches]
     _check_rest([own for search in searches for own in search.fastest], wall, ranks)
     found: list[CriticalPoint] = []
     undecided: set[int] = set()

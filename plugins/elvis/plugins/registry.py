@@ -9,6 +9,7 @@ A distribution offers a plugin by a line in its ``pyproject.toml``::
 from __future__ import annotations
 
 import os
+import re
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,6 +27,8 @@ GROUPS = {
     "elvis.devices": "a device that draws",
     "elvis.comparisons": "pictures to compare exact ones with",
 }
+#: what a distribution is called, in its metadata
+_HEADER = re.compile(r"^(Name|Version):[ \t]*(.*?)[ \t]*$", re.MULTILINE)
 #: our own plugins come first, so that no other distribution can take their names away
 _OWN = "elvis-viz"
 #: where distributions are looked for, and when each place was changed last, in ns; None where it is absent
@@ -114,6 +117,7 @@ def load(group: str, name: str) -> object:
 
 
 def _owner(distribution: Distribution) -> str:
-    """Name and version of a distribution."""
-    metadata = distribution.metadata
-    return f"{metadata['Name']} {metadata['Version']}"
+    """Name and version of a distribution: the first ones that its metadata tell, which are a message with headers."""
+    text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
+    found = dict(_HEADER.findall(text.partition("\n\n")[0])[::-1])
+    return f"{found.get('Name')} {found.get('Version')}"

@@ -10,7 +10,6 @@ import base64
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +44,8 @@ def _lines(points: Floats, offsets: Ints, at_points: Columns, at_lines: Columns)
 
 
 def _section(name: str, arrays: Mapping[str, NDArray[np.generic]]) -> Iterator[str]:
+    from xml.sax.saxutils import quoteattr
+
     yield f"<{name}>"
     for title, array in arrays.items():
         own = np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else np.int64)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, TypeAlias
-from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -348,6 +347,9 @@ class Writer:
         if text is None:
             self._line(f"<{tag}{_attributes(attributes)} />")
         else:
+            # loads what fetches documents from the net, too, 2 MB, which readers do without
+            from xml.sax.saxutils import escape
+
             self._line(f"<{tag}{_attributes(attributes)}>{escape(_UNWRITABLE.sub(' ', text))}</{tag}>")
 
     def payload(self, tag: str, attributes: Mapping[str, object], arrays: Iterable[NDArray[np.generic]]) -> None:
@@ -398,4 +400,6 @@ def _attributes(attributes: Mapping[str, object] | None) -> str:
 
 
 def _quote(value: str) -> str:
+    from xml.sax.saxutils import quoteattr
+
     return quoteattr(_UNWRITABLE.sub(" ", value), {'"': "&quot;"})

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from elvis.core.errors import ElvisError
 from elvis.core.ranks import ALONE
 from elvis.formats.field_heads import FieldHead, field_head, is_no_mesh
+from elvis.formats.reading import is_native
 from elvis.plugins.conversion import Converter
 from elvis.plugins.discovery import choose_converter, installed_converters
 from elvis.plugins.series.step_names import groups, numbered, pattern_of
@@ -123,7 +124,7 @@ def _converted(paths: Sequence[Path], reading: Reading) -> Found | None:
     """Steps of files that a converter reads."""
     options = dict(reading.options)
     name = options.pop("from", None)
-    if reading.moment.is_asked:
+    if reading.moment.is_asked and not (name is None and all(map(is_native, paths))):
         with suppress(ElvisError):
             converter = _converter(paths, name)
             times = converter.times(paths)
