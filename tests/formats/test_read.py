@@ -12,7 +12,7 @@ import pytest
 
 from elvis.core.polynomials.expansion import mode_count
 from elvis.formats import ElvisError, FormatError, Shape, write
-from elvis.formats.reading import read
+from elvis.formats.reading import read, read_part
 
 SQUARE = """<?xml version="1.0" encoding="utf-8" ?>
 <NEKTAR>
@@ -228,6 +228,26 @@ def test_pieces_of_a_mesh_are_united_by_ids(nektar, assert_same):
     assert_same(read(*sorted(folder.iterdir()), folder / "P0000002.xml"), whole)
     reordered = read(*sorted(folder.iterdir(), reverse=True))
     assert sorted(reordered.mesh.vertex_ids.tolist()) == list(range(36))
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_piece_of_a_mesh_that_is_missing(nektar, tmp_path, number):
+    """Told by the numbers of the others; of the last one by the fields, which are on its elements."""
+    folder, fields = (nektar / "chan_parallel" / f"chan_interpfield_nparts{end}" for end in ("_xml", ".fld"))
+    for path in folder.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / f"P000000{number}.xml").unlink()
+    if number < 3:
+        with pytest.raises(
+            FormatError, match=f"expected the pieces of a mesh .*, found none named P000000{number}.xml"
+        ):
+            read(tmp_path, fields)
+        return
+    whole = read(tmp_path, fields)
+    lacking = 25 - len(whole.mesh.of(Shape.QUADRILATERAL))
+    assert whole.remarks == (f"fields are on {lacking} elements that the mesh lacks, and left out there",)
+    assert read_part(0, 2, tmp_path, fields).dataset.remarks == whole.remarks
+    assert read(folder, fields).remarks == ()
 
 
 def test_reading_needs_no_hdf5_library_for_xml(case_files):

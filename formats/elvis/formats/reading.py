@@ -237,7 +237,7 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh))
         self._decode(bare)
-        return replace(bare, fields=fields_input.assemble(self._sections, mesh))
+        return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=self._left_out(mesh))
 
     def parts(self, names: list[str]) -> DatasetParts:
         """All that was taken in, to be read by parts; FormatError where there is no mesh."""
@@ -246,8 +246,14 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
         self._decode(whole)
-        whole = replace(whole, fields=fields_input.without_values(self._sections, whole.mesh))
+        fields = fields_input.without_values(self._sections, whole.mesh)
+        whole = replace(whole, fields=fields, remarks=self._left_out(whole.mesh))
         return DatasetParts(raw, whole, self._sections, rules, self._remarks)
+
+    def _left_out(self, mesh: Mesh) -> tuple[str, ...]:
+        """What is to be said of fields on elements that the mesh lacks."""
+        count = lacking(self._sections, mesh)
+        return (f"fields are on {count} elements that the mesh lacks, and left out there",) if count else ()
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
@@ -283,6 +289,7 @@ class _Reader:
         field_pieces = [name for name in names if _FIELD_PIECE.fullmatch(name)]
         if not mesh_pieces and not field_pieces and "Info.xml" not in names:
             raise FormatError("expected P0000000.xml, or Info.xml and P0000000.fld, found neither", file=folder)
+        _check_numbers(folder, mesh_pieces)
         for name in mesh_pieces:
             self._add_xml(folder / name, is_mesh_piece=True)
         if "Info.xml" in names:
@@ -387,6 +394,16 @@ class _Reader:
             if isfile(path):  # also where the name is longer than names can be
                 return path
         raise element.error(f"expected the file {name} next to it or in the working folder, found none")
+
+
+def _check_numbers(folder: Path, pieces: Iterable[str]) -> None:
+    """FormatError where the pieces of a mesh, one of each process from 0 on, leave numbers out: their elements would be
+    missing."""
+    numbers = {int(re.sub(r"\D", "", name.partition(".")[0])) for name in pieces}
+    missing = min(set(range(len(numbers))) - numbers, default=None)
+    if missing is not None:
+        name = f"P{missing:07}.xml"
+        raise FormatError(f"expected the pieces of a mesh from P0000000.xml on, found none named {name}", file=folder)
 
 
 def _advice(path: Path) -> str:
