@@ -15,7 +15,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.renderer.passes.lines.lines import line_coverage
 from elvis.scene import Camera, Faces, Plane, Scene, Style
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Drawing, Frame, Legend, Status
 from elvis.scene.palette import Palette, automatic_range
@@ -97,7 +97,7 @@ def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
     view = _view(curves, scene, dataset.mesh.space < 3, width)
     distance, number = curves.nearest(view, 0.5 * width + 0.5)
     if not np.isfinite(distance).any():
-        raise SceneError(empty_picture_remark(None, surrounding([curves.boxes()])))
+        raise AbsentError(empty_picture_remark(None, surrounding([curves.boxes()])))
     asked = style.range or scene.range
     ends = asked if isinstance(asked, tuple) else automatic_range(curves.value)
     palette = Palette.of_name(style.palette or scene.palette, *ends).over_range(scene.bar)

@@ -19,7 +19,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.files import read_scene
 from elvis.scene.frame import Frame
 from elvis.scene.keywords import scene_of_keywords
-from elvis.scene.saving import check_suffix
+from elvis.scene.step_outputs import first_outputs, outputs_of
 
 
 class Session:
@@ -110,8 +110,8 @@ class Session:
             self._pictures.show(data)
         frame = self._pictures.draw(self.scene)
         with Outputs() as together:
-            for name in self.scene.outputs:
-                frame.save(_filled(name, step, time), plain=self.scene.plain, outputs=together)
+            for name in outputs_of(self.scene, step, time):
+                frame.save(name, plain=self.scene.plain, outputs=together)
         self.drawn += 1
         return frame
 
@@ -126,20 +126,7 @@ class Session:
 
 def _check(scene: Scene) -> None:
     """SceneError for what can't be drawn of steps that are to come, or can't be written."""
-    if scene.range == "series":
-        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
     if scene.data:
         raise SceneError("data: expected none in the scene, for a running solver gives them")
-    for name in scene.outputs:
-        first = Path(_filled(name, 0, 0.0))
-        check_suffix(first)
-        check_place(first)
-
-
-def _filled(name: str, step: int, time: float) -> str:
-    """The name of a step's file; SceneError for braces that mean nothing."""
-    try:
-        return name.format(step=step, time=time)
-    except (LookupError, ValueError, AttributeError) as error:
-        expected = "a name with {step} or {time}, as u_{step:04}.png"
-        raise SceneError(f"outputs: expected {expected}, found {name!r}") from error
+    for name in first_outputs(scene):
+        check_place(Path(name))

@@ -49,7 +49,7 @@ from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
 from elvis.scene import Camera, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
@@ -336,7 +336,7 @@ class Renderer:
             check_time()
         if not frame.status.any() and not self.ranks.rank:
             boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
-            raise SceneError(
+            raise AbsentError(
                 "; ".join([empty_picture_remark(scene.only_plane, boxes), *frame.stats.get("remarks", ())])
             )
         frame.stats.update(

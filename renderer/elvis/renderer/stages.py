@@ -50,7 +50,7 @@ from elvis.scene import (
     Streamlines,
     VolumeRendering,
 )
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.frame import Status
 from elvis.scene.surfaces import Surface
 from elvis.scene.view import PlaneView, View
@@ -285,7 +285,7 @@ class Stages:
         return replace(hits, status=status)
 
     def _in_range(self, asked: str, own: str | None, value: float) -> None:
-        """SceneError where a quantity, by its certified bounds, has the value nowhere."""
+        """AbsentError where a quantity, by its certified bounds, has the value nowhere."""
         try:
             low, high = self.bounds(asked)
         except SceneError:
@@ -294,7 +294,7 @@ class Stages:
             return
         # the bounds hold to rounding: what is as near as that to them is drawn, and proved pixel by pixel
         if not low - self._rounding(own, low) <= value <= high + self._rounding(own, high):
-            raise SceneError(f"values of an isosurface: {asked!r} lies between {low:g} and {high:g}, found {value:g}")
+            raise AbsentError(f"values of an isosurface: {asked!r} lies between {low:g} and {high:g}, found {value:g}")
 
     def _rounding(self, own: str | None, value: float) -> float:
         """How far the certified bounds of a quantity may be from the true ones, near a value."""

@@ -10,7 +10,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
 from elvis.scene import Camera, CutSurface, Faces, Glyphs, Implicit, Plane, Scene, Streamlines
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.view import MARGIN, fit_camera, named_camera
 
 #: width and height of automatic pictures in pixels, and the least of either
@@ -52,7 +52,7 @@ def automatic(
     is_framed = bool(scene.box or (scene.axes and plane is None))
     extent = together(_extent_of_boxes(scene, camera, [box.reshape(1, 6).astype(np.float32)] if is_framed else boxes))
     if not np.isfinite(extent).all():
-        raise SceneError(empty_picture_remark(scene.only_plane, box))
+        raise AbsentError(empty_picture_remark(scene.only_plane, box))
     if scene.region is not None:
         left, right, low, high = scene.region
         extent = np.array([[left, low], [right, high]])

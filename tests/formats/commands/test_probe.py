@@ -1,5 +1,6 @@
 import csv
 import io
+import json
 import re
 
 import click
@@ -37,6 +38,16 @@ def test_a_line_through_the_channel(channel, elvis):
     np.testing.assert_array_equal(found["status"], [1, 1, 1, 0, 0])
     np.testing.assert_allclose(found["u"], [1, 0.75, 0, np.nan, np.nan], atol=1e-12)
     np.testing.assert_array_equal(found["element"][3:], [-1, -1])
+
+
+def test_rows_as_json(channel, elvis):
+    """With all digits, and null for what has no value."""
+    where = [*channel, "--line", "0,0,0:0,0,2", "-n", 5]
+    rows, columns = json.loads(elvis("probe", "--json", *where)), table(elvis("probe", *where))
+    assert [list(row) for row in rows] == [list(columns)] * 5
+    assert rows[4]["u"] is None
+    for name, column in columns.items():
+        np.testing.assert_array_equal([np.nan if row[name] is None else row[name] for row in rows], column)
 
 
 def test_a_plane_has_u_fastest(channel, elvis):

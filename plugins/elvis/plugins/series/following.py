@@ -31,6 +31,7 @@ class Following:
 
     paths    names of files, with * in them or not, and folders in which a solver writes
     waiting  a sentence on what is waited for; empty where the newest step is at hand
+    number   of the newest step among those of the run so far, from 0
     """
 
     def __init__(self, paths: Sequence[Path], reading: Reading) -> None:
@@ -40,7 +41,7 @@ class Following:
         self._series: Series | None = None
         self._shown: tuple[object, ...] = ()
         self._shown_files: tuple[Path, ...] = ()
-        self.waiting = ""
+        self.waiting, self.number = "", 0
 
     @property
     def series(self) -> Series | None:
@@ -68,7 +69,8 @@ class Following:
         """The newest step of files that do not change; None where it is the one that was shown last."""
         series = series_in(list(stable), self._reading)
         if series is None:
-            found, files = state_with_others(tuple(stable), self._reading), tuple(stable)
+            number, files = 0, tuple(stable)
+            found = state_with_others(files, self._reading)
         else:
             if self._series is not None and self._is_old(series.common, stable):
                 series.take_mesh_of(self._series)
@@ -80,7 +82,7 @@ class Following:
             self.waiting = "waiting for a step: there is a mesh, and no field yet"
             return None
         shown = tuple((path, stable[path]) for path in files), found.time
-        self._series, self._taken, self.waiting = series, stable, ""
+        self._series, self._taken, self.waiting, self.number = series, stable, "", number
         if shown == self._shown:
             return None
         self._shown, self._shown_files = shown, files

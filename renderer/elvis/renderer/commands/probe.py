@@ -15,6 +15,7 @@ from elvis.core.arguments import (
     TextType,
     Triple,
     field_option,
+    json_option,
     overwrite_option,
     texts_of,
     times_option,
@@ -128,6 +129,7 @@ Examples:
     type=click.Path(path_type=Path),
     help="Draw the values over --times or --along, .png, .svg or .pdf; the table is left out where -o names none.",
 )
+@json_option
 @overwrite_option
 @data_options
 @shared
@@ -149,6 +151,7 @@ def probe(
     times: tuple[float, float, int] | str | None,
     output: Path | None,
     plot: Path | None,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
     """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
@@ -183,18 +186,21 @@ def probe(
         places = _places(points, single, line, plane, counts)
         columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
     if not ranks.rank:
-        _show(columns, places, plot, output)
+        _show(columns, places, plot, output, as_json)
 
 
-def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | None) -> None:
+def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | None, as_json: bool) -> None:
     """Write, draw or print what was found at places (n, 3)."""
     from elvis.core.files.columns import csv_lines, write_columns
-    from elvis.core.terminal import visible
+    from elvis.core.terminal import print_json, visible
 
     if plot is not None:
         _plot(plot, columns, places)
     if output is not None:
         write_columns(output, columns)
+    elif as_json:
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        print_json([dict(zip(columns, row, strict=True)) for row in rows])
     elif plot is None:
         lines = csv_lines(columns)
         sys.stdout.writelines(map(visible, lines) if sys.stdout.isatty() else lines)

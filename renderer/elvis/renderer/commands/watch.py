@@ -19,6 +19,7 @@ Examples:
   elvis watch run/ --field p -o latest.png
   elvis watch wing.xml 'wing_*.chk' --field p --plane 0,0,0.2:0,0,1 -o latest.png
   elvis watch wing.toml run/ --every 10 --idle 3600 -o latest.png
+  elvis watch run/ --field p -o latest.png -o 'p_{step:04}.png'
 """
 
 
@@ -46,36 +47,33 @@ def watch(
     """Draw the newest step of DATA whenever there is one: a folder in which a solver writes, or names with * in them.
 
     A step counts once its files are whole and no longer change; a picture takes the place of the one before in one
-    move.  The folder may be empty at first.  Ctrl-C ends it.
+    move, or its own where the name has {step}, the number that --step counts, or {time}.  The folder may be empty at
+    first.  Ctrl-C ends it.
     """
     from time import monotonic, sleep
 
     from elvis.core.errors import ElvisError
-    from elvis.core.terminal import note, say
+    from elvis.core.terminal import note
     from elvis.plugins.series.following import SOON, Following
     from elvis.renderer.rendering import Pictures
     from elvis.renderer.request import reading_for
     from elvis.scene.commandline.composing import composed
-    from elvis.scene.errors import SceneError
 
     scene = composed(data, options, settings, unused=("stats", "panels", "scenes"))
     _check(scene)
     following = Following([Path(file) for file in scene.data], reading_for([scene], not no_cache))
     pictures: Pictures | None = None
-    last, told, is_drawn = monotonic(), "", False
+    last, told, fault, is_drawn = monotonic(), "", "", False
     looks = 0
     try:
         while idle is None or looks < 2 or monotonic() - last <= idle:
             found = following.look()
             if found is not None:
                 pictures = _shown(pictures, found, scene)
-                try:
-                    say(_draw(pictures, scene, found))
-                    is_drawn = True
-                except SceneError:
-                    raise
-                except ElvisError as error:
-                    note(str(error))
+                before, fault = fault, _draw(pictures, scene, found, following.number)
+                is_drawn |= not fault
+                if fault not in ("", before):
+                    note(fault)
                 last = monotonic()
             if following.waiting not in ("", told):
                 note(following.waiting)
@@ -86,24 +84,20 @@ def watch(
         if pictures is not None:
             pictures.close()
     if not is_drawn:
-        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or 'no step was whole'}")
+        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or fault or 'no step was whole'}")
 
 
 def _check(scene: Scene) -> None:
     """ElvisError for what can't be drawn or written, before anything is waited for."""
     from elvis.core.files.output import check_places
     from elvis.scene.errors import SceneError
-    from elvis.scene.saving import check_suffix
+    from elvis.scene.step_outputs import first_outputs
 
     if not scene.data:
         raise SceneError("the scene names no data: give the folder of a run, or its mesh and field files")
     if not scene.outputs:
         raise SceneError("expected -o, the picture that is to be drawn again and again")
-    if scene.range == "series":
-        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
-    for output in scene.outputs:
-        check_suffix(Path(output))
-    check_places(scene.outputs, [Path(file) for file in scene.data if Path(file).is_file()])
+    check_places(first_outputs(scene), [Path(file) for file in scene.data if Path(file).is_file()])
     for file in map(Path, scene.data):
         if not file.exists() and "*" not in file.name:
             raise SceneError(f"{file}: there is no such file or folder")
@@ -119,13 +113,29 @@ def _shown(pictures: Any, found: Dataset, scene: Scene) -> Any:
     return pictures
 
 
-def _draw(pictures: Any, scene: Scene, found: Dataset) -> str:
-    """Write the picture in all files; what is said of it."""
-    from elvis.core.files.output import Outputs
+def _draw(pictures: Any, scene: Scene, found: Dataset, number: int) -> str:
+    """Write the picture of the step with a number in all files, and say so; why there is none, else empty.
 
-    frame = pictures.draw(scene)
-    with Outputs() as together:
-        for name in scene.outputs:
-            frame.save(name, plain=scene.plain, outputs=together)
+    SceneError for what isn't wrong with this step alone.
+    """
+    from math import nan
+
+    from elvis.core.errors import ElvisError
+    from elvis.core.files.output import Outputs
+    from elvis.core.terminal import say
+    from elvis.scene.errors import AbsentError, SceneError
+    from elvis.scene.step_outputs import outputs_of
+
+    try:
+        frame = pictures.draw(scene)
+        outputs = outputs_of(scene, number, nan if found.time is None else found.time)
+        with Outputs() as together:
+            for name in outputs:
+                frame.save(name, plain=scene.plain, outputs=together)
+    except ElvisError as error:
+        if isinstance(error, SceneError) and not isinstance(error, AbsentError):
+            raise
+        return str(error)
     place = "" if found.time is None else f"time {found.time:.10g}"
-    return f"{', '.join(scene.outputs)}: {place or 'the data as they are'}"
+    say(f"{', '.join(outputs)}: {place or 'the data as they are'}")
+    return ""

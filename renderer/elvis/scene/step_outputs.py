@@ -1,0 +1,33 @@
+"""Files of pictures of steps that are to come, each of which may have its own: ``u_{step:04}.png``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from elvis.scene.errors import SceneError
+from elvis.scene.saving import check_suffix
+from elvis.scene.whole import Scene
+
+
+def outputs_of(scene: Scene, step: int, time: float) -> list[str]:
+    """A scene's outputs for a step, its number and time in their names; SceneError for braces that mean nothing."""
+    return [_filled(name, step, time) for name in scene.outputs]
+
+
+def first_outputs(scene: Scene) -> list[str]:
+    """Those of the first step; SceneError for what can't be drawn of steps that are to come, or can't be written."""
+    if scene.range == "series":
+        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+    outputs = outputs_of(scene, 0, 0.0)
+    for name in outputs:
+        check_suffix(Path(name))
+    return outputs
+
+
+def _filled(name: str, step: int, time: float) -> str:
+    """The name of a step's file."""
+    try:
+        return name.format(step=step, time=time)
+    except (LookupError, ValueError, AttributeError, TypeError) as error:
+        expected = "a name with {step} or {time}, as u_{step:04}.png"
+        raise SceneError(f"outputs: expected {expected}, found {name!r}") from error
