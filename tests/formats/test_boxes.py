@@ -76,6 +76,23 @@ def test_candidates_come_in_batches_of_any_size():
     np.testing.assert_array_equal(joined[:, np.lexsort(joined[::-1])], whole)
 
 
+@pytest.mark.parametrize("count", [20, 100, 600])
+@pytest.mark.parametrize("way", [(0.3, -0.8, 0.5), (1.0, 0.0, 0.0)])
+def test_rays_meet_the_boxes_of_a_full_search(count, way):
+    # with leaves that hold nothing, which no ray meets
+    boxes, points = random_boxes(count, count), np.random.default_rng(5).uniform(-0.3, 1.3, (400, 3))
+    tree = BoxTree.build(boxes)
+    batches = [np.stack(batch) for batch in tree.ray_batches(points, np.array(way))]
+    point, element = np.concatenate([np.empty((2, 0), np.int64), *batches], axis=1)
+    with np.errstate(divide="ignore"):
+        one, other = ((boxes[:, side].astype(float) - points[:, None]) / way for side in (slice(3), slice(3, 6)))
+    entry, leaving = np.minimum(one, other).max(axis=2), np.maximum(one, other).min(axis=2)
+    expected = np.nonzero(np.maximum(entry, 0) <= leaving)
+    assert len(expected[0]) > 5
+    assert set(zip(point, element, strict=True)) == set(zip(*expected, strict=True))
+    assert len(point) == len(expected[0])
+
+
 @pytest.mark.parametrize("count", [1, 7, 64, 1000])
 @pytest.mark.parametrize("leaf", [4, 8])
 def test_the_layout_is_the_one_devices_rely_on(count, leaf):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.distances.crossings import EQUAL, by_solid_angle, crossings_in_plane, windings
 from elvis.core.distances.surface_patches import SurfacePatches
-from elvis.core.mapping.orientation import chunks
 from elvis.core.needing import require_module
 
 #: part of a triangle's size by which a point lies before it
@@ -36,22 +36,21 @@ def _sides_around(loop: Ints) -> Ints:
 def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
     """(m, 2) the sign of distances before and behind triangles (m, 3) of a closed surface: -1 inside, 1 outside.
 
-    A point is inside where the surface winds around it (Jacobson, Kavan and Sorkine-Hornung 2013).  The triangles turn
-    as the file says, if they agree with their neighbours; else they are turned.
+    A point is inside where the surface winds around it.  The triangles turn as the file says, if they agree with their
+    neighbours; else they are turned.
     """
-    igl = require_module("igl", "the distance to a surface", "distances")
-
     own = triangles
     if not _agree(triangles):
+        igl = require_module("igl", "the distance to a surface", "distances")
         own = np.asarray(igl.bfs_orient(triangles)[0], np.int64)
     turned = (own != triangles).any(axis=1)
 
     # the winding number rises by one through a triangle, from before it to behind it
     corners = points[own]
     before = corners.mean(axis=1) + _ahead(corners)
-    winding = np.asarray(igl.winding_number(points, own, before))
-    both = np.stack([winding, winding + 1], axis=1)
-    inside = np.abs(both) > 0.5
+    winding, rest = windings(corners, np.zeros((len(own), 3)), before)
+    winding[rest] = by_solid_angle(corners, before[rest])
+    inside = np.stack([winding != 0, winding != -1], axis=1)
     signs = np.where(inside, -1, 1)
     signs[turned] = signs[turned, ::-1]
     return np.asarray(signs)
@@ -84,7 +83,7 @@ def _is_inside_curves(patches: Sequence[SurfacePatches]) -> Bools:
     own = ends[first]
     along = own[:, 1] - own[:, 0]
     places = own.mean(axis=1) + _BEFORE * along[:, [1, 0, 2]] * (1, -1, 0)
-    return np.asarray(_crossings(ends, places) % 2 == 1)
+    return np.asarray(crossings_in_plane(ends, places) % 2 == 1)
 
 
 def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Bools:
@@ -98,11 +97,36 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -
     own = corners[first]
     places = own.mean(axis=1) + _ahead(own)
 
-    # windings add up only where neighbours agree
-    turned = _flips(loops)[face]
-    corners[turned] = corners[turned][:, ::-1]
-    windings = np.rint(_winding(corners, places)).astype(np.int64)
-    return np.asarray(windings % 2 == 1)
+    bend = np.concatenate([np.tile(each.bounds[:, 9], each.corners - 2) for each in patches])
+    found, rest = windings(corners, _gaps(corners, bend), places)
+    if len(rest):
+        # solid angles add up only where neighbours agree
+        turned = _flips(loops)[face]
+        corners[turned] = corners[turned][:, ::-1]
+        found[rest] = by_solid_angle(corners, places[rest])
+    return np.asarray(found % 2 == 1)
+
+
+def _gaps(corners: Floats, bend: Floats) -> Floats:
+    """(n, 3) how far the border of a surface may be from the sides of triangles (n, 3, 3), which others don't share.
+
+    bend  (n,) how far the patches of which they are may be from their linear parts
+    Where a neighbour is cut more finely its sides are chords of a curve of which this one has a longer chord: corners
+    of patches are off their linear part by no more than they bend, so the curve is off the chord by no more than twice
+    that.
+    """
+    if not bend.any():
+        return np.zeros((len(corners), 3))
+
+    # ends that are equal but for rounding have one number; a side that an even number of triangles have leaves no gap
+    rounding = EQUAL * np.abs(corners).max()
+    places = np.rint(corners.reshape(-1, 3) / rounding)
+    numbers = np.unique(places, axis=0, return_inverse=True)[1].reshape(-1, 3)
+    sides = np.sort(_sides_around(numbers), axis=1)
+    keys = sides[:, 0] * len(places) + sides[:, 1]
+    _, row, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    is_shared = (counts[row] % 2 == 0).reshape(-1, 3)
+    return np.where(is_shared, 0.0, 2 * bend[:, None])
 
 
 def _flips(loops: Sequence[Ints]) -> Bools:
@@ -142,29 +166,3 @@ def _ahead(corners: Floats) -> Floats:
     size = np.sqrt(np.linalg.norm(normal, axis=1, keepdims=True))
     divisor = np.where(size > 0, size, 1.0)
     return np.asarray(_BEFORE * normal / divisor)
-
-
-def _winding(corners: Floats, places: Floats) -> Floats:
-    """(n,) how often triangles (m, 3, 3) wind around points (n, 3)."""
-    igl = require_module("igl", "the distance to a surface", "distances")
-
-    triangles = np.arange(3 * len(corners)).reshape(-1, 3)
-    return np.asarray(igl.winding_number(np.ascontiguousarray(corners.reshape(-1, 3)), triangles, places))
-
-
-def _crossings(ends: Floats, places: Floats) -> Ints:
-    """(n,) how many of the lines (m, 2, 3) in the plane a ray from points (n, 3) along x crosses."""
-    found = np.zeros(len(places), np.int64)
-    for part in chunks(len(places), max(1, (1 << 22) // len(ends))):
-        x = places[part, 0, None]
-        y = places[part, 1, None]
-        x0, y0 = ends[:, 0, :2].T
-        x1, y1 = ends[:, 1, :2].T
-
-        # lines from one side of the ray's line to the other, that meet it beyond the point
-        across = (y0 > y) != (y1 > y)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            meeting = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
-        crossed = across & (meeting > x)
-        found[part] = crossed.sum(axis=1)
-    return found

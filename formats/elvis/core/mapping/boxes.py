@@ -9,8 +9,9 @@ corner at -inf.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 
 Boxes = NDArray[np.float32]
+#: whether boxes, some rows (k,) of them, meet things of these numbers (k,)
+_Meets = Callable[[Boxes, Ints, Ints], Bools]
 
 #: part of their diagonal by which boxes are enlarged, so that points within tolerance of an element are in its box
 MARGIN = 1e-9
@@ -136,32 +139,37 @@ class BoxTree:
 
     def overlaps(self, low: Floats, high: Floats) -> tuple[Ints, Ints]:
         """All pairs of a box with corners (n, 3) and an element whose box it meets, as `candidates` of points."""
-        return _sorted_pairs(self._batches(low, high))
+        return _sorted_pairs(self._batches(len(low), partial(_meet, low, high)))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
-        return self._batches(points, points, size)
+        return self._batches(len(points), partial(_meet, points, points), size)
 
-    def _batches(self, low: Floats, high: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
-        """The pairs of `overlaps` in no order."""
+    def ray_batches(self, points: Floats, way: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of a ray from a point (n, 3), all of one direction (3,), and an element whose box it meets, in no
+        order."""
+        return self._batches(len(points), partial(_ray_meets, points, way), size)
+
+    def _batches(self, count: int, meets: _Meets, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of one of ``count`` things and an element whose box it meets, in no order."""
         depth = self.leaves.bit_length() - 1
-        stack = _split(0, np.arange(len(low)), np.zeros(len(low), np.int64), size)
+        stack = _split(0, np.arange(count), np.zeros(count, np.int64), size)
         while stack:
             level, point, node = stack.pop()
-            held = _meet(self.nodes, node, low, high, point)
+            held = meets(self.nodes, node, point)
             point, node = point[held], node[held]
             if level == depth:
-                yield self._in_leaves(low, high, point, node)
+                yield self._in_leaves(meets, point, node)
             elif len(point):
                 children = 2 * node[:, None] + np.array([1, 2])
                 stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
 
-    def _in_leaves(self, low: Floats, high: Floats, point: Ints, node: Ints) -> tuple[Ints, Ints]:
+    def _in_leaves(self, meets: _Meets, point: Ints, node: Ints) -> tuple[Ints, Ints]:
         slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)
         point, slots = np.repeat(point, self.leaf), slots.reshape(-1)
         inside = slots < len(self.order)
         point, element = point[inside], self.order[slots[inside]].astype(np.int64)
-        held = _meet(self.boxes, element, low, high, point)
+        held = meets(self.boxes, element, point)
         return point[held], element[held]
 
 
@@ -177,11 +185,25 @@ def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, In
     return [(level, point[part], node[part]) for part in chunks(len(point), size)]
 
 
-def _meet(boxes: Boxes, rows: Ints, low: Floats, high: Floats, which: Ints) -> Bools:
+def _meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
     """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3)."""
     box, least, greatest = boxes[rows].T, low[which].T, high[which].T
     sides: list[Bools] = [(box[axis] <= greatest[axis]) & (least[axis] <= box[axis + 3]) for axis in range(3)]
     return sides[0] & sides[1] & sides[2]
+
+
+def _ray_meets(points: Floats, way: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
+    """(k,) whether box ``rows`` (k,) meets the ray number ``which`` (k,) of those from points (n, 3)."""
+    box, start = boxes[rows].T, points[which].T
+    entry: Floats = np.zeros(len(rows))
+    leaving: Floats = np.full(len(rows), np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for axis in range(3):
+            # rays come in at this one of two sides; into empty boxes at infinity
+            near, far = (axis, axis + 3) if way[axis] >= 0 else (axis + 3, axis)
+            entry = np.maximum(entry, (box[near] - start[axis]) / way[axis])
+            leaving = np.minimum(leaving, (box[far] - start[axis]) / way[axis])
+    return np.asarray(entry <= leaving)
 
 
 def _morton(boxes: Boxes) -> NDArray[np.uint64]:

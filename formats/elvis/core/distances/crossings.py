@@ -1,0 +1,113 @@
+"""How often closed surfaces wind around points: what rays from there cross, found by a tree of boxes.
+
+Triangles whose sides meet those of others at gaps, as those of bent patches do that are cut more finely on one side,
+make a closed surface with something thin in each gap.  A ray that passes no gap crosses as many triangles of one
+direction more than of the other as the surface winds around its start; whatever fills the gaps plays no part.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.boxes import BoxTree, outward
+from elvis.core.needing import require_module
+
+#: parts of the greatest coordinate within which sides of neighbours are the same
+EQUAL = 1e-12
+#: and within which points lie on a triangle
+_ON = 16 * np.finfo(np.float64).eps
+#: directions that are tried
+_WAYS = 24
+
+
+def windings(corners: Floats, gaps: Floats, places: Floats) -> tuple[Ints, Ints]:
+    """How often a closed surface winds around points (n, 3): (n,) of these, and those (k,) for which no ray tells.
+
+    corners  (m, 3, 3) of triangles, which turn left where they are seen from outside of what they wind around once
+    gaps     (m, 3) how far what fills the gap at each side may be from it; side k runs from corner k to the next one
+    Where triangles don't turn as their neighbours do, odd numbers are odd, still.  Points for which no ray tells are
+    on a triangle or in a gap; theirs is 0.
+    """
+    scale = np.abs(corners).max()
+    wide = gaps + EQUAL * scale
+    margin = wide.max(axis=1, keepdims=True)
+    tree = BoxTree.build(outward(corners.min(axis=1) - margin, corners.max(axis=1) + margin, 0.0))
+
+    # one direction for all, then others for those whose rays pass gaps
+    found = np.zeros(len(places), np.int64)
+    rest = np.arange(len(places))
+    random = np.random.default_rng(0)
+    for _ in range(_WAYS):
+        axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
+        axes[:, 2] *= np.linalg.det(axes)
+        counts, is_sure = _along(axes, corners, wide, tree, places[rest])
+        found[rest[is_sure]] = counts[is_sure]
+        rest = rest[~is_sure]
+        if not len(rest):
+            break
+    return found, rest
+
+
+def _along(axes: Floats, corners: Floats, gaps: Floats, tree: BoxTree, places: Floats) -> tuple[Ints, Bools]:
+    """What rays from points (n, 3) cross: (n,) from behind more often than from before, and (n,) whether that is sure.
+
+    axes  (3, 3) in columns, right-handed: the third one is the rays' direction
+    """
+    counts = np.zeros(len(places), np.int64)
+    is_sure = np.ones(len(places), bool)
+    rounding = _ON * np.abs(corners).max()
+    for place, row in tree.ray_batches(places, axes[:, 2]):
+        # seen along the ray, which is at the origin
+        seen = (corners[row] - places[place][:, None]) @ axes
+        flat, depth = seen[:, :, :2], seen[:, :, 2]
+        way = np.roll(flat, -1, axis=1) - flat
+        past = np.einsum("nkx,nkx->nk", -flat, way)
+        length = np.einsum("nkx,nkx->nk", way, way)
+        part = np.clip(past / np.where(length > 0, length, 1.0), 0.0, 1.0)
+        to_sides = np.linalg.norm(flat + part[:, :, None] * way, axis=2)
+        is_near = (to_sides <= gaps[row]).any(axis=1)
+
+        # it crosses triangles all of whose sides run around it in one way
+        around = flat[:, :, 0] * way[:, :, 1] - flat[:, :, 1] * way[:, :, 0]
+        is_crossed = (around > 0).all(axis=1) | (around < 0).all(axis=1)
+
+        # the volume between the point and a triangle tells whether that is ahead, or holds the point
+        volume = np.einsum("nk,nk->n", around, np.roll(depth, 1, axis=1))
+        edges = seen[:, 1:] - seen[:, :1]
+        area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        is_on = is_crossed & (np.abs(volume) <= rounding * area)
+        turn = np.sign(around[:, 0]).astype(np.int64)
+        is_ahead = is_crossed & (volume * turn > 0)
+        np.add.at(counts, place[is_ahead], turn[is_ahead])
+        is_sure[place[is_near | is_on]] = False
+    return counts, is_sure
+
+
+def by_solid_angle(corners: Floats, places: Floats) -> Ints:
+    """(n,) how often triangles (m, 3, 3) wind around points (n, 3), by the solid angle of each, rounded.
+
+    Jacobson, Kavan and Sorkine-Hornung 2013.
+    """
+    igl = require_module("igl", "the distance to a surface", "distances")
+
+    triangles = np.arange(3 * len(corners)).reshape(-1, 3)
+    angles = igl.winding_number(np.ascontiguousarray(corners.reshape(-1, 3)), triangles, places)
+    return np.rint(np.asarray(angles)).astype(np.int64)
+
+
+def crossings_in_plane(ends: Floats, places: Floats) -> Ints:
+    """(n,) how many of the lines (m, 2, 3) in the plane a ray from points (n, 3) along x crosses."""
+    tree = BoxTree.build(outward(ends.min(axis=1), ends.max(axis=1), EQUAL))
+    found = np.zeros(len(places), np.int64)
+    for place, row in tree.ray_batches(places, np.array([1.0, 0.0, 0.0])):
+        x, y = places[place, :2].T
+        x0, y0 = ends[row, 0, :2].T
+        x1, y1 = ends[row, 1, :2].T
+
+        # lines from one side of the ray's line to the other, that meet it beyond the point
+        across = (y0 > y) != (y1 > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            meeting = x0 + (y - y0) / (y1 - y0) * (x1 - x0)
+        np.add.at(found, place[across & (meeting > x)], 1)
+    return found
