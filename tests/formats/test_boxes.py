@@ -80,7 +80,7 @@ def test_candidates_come_in_batches_of_any_size():
 @pytest.mark.parametrize("way", [(0.3, -0.8, 0.5), (1.0, 0.0, 0.0)])
 def test_rays_meet_the_boxes_of_a_full_search(count, way):
     # with leaves that hold nothing, which no ray meets
-    boxes, points = random_boxes(count, count), np.random.default_rng(5).uniform(-0.3, 1.3, (400, 3))
+    boxes, points = random_boxes(count, count, size=0.3), np.random.default_rng(5).uniform(-0.3, 1.3, (400, 3))
     tree = BoxTree.build(boxes)
     batches = [np.stack(batch) for batch in tree.ray_batches(points, np.array(way))]
     point, element = np.concatenate([np.empty((2, 0), np.int64), *batches], axis=1)
