@@ -280,7 +280,13 @@ class TestTriggers:
         assert drawn.show(3, 0.0, lambda: pytest.fail("called")) is None
         assert drawn.faults == []
 
-    @pytest.mark.parametrize("text", ["max(u)", "u > 1", "mean(u) > 1", "max(u) > one", "max() > 1"])
+    @pytest.mark.parametrize(
+        "text",
+        [
+            *("max(u)", "u > 1", "mean(u) > 1", "max(u) > one", "max() > 1", "max(u) > 1 or min(u) < 0"),
+            *("max(u) > nan", "max(u) > 1e400", None, 3),
+        ],
+    )
     def test_what_is_no_condition_is_refused(self, text):
         with pytest.raises(SceneError, match="when: expected a condition as"):
             Trigger.of(1, text)
@@ -304,6 +310,33 @@ class TestFaults:
         assert len(drawn.faults) == 1
         assert "u" in drawn.faults[0]
         assert drawn.show(3, 0.0, {"u": values(places, 0.0)}) is not None
+
+    @pytest.mark.parametrize("modal", [False, True])
+    @pytest.mark.parametrize(
+        ("step", "time", "told"),
+        [
+            ("7", 0.0, "step: expected a whole number, found '7'"),
+            (2.5, 0.0, "step: expected a whole number, found 2.5"),
+            (0, "soon", "time: expected a number, found 'soon'"),
+            (0, None, "time: expected a number, found None"),
+            (0, 0.0, "expected arrays by the names of fields, as {'u': …}, found array("),
+        ],
+    )
+    def test_what_is_no_step_is_told(self, session, step, time, told, modal):
+        places = squares()
+        mesh = from_arrays({"quadrilateral": places}, u=values(places, 0.0)) if modal else {"quadrilateral": places}
+        drawn = session(mesh)
+        assert drawn.show(step, time, values(places, 0.0)) is None
+        assert drawn.faults[0].startswith(told)
+
+    def test_values_that_are_no_numbers_leave_the_solver_alone(self, session):
+        """Nothing is printed of them; elsewhere all is seen."""
+        places = squares()
+        u = values(places, 0.0).copy()
+        u[0, 0] = np.inf
+        drawn = session({"quadrilateral": places})
+        assert drawn.show(0, np.float32(0.25), {"u": u}) is not None
+        assert drawn.faults == []
 
     def test_any_exception_is_one(self, session, capsys):
         drawn = session({"quadrilateral": squares()})

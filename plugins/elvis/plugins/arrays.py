@@ -83,6 +83,7 @@ class Arrays(NodalConverter):
 
     def take(self, fields: Mapping[str, Any]) -> None:
         """Take these fields in place of all that there are; ElvisError where arrays don't fit."""
+        check_by_name(fields)
         self.clear_fields()
         for name, values in fields.items():
             self._add(name, values, self._shapes)
@@ -142,6 +143,12 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
         return np.asarray(shape.vertices, np.float64)
     wanted = f"{(count, shape.dimension)} places of the nodes in the element"
     raise ElvisError(f"{name}: expected the argument reference, with {wanted}, found none")
+
+
+def check_by_name(fields: Any) -> None:
+    """ElvisError for fields that are not arrays by name."""
+    if not isinstance(fields, Mapping):
+        raise ElvisError(f"expected arrays by the names of fields, as {{'u': …}}, found {fields!r:.60}")
 
 
 def host_array(what: str, values: Any) -> Floats:

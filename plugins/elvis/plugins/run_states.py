@@ -12,7 +12,7 @@ from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
-from elvis.plugins.arrays import Arrays, host_array
+from elvis.plugins.arrays import Arrays, check_by_name, host_array
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import Conversion, convert, convert_again
 from elvis.plugins.series.between import on_mesh_of
@@ -89,6 +89,7 @@ class ModalStates:
         known = self._dataset
         if isinstance(fields, Dataset):
             return replace(on_mesh_of(known, fields), time=time, rates=None)
+        check_by_name(fields)
         given = {name: self._field(name, values) for name, values in fields.items()}
         kept = [given.pop(field.name, field) for field in known.fields]
         metadata = {**known.metadata, **({"Time": repr(time)} if "Time" in known.metadata else {})}

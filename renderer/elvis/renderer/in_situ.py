@@ -100,6 +100,7 @@ class Session:
     def _show(self, step: int, time: float, fields: Any) -> Frame | None:
         if not self.is_due(step):
             return None
+        time = _number(time)
         data = self._states.at(time, fields() if callable(fields) else fields, self._quantities)
         if not self._trigger.holds(data):
             return None
@@ -122,6 +123,14 @@ class Session:
         if sentence not in self.faults:
             self.faults.append(sentence)
             warn(f"step {step} has no picture, the solver goes on: {sentence}")
+
+
+def _number(time: Any) -> float:
+    """A time; SceneError for what is none."""
+    try:
+        return float(time)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"time: expected a number, found {time!r:.60}") from error
 
 
 def _check(scene: Scene) -> None:

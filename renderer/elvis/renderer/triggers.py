@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
+from numbers import Integral
 
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.scene.errors import SceneError
 
-_PATTERN = re.compile(r"(min|max)\((.+)\)\s*([<>])=?\s*(\S+)")
+_PATTERN = re.compile(r"(min|max)\(([^<>]+)\)\s*([<>])=?\s*(\S+)")
 #: what stands between conditions that must all hold
 _AND = re.compile(r"\s+and\s+")
 
@@ -34,10 +37,9 @@ class Condition:
         match = _PATTERN.fullmatch(text.strip())
         if match is not None:
             end, quantity, sign, number = match.groups()
-            try:
-                return Condition(end, quantity.strip(), sign == ">", float(number))
-            except ValueError:
-                pass
+            with suppress(ValueError):
+                if isfinite(value := float(number)):
+                    return Condition(end, quantity.strip(), sign == ">", value)
         raise SceneError(f"when: expected a condition as max(mach) > 1 or min(rho) < 0.1, found {text!r}")
 
     def may_hold(self, dataset: Dataset) -> bool:
@@ -65,6 +67,8 @@ class Trigger:
         """``when`` may join conditions by ``and``; SceneError for what is no period or no condition."""
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
             raise SceneError(f"every: expected a number of steps, 1 or more, found {every!r:.60}")
+        if not isinstance(when, str):
+            raise SceneError(f"when: expected a condition as max(mach) > 1, found {when!r:.60}")
         return Trigger(every, tuple(map(Condition.parse, _AND.split(when.strip()))) if when.strip() else ())
 
     @property
@@ -73,7 +77,9 @@ class Trigger:
         return tuple(condition.quantity for condition in self.conditions)
 
     def is_due(self, step: int) -> bool:
-        """Whether a step is of the period."""
+        """Whether a step is of the period; SceneError for what is no number of a step."""
+        if not isinstance(step, Integral):
+            raise SceneError(f"step: expected a whole number, found {step!r:.60}")
         return step % self.every == 0
 
     def holds(self, dataset: Dataset) -> bool:

@@ -68,7 +68,8 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
     for number, rows, points, group in track(list(_work(sampler, blocks, fields)), "projecting"):
         for i, which in group:
             samples = sampler.values(blocks[number], rows, fields[i], points)
-            found[i][number][rows] = samples @ which.matrix
+            with np.errstate(invalid="ignore"):  # what is not finite stays so
+                found[i][number][rows] = samples @ which.matrix
     return [FieldFit(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
 
 
