@@ -311,6 +311,17 @@ class TestFaults:
         assert "u" in drawn.faults[0]
         assert drawn.show(3, 0.0, {"u": values(places, 0.0)}) is not None
 
+    def test_what_differs_in_numbers_alone_is_told_once(self, session, tmp_path, capsys):
+        """As the names of files that a full disk, or a folder that is gone, does not take."""
+        (tmp_path / "gone").mkdir()
+        places, drawn = squares(), session({"quadrilateral": squares()}, output=str(tmp_path / "gone" / "u_{step}.png"))
+        (tmp_path / "gone").rmdir()
+        for step in range(12):
+            assert drawn.show(step, 0.0, {"u": values(places, 0.0)}) is None
+        assert capsys.readouterr().err.count("has no picture, the solver goes on") == 1
+        assert len(drawn.faults) == 1
+        assert "u_0.png: cannot be written: there is no folder" in drawn.faults[0]
+
     @pytest.mark.parametrize("modal", [False, True])
     @pytest.mark.parametrize(
         ("step", "time", "told"),

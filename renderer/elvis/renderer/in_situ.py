@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from elvis.scene.files import read_scene
 from elvis.scene.frame import Frame
 from elvis.scene.keywords import scene_of_keywords
 from elvis.scene.step_outputs import first_outputs, outputs_of
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Session:
@@ -53,6 +56,7 @@ class Session:
         base = scene if isinstance(scene, Scene) or scene is None else read_scene(scene)
         self.scene = scene_of_keywords(keywords, base) if keywords else base or Scene()
         self.faults: list[str] = []
+        self._kinds: set[str] = set()
         self.drawn = 0
         self._trigger = Trigger.of(every, when)
         self._quantities = (*asked_by([self.scene]), *self._trigger.quantities)
@@ -89,7 +93,7 @@ class Session:
                 a function that gives them, which is called only where they are needed
 
         Nothing but a signal (Ctrl-C) or an exit comes out of here: what fails is reported on standard error, each
-        sentence once, and kept in ``faults``; the next step is tried again.
+        sentence once, whatever its numbers are, and kept in ``faults``; the next step is tried again.
         """
         try:
             return self._show(step, time, fields)
@@ -117,10 +121,12 @@ class Session:
         return frame
 
     def _report(self, step: int, error: Exception) -> None:
-        """Tell of a fault, once."""
+        """Tell of a fault, once: those that differ in numbers alone, as of steps or values, are one."""
         told = str(error) if isinstance(error, ElvisError) else f"{type(error).__name__}: {error}"
         sentence = one_line(told)
-        if sentence not in self.faults:
+        kind = _NUMBER.sub("#", sentence)
+        if kind not in self._kinds:
+            self._kinds.add(kind)
             self.faults.append(sentence)
             warn(f"step {step} has no picture, the solver goes on: {sentence}")
 
