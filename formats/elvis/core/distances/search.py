@@ -9,14 +9,17 @@ the part is cut.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.parts import Model, Parts, dot, linear_distance
 from elvis.core.distances.quadratic import least, multiply
-from elvis.core.distances.surface import LEAF, Surface
+from elvis.core.distances.surface import Surface
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
+from elvis.core.mapping.boxes import Boxes
+from elvis.core.mapping.orientation import chunks
 from elvis.core.needing import require_module
 
 #: parts of the surface's scale within which distances are equal
@@ -24,9 +27,12 @@ EQUAL = 1e-12
 #: rounds of cutting, and steps of Newton's method
 _ROUNDS = 26
 _STEPS = 12
-#: parts, and points, that are looked at together
+#: how many parts of patches are cut at most
 _MOST = 1 << 17
+#: points that a tree is made for, those of them that are looked at together, and pairs of these and boxes
 _BATCH = 1 << 15
+_TOGETHER = 1 << 13
+_PAIRS = 1 << 16
 #: how near to a side points lie on it
 _ON = 1e-9
 #: what points within a face weigh, more than any angles
@@ -55,10 +61,22 @@ def nearest(surface: Surface, points: Floats) -> Near:
     finite = np.flatnonzero(np.isfinite(goals).all(axis=1))
     for first in range(0, len(finite), _BATCH):
         rows = finite[first : first + _BATCH]
-        search = _Search(surface, goals[rows])
-        distance[rows] = search.signed_distances()
-        place[rows] = search.place
+        closest = _closest_corners(surface, goals[rows])
+        for part in chunks(len(rows), _TOGETHER):
+            search = _Search(surface, goals[rows[part]], closest[part])
+            distance[rows[part]] = search.signed_distances()
+            place[rows[part]] = search.place
     return Near(distance, place)
+
+
+def _closest_corners(surface: Surface, points: Floats) -> Ints:
+    """(n,) for each point the patch whose corners' triangles are nearest: of flat patches, the nearest one."""
+    igl = require_module("igl", "the distance to a surface", "distances")
+
+    corners, patch = surface.corners
+    triangles = np.arange(len(corners)).reshape(-1, 3)
+    nearest_triangle = igl.point_mesh_squared_distance(points, corners, triangles)[1]
+    return np.asarray(patch[np.asarray(nearest_triangle)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +106,20 @@ class _Places:
 class _Search:
     """Some points, the least distance of each that is known, and what takes part in its sign."""
 
-    def __init__(self, surface: Surface, points: Floats) -> None:
+    def __init__(self, surface: Surface, points: Floats, first: Ints) -> None:
         self.surface = surface
         self.points = points
         self.distance = np.full(len(points), np.inf)
         self.place = np.full(points.shape, np.nan)
         self.equal = EQUAL * surface.scale
         self._first_patch = np.cumsum([0, *map(len, surface.groups)])
-        self._bounds = [group.bounds for group in surface.groups]
         self._found: list[_Places] = []
 
         # a near patch for each point first: it rules out most others
-        first = self._closest_corners()
         self._search_pairs(np.arange(len(points)), first)
-        for point, patch in self._candidates(self._undecided()):
+        rest = self._undecided()
+        for number, patch in surface.tree.batches(len(rest), partial(self._may_be_nearer, rest), _PAIRS):
+            point = rest[number]
             others = np.flatnonzero(first[point] != patch)
             self._search_pairs(point[others], patch[others])
 
@@ -127,15 +145,6 @@ class _Search:
         sign[point[is_inner]] = before[is_inner]
         return np.asarray(self.distance * sign)
 
-    def _closest_corners(self) -> Ints:
-        """(n,) for each point the patch whose corners' triangles are nearest: of flat patches, the nearest one."""
-        igl = require_module("igl", "the distance to a surface", "distances")
-
-        corners, patch = self.surface.corners
-        triangles = np.arange(len(corners)).reshape(-1, 3)
-        nearest_triangle = igl.point_mesh_squared_distance(self.points, corners, triangles)[1]
-        return np.asarray(patch[np.asarray(nearest_triangle)])
-
     def _undecided(self) -> Ints:
         """Points that other patches have to be looked at for: not those within the flat patch that is nearest."""
         if not all(group.is_flat for group in self.surface.groups):
@@ -143,35 +152,11 @@ class _Search:
         on_border = [places.point[np.abs(places.side) < _WITHIN / 2] for places in self._found]
         return np.concatenate([np.empty(0, np.int64), *on_border])
 
-    def _candidates(self, point: Ints) -> list[tuple[Ints, Ints]]:
-        """Pairs of a point and a patch whose box is as near as what has been found."""
-        # down the binary tree of boxes: the children of node k are 2k + 1 and 2k + 2, and its leaves come last
-        tree = self.surface.tree
-        first_leaf = tree.leaves - 1
-        node = np.zeros_like(point)
-        while len(node) and node[0] < first_leaf:
-            near = self._may_be_nearer(point, tree.nodes[node])
-            children = 2 * node[near, None] + np.array([1, 2])
-            point = np.repeat(point[near], 2)
-            node = children.reshape(-1)
-
-        # all patches of the leaves; the last one may hold fewer
-        slots = (node[:, None] - first_leaf) * LEAF + np.arange(LEAF)
-        slots = slots.reshape(-1)
-        point = np.repeat(point, LEAF)
-        is_taken = slots < len(tree.order)
-        point = point[is_taken]
-        patch = tree.order[slots[is_taken]].astype(np.int64)
-
-        near = self._may_be_nearer(point, tree.boxes[patch])
-        point = point[near]
-        patch = patch[near]
-        return [(point[k : k + _MOST], patch[k : k + _MOST]) for k in range(0, len(point), _MOST)]
-
-    def _may_be_nearer(self, point: Ints, boxes: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Bools:
-        """(n,) whether boxes (n, 6) are as near to points as what has been found."""
+    def _may_be_nearer(self, points: Ints, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
+        """(k,) whether box ``rows`` (k,) is as near as what has been found to number ``which`` (k,) of points (n,)."""
+        point = points[which]
         goal = self.points[point]
-        corners = boxes.astype(np.float64)
+        corners = boxes[rows].astype(np.float64)
         below = corners[:, :3] - goal
         above = goal - corners[:, 3:]
         gap = np.maximum(np.maximum(below, above), 0.0)
@@ -188,7 +173,7 @@ class _Search:
     def _search_group(self, number: int, point: Ints, row: Ints) -> None:
         """The same with patches of one group: all parts that are not decided are cut, round by round."""
         patches = self.surface.groups[number]
-        bounds = self._bounds[number]
+        bounds = self.surface.bounds[number]
         deviation = bounds[row, 9]
         linear = linear_distance(patches, row, self.points[point])
         near = np.flatnonzero(linear - deviation <= self.distance[point] + self.equal)

@@ -48,6 +48,11 @@ class Surface:
         return frozen_floats(np.concatenate([group.boxes for group in self.groups]))
 
     @cached_property
+    def bounds(self) -> Sequence[Floats]:
+        """(n, 10) `SurfacePatches.bounds` of each group."""
+        return [frozen_floats(group.bounds) for group in self.groups]
+
+    @cached_property
     def corners(self) -> tuple[Floats, Ints]:
         """Triangles (3 n, 3) between the corners of all patches, and the patch (n,) that each belongs to."""
         triangles: list[Floats] = []

@@ -23,7 +23,7 @@ from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_s
 
 Boxes = NDArray[np.float32]
 #: whether boxes, some rows (k,) of them, meet things of these numbers (k,)
-_Meets = Callable[[Boxes, Ints, Ints], Bools]
+Meets = Callable[[Boxes, Ints, Ints], Bools]
 
 #: part of their diagonal by which boxes are enlarged, so that points within tolerance of an element are in its box
 MARGIN = 1e-9
@@ -139,19 +139,19 @@ class BoxTree:
 
     def overlaps(self, low: Floats, high: Floats) -> tuple[Ints, Ints]:
         """All pairs of a box with corners (n, 3) and an element whose box it meets, as `candidates` of points."""
-        return _sorted_pairs(self._batches(len(low), partial(_meet, low, high)))
+        return _sorted_pairs(self.batches(len(low), partial(_meet, low, high)))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
-        return self._batches(len(points), partial(_meet, points, points), size)
+        return self.batches(len(points), partial(_meet, points, points), size)
 
     def ray_batches(self, points: Floats, way: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of a ray from a point (n, 3), all of one direction (3,), and an element whose box it meets, in no
         order."""
-        return self._batches(len(points), partial(_ray_meets, points, way), size)
+        return self.batches(len(points), partial(_ray_meets, points, way), size)
 
-    def _batches(self, count: int, meets: _Meets, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
-        """The pairs of one of ``count`` things and an element whose box it meets, in no order."""
+    def batches(self, count: int, meets: Meets, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of one of ``count`` things and an element whose box it meets: of each thing in the tree's order."""
         depth = self.leaves.bit_length() - 1
         stack = _split(0, np.arange(count), np.zeros(count, np.int64), size)
         while stack:
@@ -164,7 +164,7 @@ class BoxTree:
                 children = 2 * node[:, None] + np.array([1, 2])
                 stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
 
-    def _in_leaves(self, meets: _Meets, point: Ints, node: Ints) -> tuple[Ints, Ints]:
+    def _in_leaves(self, meets: Meets, point: Ints, node: Ints) -> tuple[Ints, Ints]:
         slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)
         point, slots = np.repeat(point, self.leaf), slots.reshape(-1)
         inside = slots < len(self.order)
@@ -182,7 +182,8 @@ def _sorted_pairs(batches: Iterator[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
 
 
 def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, Ints, Ints]]:
-    return [(level, point[part], node[part]) for part in chunks(len(point), size)]
+    """Pieces of pairs, the first one last, so that it is the next to be taken."""
+    return [(level, point[part], node[part]) for part in chunks(len(point), size)][::-1]
 
 
 def _meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
