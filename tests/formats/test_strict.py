@@ -12,10 +12,15 @@ from click.testing import CliRunner
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.connectivity import connected
+from elvis.core.portions import along_curve
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
-from elvis.formats import read, write
+from elvis.core.testing.played_ranks import played
+from elvis.formats import read, strict, write
+from elvis.formats.reading import read_part
 from elvis.formats.strict import findings
+from elvis.formats.strict.mesh_rules import mesh_findings
 from elvis.renderer.commands.info import info
 
 
@@ -39,26 +44,46 @@ def volume():
 
 @pytest.mark.parametrize("mesh", list(MESHES))
 @pytest.mark.parametrize("form", ["compressed", "text", "hdf5"])
-def test_written_files_keep_all_rules(mesh, form, tmp_path):
+def test_written_files_keep_all_rules(mesh, form, tmp_path, monkeypatch):
     dataset = with_fields(MESHES[mesh]())
     write(dataset, tmp_path / "a.xml", mesh_format=form, field_format="hdf5" if form == "hdf5" else "xml")
     assert findings(tmp_path / "a.xml", tmp_path / "a.fld") == ()
     assert findings(tmp_path / "a.xml") == () if form == "compressed" else True
+    # no rank reads all of what is sound
+    monkeypatch.delattr(strict, "read")
+    assert findings_of_ranks(tmp_path / "a.xml", tmp_path / "a.fld") == ()
+
+
+def of_two_orders(mesh, few):
+    """A field with more modes on all elements but the first few."""
+    low, high = with_fields(mesh, 3), with_fields(mesh, 4)
+    parts = (low.fields[0].blocks[0], slice(0, few)), (high.fields[0].blocks[0], slice(few, None))
+    blocks = (
+        replace(own, element_ids=own.element_ids[rows], coefficients=own.coefficients[rows]) for own, rows in parts
+    )
+    return replace(high, fields=(replace(high.fields[0], blocks=tuple(blocks)),))
 
 
 def test_mixed_orders_keep_all_rules(tmp_path):
-    dataset = with_fields(grid(Shape.TETRAHEDRON, 1))
-    low, high = with_fields(dataset.mesh, 3), dataset
-    field = replace(
-        dataset.fields[0],
-        blocks=tuple(
-            replace(b, element_ids=b.element_ids[rows], coefficients=b.coefficients[rows])
-            for b, rows in ((low.fields[0].blocks[0], slice(0, 2)), (high.fields[0].blocks[0], slice(2, None)))
-        ),
-    )
+    dataset = of_two_orders(grid(Shape.TETRAHEDRON, 1), 2)
     for form in ("xml", "hdf5"):
-        write(replace(dataset, fields=(field,)), tmp_path / "a.xml", field_format=form)
+        write(dataset, tmp_path / "a.xml", field_format=form)
         assert findings(tmp_path / "a.xml", tmp_path / "a.fld") == ()
+
+
+@pytest.mark.parametrize("few", [0, 40])
+def test_modes_that_one_part_needs_are_needed(few, tmp_path):
+    """As all elements do, or the last ones alone."""
+    write(of_two_orders(grid(Shape.TETRAHEDRON, 2), few), tmp_path / "a.xml", mesh_format="text", field_format="hdf5")
+    path = tmp_path / "a.xml"
+    path.write_text(re.sub(r'NUMMODES="\S+"', 'NUMMODES="3"', path.read_text()))
+    assert_found("modes", "NUMMODES of 4 or more", path, tmp_path / "a.fld")
+
+
+def test_values_on_elements_that_no_part_has_are_found(tmp_path):
+    write(with_fields(grid(Shape.TETRAHEDRON, 2)), tmp_path / "a.xml", field_format="hdf5")
+    write(with_fields(grid(Shape.TETRAHEDRON, 1)), tmp_path / "b.xml", mesh_format="text", field_format="hdf5")
+    assert_found("ids", "expected elements of the mesh, found 42 others", tmp_path / "b.xml", tmp_path / "a.fld")
 
 
 def cut_digits(text):
@@ -122,9 +147,18 @@ ADVICE = {
 }
 
 
+def findings_of_ranks(*paths, size=3):
+    """What the first of several ranks finds; others find nothing."""
+    found, *others = played(size, lambda ranks: findings(*paths, ranks=ranks))
+    assert not any(others)
+    return found
+
+
 def assert_found(name, sentence, *paths):
     """A finding with that sentence, of the kind that it should be."""
-    found = [each for each in findings(*paths) if sentence in str(each)]
+    every = findings(*paths)
+    assert findings_of_ranks(*paths) == every
+    found = [each for each in every if sentence in str(each)]
     assert found
     assert {each.is_required for each in found} == {name not in ADVICE}
 
@@ -316,3 +350,51 @@ def approximated_plane():
     """A plane mesh with a field."""
     whole = Dataset(mixed_plane(1))
     return replace(whole, fields=(approximated(whole, "u", lambda x: x[:, 0], 2),))
+
+
+def torn_between_parts(count):
+    """Squares in ``count`` parts, which have edges of their own between the same vertices where two of them meet."""
+    dataset = with_fields(replace(grid(Shape.QUADRILATERAL, 4), space=3))
+    mesh = dataset.mesh
+    edges, squares = mesh.of(Shape.SEGMENT), mesh.of(Shape.QUADRILATERAL)
+    members, ends, seen = squares.members.copy(), [edges.members], set()
+    for ids in along_curve(dataset, count):
+        rows = squares.rows_of(ids)
+        own = set(np.unique(members[rows]).tolist())
+        for edge in sorted(own & seen):
+            members[rows] = np.where(members[rows] == edge, sum(map(len, ends)), members[rows])
+            ends.append(edges.members[[edge]])
+        seen |= own
+    ends = np.concatenate(ends)
+    entities = {
+        Shape.SEGMENT: replace(edges, ids=np.arange(len(ends)), members=ends),
+        Shape.QUADRILATERAL: replace(squares, members=members),
+    }
+    return replace(dataset, mesh=replace(mesh, entities=entities))
+
+
+def pages(count):
+    """Squares at one edge, which begin far from one another."""
+    turns = np.linspace(0, 5, count)
+    far = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    up = np.array([[0.0, 0, 1]])
+    vertices = np.concatenate([0 * up, up, far, far + up])
+    first = 2 + np.arange(count)
+    squares = np.stack([first, first + count, np.ones(count, int), np.zeros(count, int)], axis=1)
+    return with_fields(connected(vertices, {Shape.QUADRILATERAL: squares}))
+
+
+@pytest.mark.parametrize("size", [2, 3, 5])
+@pytest.mark.parametrize(
+    ("made", "sentence"),
+    [(torn_between_parts, "edges: expected each once"), (pages, "edges: expected at most two elements on each")],
+)
+def test_what_is_wrong_between_parts_is_found(made, sentence, size, tmp_path):
+    """Each part is sound by itself."""
+    write(made(max(size, 3) if made is pages else size), tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
+    files = tmp_path / "a.xml", tmp_path / "a.fld"
+    if made is torn_between_parts or size > 2:
+        assert not any(any(mesh_findings(read_part(number, size, *files).dataset)) for number in range(size))
+    found = findings(*files)
+    assert any(sentence in str(each) for each in found)
+    assert findings_of_ranks(*files, size=size) == found

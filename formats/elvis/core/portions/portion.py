@@ -172,7 +172,7 @@ def unite(some: Sequence[Portion]) -> Portion:
     entities = {}
     for shape in (kind for kind in rows if kind is not None):
         ids = np.concatenate([mesh.of(shape).ids for mesh in meshes])[places[shape]]
-        members = np.concatenate([_members_in_whole(portion, shape) for portion in some])[places[shape]]
+        members = np.concatenate([members_in_whole(portion, shape) for portion in some])[places[shape]]
         own = _numbers_of_members(first, rows, shape)
         entities[shape] = Entities(frozen_ints(ids), frozen_ints(np.searchsorted(own, members)))
     edges, edge_places = _united([portion.edges for portion in some])
@@ -273,7 +273,7 @@ def _numbers_of_members(portion: Portion, rows: Mapping[_Kind, Ints], shape: Sha
     return rows[Shape.SEGMENT if shape.dimension == 2 else None]
 
 
-def _members_in_whole(portion: Portion, shape: Shape) -> Ints:
+def members_in_whole(portion: Portion, shape: Shape) -> Ints:
     """(n, k) members of entities by their numbers in the whole."""
     return _numbers_of_members(portion, portion.rows, shape)[portion.dataset.mesh.of(shape).members]
 

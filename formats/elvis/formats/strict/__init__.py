@@ -6,7 +6,7 @@ merely good practice.  A rule counts as required where their reader stops at wha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from os.path import isfile
 from pathlib import Path
@@ -14,35 +14,61 @@ from pathlib import Path
 from elvis.core.dataset import Dataset
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
+from elvis.core.ranks import ALONE, Ranks
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, hdf5, xml
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
+from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.xml import Element, load
 from elvis.formats.reading import read
-from elvis.formats.strict.field_rules import expansion_findings, section_findings
+from elvis.formats.strict.field_rules import Needed, expansion_findings, needed_modes, section_findings
 from elvis.formats.strict.finding import Finding, library_rule
 from elvis.formats.strict.hdf5_rules import field_file_findings, mesh_file_findings
+from elvis.formats.strict.in_parts import sound_part
 from elvis.formats.strict.mesh_rules import mesh_findings
 from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
 
 
-def findings(*paths: str | Path) -> tuple[Finding, ...]:
+def findings(*paths: str | Path, ranks: Ranks = ALONE) -> tuple[Finding, ...]:
     """All rules that the files of one dataset break, in the order of the files; none where they keep all.
 
     Jacobians are sampled, at Gauss points; text is checked by its first numbers.  ElvisError where no file can be read.
+
+    ranks  each reads its part; where something is wrong in one, the first rank reads all, and nothing is found
+           elsewhere
     """
+    if ranks.size > 1:
+        found = _findings_of_parts(paths, ranks)
+        if ranks.rank:
+            return ()
+        if found is not None:
+            return found
     review = _Review()
-    for path in map(Path, paths):
-        for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
-            review.attempt(file.name, lambda file=file: review.file(file))  # type: ignore[misc]
+    review.files(paths)
     review.attempt(", ".join(Path(path).name for path in paths), lambda: review.whole(read(*paths)))
+    return tuple(dict.fromkeys(review.found))
+
+
+def _findings_of_parts(paths: Sequence[str | Path], ranks: Ranks) -> tuple[Finding, ...] | None:
+    """The same where mesh and fields are sound by themselves; None, for all ranks, where they may not be."""
+    with mapped():
+        review = _Review(stays_packed=True)
+        review.files(paths)
+        part = sound_part(paths, review.sections, ranks)
+        if part is None:
+            return None
+        review.expansions(part.dataset, part.needed)
     return tuple(dict.fromkeys(review.found))
 
 
 @dataclass(eq=False)
 class _Review:
-    """Collects findings, and what is checked at the end: sections of fields and rules of expansions."""
+    """Collects findings, and what is checked at the end: sections of fields and rules of expansions.
 
+    stays_packed  whether coefficients are left as they are: who reads a part finds what is wrong with them
+    """
+
+    stays_packed: bool = False
     found: list[Finding] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
     tags: dict[str, Element] = field(default_factory=dict)
@@ -53,6 +79,12 @@ class _Review:
             action()
         except FormatError as error:
             self.found.append(library_rule(place, str(error)))
+
+    def files(self, paths: Sequence[str | Path]) -> None:
+        """Check what each file holds, of folders those that are in them."""
+        for path in map(Path, paths):
+            for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
+                self.attempt(file.name, lambda file=file: self.file(file))  # type: ignore[misc]
 
     def file(self, path: Path) -> None:
         """Check what one file holds."""
@@ -68,27 +100,34 @@ class _Review:
         """Check what all files mean together."""
         self.found += mesh_findings(dataset)
         self.found += section_findings(dataset.mesh, self.sections)
-        self.attempt("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset)))
+        self.expansions(dataset, needed_modes(dataset, self.sections))
 
-    def _expansions(self, dataset: Dataset) -> Iterator[Finding]:
+    def expansions(self, dataset: Dataset, needed: Needed) -> None:
+        """Check what EXPANSIONS say of a dataset, or of a part."""
+        self.attempt("<EXPANSIONS>", lambda: self.found.extend(self._expansions(dataset, needed)))
+
+    def _expansions(self, dataset: Dataset, needed: Needed) -> Iterator[Finding]:
         element = self.tags.get("EXPANSIONS")
         rules = expansions.read_rules(element, self.tags.get("CONDITIONS"))
         entries = [] if element is None else [child.tag for child in element.children()]
         if entries and "E" not in entries:
             return  # orders by element, or those of a field file
-        yield from expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), self.sections)
+        yield from expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), needed)
 
     def _child(self, path: Path, child: Element) -> None:
         place = f"{path.name}, {child.place}"
         if child.tag == "ELEMENTS":
             self.attempt(place, lambda: self.found.extend(payload_findings(place, child)))
-            self.attempt(place, lambda: self.sections.append(fields_input.read_section(child)))
+            self.attempt(place, lambda: self._add_section(child))
         elif child.tag == "GEOMETRY":
             self.found += [finding.within(path.name) for finding in geometry_findings(child)]
             if "HDF5FILE" in child.attributes:
                 self._stub(path, child)
         elif not child.is_empty or child.tag not in self.tags:
             self.tags[child.tag] = child
+
+    def _add_section(self, child: Element) -> None:
+        self.sections.append(fields_input.read_section(child, stays_packed=self.stays_packed))
 
     def _stub(self, path: Path, child: Element) -> None:
         name = child.attributes["HDF5FILE"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from elvis.formats.nektar.sections import Section
 from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 _PLACE = "<EXPANSIONS>"
+#: the most modes in any direction of the data of a field on a composite of the domain: by its id and the field's name
+Needed: TypeAlias = Mapping[tuple[int, str], int]
 
 
 def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Finding]:
@@ -56,38 +59,48 @@ def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section])
             yield library_rule(place, sentence)
 
 
-def expansion_findings(
-    dataset: Dataset, rules: Sequence[ExpansionRule], sections: Sequence[Section]
-) -> Iterator[Finding]:
+def expansion_findings(dataset: Dataset, rules: Sequence[ExpansionRule], needed: Needed) -> Iterator[Finding]:
     """Rules for every composite of the domain; and the trap of format notes 3.
 
     Names and orders of EXPANSIONS decide over what is read from field files: data of fields that no rule names, and of
     higher orders, are cut to its orders.  Genuine files fall into it, so it is no more than advice.
     """
-    mesh, names = dataset.mesh, [field.name for field in dataset.fields]
-    known = {composite.id: composite for composite in mesh.composites}
-    domain = [known[c] for composites in mesh.domains.values() for c in composites if c in known]
+    names = [field.name for field in dataset.fields]
     if not rules:
         yield library_rule(_PLACE, "expected rules for the composites of the domain, found none")
         return
-    for composite in domain:
+    for composite in _in_domain(dataset.mesh):
         own = [rule for rule in rules if composite.id in rule.composites]
         if not own:
             yield library_rule(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
         for name in names:
-            yield from _on_composite(mesh, composite, name, own, sections)
+            yield from _on_composite(composite, name, own, needed[composite.id, name])
 
 
-def _on_composite(
-    mesh: Mesh, composite: Composite, name: str, rules: Sequence[ExpansionRule], sections: Sequence[Section]
-) -> Iterator[Finding]:
+def needed_modes(dataset: Dataset, sections: Sequence[Section]) -> Needed:
+    """The modes of all fields on all composites of the domain; of a part of a mesh those on its elements."""
+    return {
+        (composite.id, field.name): _modes(
+            dataset.mesh, composite, [section for section in sections if field.name in section.space.names]
+        )
+        for composite in _in_domain(dataset.mesh)
+        for field in dataset.fields
+    }
+
+
+def _in_domain(mesh: Mesh) -> list[Composite]:
+    """The composites that the domain is made of."""
+    known = {composite.id: composite for composite in mesh.composites}
+    return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
+
+
+def _on_composite(composite: Composite, name: str, rules: Sequence[ExpansionRule], needed: int) -> Iterator[Finding]:
     fitting = [rule for rule in rules if name in rule.fields]
     where = f"on composite {composite.id}"
     if rules and len(fitting) != 1:
         kind = library_rule if fitting else style_rule
         yield kind(_PLACE, f"expected one rule that names the field {name} {where}, found {len(fitting) or 'none'}")
         return
-    needed = _modes(mesh, composite, [section for section in sections if name in section.space.names])
     for rule in fitting:
         if min(rule.modes) < needed:
             sentence = f"expected NUMMODES of {needed} or more for {name} {where}, found {min(rule.modes)}"

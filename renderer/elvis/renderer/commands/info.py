@@ -97,8 +97,7 @@ def info(
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
     if strict:
-        if not is_idle(ranks):
-            _check(data.paths, as_json)
+        _check(data.paths, ranks, as_json)
         return
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
@@ -237,14 +236,16 @@ def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
         tables()
 
 
-def _check(data: tuple[Path, ...], as_json: bool) -> None:
+def _check(data: tuple[Path, ...], ranks: Ranks, as_json: bool) -> None:
     """Print the rules that the files break; ElvisError where some of these are required."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json, say, stage
     from elvis.formats.strict import findings
 
     with stage("checking"):
-        found = findings(*data)
+        found = findings(*data, ranks=ranks)
+    if ranks.rank:
+        return
     required, advised = ([each for each in found if each.is_required is kind] for kind in (True, False))
     if as_json:
         facts = [{"place": each.place, "sentence": each.sentence, "required": each.is_required} for each in found]
