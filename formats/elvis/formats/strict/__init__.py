@@ -21,7 +21,13 @@ from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.sections import Section
 from elvis.formats.nektar.xml import Element, load
 from elvis.formats.reading import read
-from elvis.formats.strict.field_rules import Needed, expansion_findings, needed_modes, section_findings
+from elvis.formats.strict.field_rules import (
+    Needed,
+    expansion_findings,
+    needed_modes,
+    repeated_sections,
+    section_findings,
+)
 from elvis.formats.strict.finding import Finding, library_rule
 from elvis.formats.strict.hdf5_rules import field_file_findings, mesh_file_findings
 from elvis.formats.strict.in_parts import sound_part
@@ -57,6 +63,7 @@ def _findings_of_parts(paths: Sequence[str | Path], ranks: Ranks) -> tuple[Findi
         part = sound_part(paths, review.sections, ranks)
         if part is None:
             return None
+        review.found += repeated_sections(review.sections)
         review.expansions(part.dataset, part.needed)
     return tuple(dict.fromkeys(review.found))
 

@@ -21,6 +21,15 @@ Needed: TypeAlias = Mapping[tuple[int, str], int]
 
 def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Finding]:
     """One section a shape, each element of the domain once for each field, none of elsewhere."""
+    yield from repeated_sections(sections)
+    domain = mesh.domain_ids()
+    for name in dict.fromkeys(name for section in sections for name in section.space.names):
+        own = [section for section in sections if name in section.space.names]
+        yield from _covering(f"field {name}", mesh, domain, own)
+
+
+def repeated_sections(sections: Sequence[Section]) -> Iterator[Finding]:
+    """One section a shape."""
     seen: dict[object, str] = {}
     for section in sections:
         space = section.space
@@ -29,10 +38,6 @@ def section_findings(mesh: Mesh, sections: Sequence[Section]) -> Iterator[Findin
             sentence = f"expected one section a shape, found another {space.shape.label} after {seen[key]}"
             yield style_rule(section.place, sentence)
         seen.setdefault(key, section.place)
-    domain = mesh.domain_ids()
-    for name in dict.fromkeys(name for section in sections for name in section.space.names):
-        own = [section for section in sections if name in section.space.names]
-        yield from _covering(f"field {name}", mesh, domain, own)
 
 
 def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section]) -> Iterator[Finding]:
