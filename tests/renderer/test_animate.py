@@ -3,9 +3,11 @@
 import json
 import os
 import re
+from concurrent.futures import CancelledError
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from time import sleep
 
 import numpy as np
 import pytest
@@ -229,8 +231,39 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
         def gather(self, _):
             raise scheduling.KilledWorker("draw_block", None, 0)
 
+    class Gone:
+        def gather(self, _):
+            raise CancelledError
+
     with pytest.raises(ElvisError, match=r"a worker was ended .*: frames stay"):
         workers.results(Ended(), [], "frames stay")
+    with pytest.raises(ElvisError, match="the Dask scheduler is gone: frames stay"):
+        workers.results(Gone(), [], "frames stay")
+
+
+#: pieces of work that go on
+GOING = []
+
+
+def goes_on(number):
+    """How many do at the end of one."""
+    GOING.append(number)
+    sleep(0.02)
+    found = len(GOING)
+    GOING.remove(number)
+    return found
+
+
+def test_a_worker_with_several_threads_does_one_thing_at_a_time():
+    """It has one folder and one device: what threads drew at once was wrong."""
+    distributed = pytest.importorskip("distributed")
+    how = {"dashboard_address": None, "scheduler_kwargs": workers._STATUS}
+    with (
+        distributed.LocalCluster(1, processes=False, threads_per_worker=3, **how) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        pieces = [(number,) for number in range(6)]
+        assert workers.results(client, workers.begun(client, goes_on, pieces), "") == [1] * 6
 
 
 @pytest.fixture
@@ -253,8 +286,8 @@ def asked(monkeypatch):
         def gather(self, futures):
             return [future.found for future in futures]
 
-        def run(self, work):
-            work()
+        def run(self, work, *arguments):
+            work(*arguments)
 
     monkeypatch.setattr(film_workers, "is_any_kept", lambda: True)
     monkeypatch.setattr(workers.Workers, "prepare", lambda self, module: None)

@@ -6,9 +6,11 @@ import logging
 import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, TypeVar
 
 from elvis.core.errors import ElvisError
@@ -28,6 +30,8 @@ _CONFIGURATION = {
     "distributed.admin.system-monitor.interval": "1m",
     "distributed.admin.system-monitor.gil.enabled": False,
 }
+#: held by the thread of a worker that works
+_ONE_AT_ONCE = Lock()
 #: of the scheduler: its page of status is for this machine alone, at a port that is free
 _STATUS = {"dashboard_address": "localhost:0"}
 
@@ -118,9 +122,22 @@ def results(client: Any, futures: Sequence[Any], kept: str) -> list[Any]:
         found: list[Any] = client.gather(futures)
     except scheduling.KilledWorker as error:
         raise ElvisError(f"a worker was ended from outside, or for want of memory: {kept}") from error
+    except CancelledError as error:
+        raise ElvisError(f"the Dask scheduler is gone: {kept}") from error
     return found
 
 
+def at_rest(work: Callable[[], object]) -> None:
+    """Do something in a worker that is at no other work, as that of another command."""
+    if _ONE_AT_ONCE.acquire(blocking=False):
+        try:
+            work()
+        finally:
+            _ONE_AT_ONCE.release()
+
+
 def _in_folder(folder: Path, work: Callable[..., T], *piece: Any) -> T:
-    os.chdir(folder)
-    return work(*piece)
+    # workers of a scheduler may have several threads, but a process has one folder and one device
+    with _ONE_AT_ONCE:
+        os.chdir(folder)
+        return work(*piece)

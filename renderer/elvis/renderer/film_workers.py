@@ -12,7 +12,7 @@ from pathlib import Path
 from time import sleep
 from typing import Any, TypeVar
 
-from elvis.plugins.workers import Workers, begun, results
+from elvis.plugins.workers import Workers, at_rest, begun, results
 from elvis.renderer.animation import Film, Shot
 from elvis.renderer.kernel_cache import is_any_kept
 from elvis.scene import Camera, Scene
@@ -87,7 +87,7 @@ class Team:
             yield from self._drawn(client, [shots[:1]], told)
             shots = shots[1:]
         yield from self._drawn(client, blocks(shots, self._workers.number(client)), told)
-        client.run(close_films)
+        client.run(at_rest, close_films)
 
     def _drawn(self, client: Any, blocks: Iterable[Sequence[Shot]], told: list[str]) -> Iterator[Path]:
         works = [(self._base, block, self._is_kept) for block in blocks]
