@@ -355,3 +355,15 @@ def test_boxes_that_matter_most_are_refined_where_not_all_can_be(monkeypatch):
     assert errors[1] < 0.3 * errors[0]
     assert errors[2] < 0.3 * errors[1]
     assert errors[3] < 1e-8
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.1])
+@pytest.mark.parametrize("text", ["distance(boundary)", "x*distance(all)"])
+def test_a_distance_that_is_zero_is_one_to_rounding(monkeypatch, bend, text):
+    # in parts of nothing no error is small, but rounding is one of coordinates, here of about a hundred
+    monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 15)
+    mesh = curved(grid(Shape.TETRAHEDRON, 1), lambda points: 100 + ripple(bend)(points), 3)
+    taken = []
+    (row,) = integrate(Dataset(mesh), text, "all", progress=lambda done, _: taken.append(done))
+    assert taken[-1] < 20000
+    assert abs(row.value) <= row.error < 1e-8

@@ -17,7 +17,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, fold
+from elvis.core.quantities.tree import Node, fold, target_of
 from elvis.core.sampling import Samples
 
 #: points at once
@@ -53,7 +53,12 @@ class Evaluator:
 
         def size(node: Node) -> Floats | float:
             # parts of a unit normal are right to its length
-            return 1.0 if node.name in SIDES else np.abs(leaf(node))
+            if node.name in SIDES:
+                return 1.0
+            # a distance is one between coordinates, near the surface also
+            is_distance = node.op == "attribute" and target_of(node.name) is not None
+            farthest = np.abs(places.positions).max(axis=1) if is_distance else 0.0
+            return np.abs(leaf(node)) + farthest
 
         with np.errstate(all="ignore"):
             yield from (fold(expression.root, size, _sized) for expression in expressions)
