@@ -70,6 +70,7 @@ class Workers:
         """A client of the scheduler, or of workers of its own."""
         distributed = require_module("distributed", "--workers", "parallel")
         if self.scheduler:
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is told in sentences
             try:
                 own = distributed.Client(self.scheduler)
             except (OSError, ValueError) as error:
