@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.core.distances import surface_of
+from elvis.core.distances.crossings import windings
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import comes_apart, evaluated, integrate
 from elvis.core.norms import quantity_norms
@@ -72,6 +73,19 @@ def test_surfaces_and_jumps_are_those_of_the_whole(name, cut):
             own, wanted = (Attributes(data).constant(jump, shape, entities.ids) for data in (united, dataset))
             assert own.tobytes() == wanted.tobytes()
     assert np.nanmax(Attributes(dataset).constant("jump(u)", shape, entities.ids)) > 0.01
+
+
+def test_sides_of_faces_are_found_once_among_all(monkeypatch):
+    counts = []
+
+    def counted(corners, gaps, places):
+        counts.append(len(places))
+        return windings(corners, gaps, places)
+
+    monkeypatch.setattr("elvis.core.distances.sides.windings", counted)
+    dataset = bent(grid(Shape.TETRAHEDRON, 2))
+    borrowed(dataset, cuts(dataset)[0], ["distance(all)"])
+    assert sorted(counts) == [16, 16, 16]
 
 
 def test_tables_of_parts_are_those_of_the_whole():

@@ -10,6 +10,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.crossings import EQUAL, by_solid_angle, crossings_in_plane, windings
 from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.needing import require_module
+from elvis.core.ranks import Ranks
 
 #: part of a triangle's size by which a point lies before it
 _BEFORE = 1e-6
@@ -62,14 +63,15 @@ def _agree(triangles: Ints) -> bool:
     return len(np.unique(directed, axis=0)) == len(directed)
 
 
-def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Ints:
+def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], ranks: Ranks) -> Ints:
     """(faces, 2) the sign of distances before and behind the faces of a closed surface: -1 inside, 1 outside.
 
     loops   for each kind of face the vertices (n, k) around them
     patches  for each kind of face their patches, nearly flat; faces are numbered through all kinds
+    ranks   all of which have the surface, and share its faces
     A point is inside where the surface winds around it an odd number of times, whichever way its parts turn.
     """
-    odd = _is_inside_curves(patches) if patches[0].corners == 2 else _is_inside_faces(loops, patches)
+    odd = _is_inside_curves(patches) if patches[0].corners == 2 else _is_inside_faces(loops, patches, ranks)
     return np.where(np.stack([odd, ~odd], axis=1), -1, 1)
 
 
@@ -86,7 +88,7 @@ def _is_inside_curves(patches: Sequence[SurfacePatches]) -> Bools:
     return np.asarray(crossings_in_plane(ends, places) % 2 == 1)
 
 
-def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -> Bools:
+def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], ranks: Ranks) -> Bools:
     """(faces,) whether a place before each face is inside: an odd number of windings."""
     fans = [_fans(each) for each in patches]
     corners = np.concatenate([triangles for triangles, _ in fans])
@@ -95,8 +97,10 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -
     # before the first triangle of each face as it is given
     _, first = np.unique(face, return_index=True)
     own = corners[first]
-    places = own.mean(axis=1) + _ahead(own)
+    every = own.mean(axis=1) + _ahead(own)
 
+    # of these each rank has its share
+    places = np.array_split(every, ranks.size)[ranks.rank]
     bend = np.concatenate([np.tile(each.bounds[:, 9], each.corners - 2) for each in patches])
     found, rest = windings(corners, _gaps(corners, bend), places)
     if len(rest):
@@ -104,7 +108,7 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches]) -
         turned = _flips(loops)[face]
         corners[turned] = corners[turned][:, ::-1]
         found[rest] = by_solid_angle(corners, places[rest])
-    return np.asarray(found % 2 == 1)
+    return np.concatenate(ranks.exchange(found % 2 == 1, "sides of faces"))
 
 
 def _gaps(corners: Floats, bend: Floats) -> Floats:

@@ -10,11 +10,12 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Dataset
-from elvis.core.distances.boundaries import ALL, boundaries, faces_of
+from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of
 from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
 from elvis.core.mapping.boxes import BoxTree, outward
+from elvis.core.ranks import ALONE, Ranks
 
 #: patches in a leaf of the tree
 LEAF = 2
@@ -84,7 +85,7 @@ def surface_of(dataset: Dataset | None, target: str) -> Surface:
     """
     if dataset is None or is_file(dataset, target):
         return _from_file(target)
-    return dataset.surfaces.get(target) or _from_boundary(dataset, target)
+    return dataset.surfaces.get(target) or surface_of_faces(dataset, target, faces_of(dataset, target))
 
 
 def is_file(dataset: Dataset, target: str) -> bool:
@@ -105,12 +106,15 @@ def _from_file(name: str) -> Surface:
     return Surface((patches,), frozen_ints(sides), closed)
 
 
-def _from_boundary(dataset: Dataset, name: str) -> Surface:
-    found = faces_of(dataset, name)
+def surface_of_faces(dataset: Dataset, name: str, found: Sequence[Faces], ranks: Ranks = ALONE) -> Surface:
+    """The surface that the faces of a boundary, or of all, are.
+
+    ranks  all of which have these faces, and share what is found of each; to be called by each
+    """
     first = np.cumsum([0, *(len(faces.vertices) for faces in found)])
     patches = [faces.patches.flatten(start) for faces, start in zip(found, first, strict=False)]
     loops = [faces.vertices for faces in found]
     planar = dataset.mesh.space == 2
     closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)
-    sides = sides_of_faces(loops, patches) if closed else np.ones((first[-1], 2), np.int64)
+    sides = sides_of_faces(loops, patches, ranks) if closed else np.ones((first[-1], 2), np.int64)
     return Surface(tuple(patches), frozen_ints(sides), closed, closed and name == ALL, planar)

@@ -14,9 +14,8 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, rows_of
 from elvis.core.dataset import Block, Expansion, Field
-from elvis.core.distances import surface_of
-from elvis.core.distances.boundaries import ALL, boundaries, owners_of_sides, sides_of
-from elvis.core.distances.surface import is_file
+from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of, owners_of_sides, sides_of
+from elvis.core.distances.surface import is_file, surface_of_faces
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
 from elvis.core.portions.portion import Portion, unite
@@ -51,10 +50,13 @@ def with_surface(portion: Portion, target: str, ranks: Ranks) -> Portion:
     if target == ALL:
         sides = united.side_numbers
         united = united.with_sides(sides[~np.isin(sides, outer)])
+    faces: list[Faces] = []
     with suppress(ElvisError):
-        surface = surface_of(united.dataset, target)
-        dataset = replace(dataset, surfaces={**dataset.surfaces, target: surface})
-    return replace(portion, dataset=dataset)
+        faces = faces_of(united.dataset, target)
+    if not faces:
+        return portion
+    surface = surface_of_faces(united.dataset, target, faces, ranks)
+    return replace(portion, dataset=replace(dataset, surfaces={**dataset.surfaces, target: surface}))
 
 
 def with_jumps(portion: Portion, name: str, ranks: Ranks) -> Portion:
