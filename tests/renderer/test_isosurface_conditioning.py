@@ -5,7 +5,7 @@ import pytest
 
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.shapes import Shape
-from elvis.core.testing import grid, with_field
+from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.renderer.device_volume import DeviceVolume
@@ -175,6 +175,18 @@ def test_pyramids_of_high_order_need_few_sub_elements(renderer):
         assert (hits.status[hits.owner != NOBODY] == Status.CERTAIN).mean() > 0.95
         counts.append(drawer.counts["sub_elements"])
     assert counts[1] < 1.5 * counts[0]
+
+
+def test_sub_elements_of_high_order_are_not_halved_for_errors_of_places(renderer, monkeypatch):
+    """These count for more the smaller a sub-element is, where straight rays leave less room for them."""
+    halved, keep = [], IsosurfaceDrawer._keep
+    monkeypatch.setattr(IsosurfaceDrawer, "_keep", lambda own, *of: halved.append(len(of[1])) or keep(own, *of))
+    mesh = curved(grid(Shape.PRISM, 1), lambda p: p + 0.03 * np.sin(3 * p[..., [1, 2, 0]]), 8)
+    data = with_field(mesh, lambda p: np.sin(3 * p[:, 0]) * np.cos(2 * p[:, 1]) + p[:, 2] ** 2, 9)
+    drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["d(u,x)"])))
+    hits = drawer.draw(View.through(CAMERA, (12, 10)), None, 0.5)
+    assert (hits.owner != NOBODY).sum() > 10
+    assert sum(halved) < 320
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])

@@ -40,6 +40,7 @@ class Enclosure:
     type        the type that implements ILeaves
     fields      number of fields among the leaves
     degree      greatest degree of the leaves, the map among them, in any one coordinate that ``Part.degree`` speaks of
+    base_degree as Part.base_degree, of the leaves
     map_degree  of the map
     is_total    whether ``degree`` is that of all coordinates together
     errors      (n, 3 + fields) how far computed values of the leaves may be from the true ones in each element
@@ -49,6 +50,7 @@ class Enclosure:
     type: str
     fields: int
     degree: int
+    base_degree: int
     map_degree: int
     is_total: bool
     errors: Callable[[], Floats]

@@ -444,6 +444,7 @@ def _leaves(chosen: Part | Quantity) -> str:
         "export static const bool analytic = true;"
         f"export static const int leaf_fields = {enclosure.fields};"
         f"export static const int leaf_degree = {enclosure.degree};"
+        f"export static const int leaf_base_degree = {enclosure.base_degree or enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
         f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
     )

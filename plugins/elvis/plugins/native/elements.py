@@ -195,9 +195,9 @@ class Elements:
         if shape.dimension < 3 or not formula.is_enclosed:
             return None
         return Enclosure(
-            type=f"LeavesOf<{type}, Given>",
-            fields=len(names),
-            degree=max(*self.geometry.degrees, *space.degrees),
+            f"LeavesOf<{type}, Given>",
+            len(names),
+            *degrees_of(self.geometry, space),
             map_degree=max(self.geometry.degrees),
             is_total=shape is Shape.TETRAHEDRON,
             errors=cache(partial(self._leaf_errors, names)),
