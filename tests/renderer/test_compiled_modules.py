@@ -50,12 +50,13 @@ def test_modules_are_read_in_place_of_their_sources(compose, tmp_path):
     written = {path: path.stat().st_mtime_ns for path in kept(tmp_path).values()}
     assert set(kept(tmp_path)) == {"compose", "fragments", "dispatch"}
     for path in written:
-        assert path.with_suffix(".sha256").read_text() == sha256(path.read_bytes()).hexdigest()
+        named = path.name.encode() + b"\n" + path.read_bytes()
+        assert path.with_suffix(".sha256").read_text() == sha256(named).hexdigest()
     assert compose() == (COLOR, [])
     assert {path: path.stat().st_mtime_ns for path in kept(tmp_path).values()} == written
 
 
-@pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else", "no checksum"])
+@pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else", "another", "no checksum"])
 def test_damaged_modules_are_made_again(compose, tmp_path, damage):
     compose()
     file = kept(tmp_path)["compose"]
@@ -64,6 +65,9 @@ def test_damaged_modules_are_made_again(compose, tmp_path, damage):
     flipped[len(whole) // 2] ^= 4
     wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": riff(1000)}
     file.write_bytes(wrong.get(damage, whole))
+    if damage == "another":
+        for suffix in (".slang-module", ".sha256"):
+            shutil.copyfile(kept(tmp_path)["dispatch"].with_suffix(suffix), file.with_suffix(suffix))
     if damage == "no checksum":
         file.with_suffix(".sha256").unlink()
     # without kernels, which would be found whatever they are made of

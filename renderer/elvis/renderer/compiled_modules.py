@@ -3,8 +3,8 @@
 Reading the sources of a picture's modules takes longer than finding its kernels where these are kept.  A session of
 slangpy writes each module that it has read from its source to a folder, and takes it from there as long as the digest
 in it is that of its sources (Slang's option UseUpToDateBinaryModule).  The folder can't be one process's own, as those
-of kernels are: its name is in their keys.  Slang trusts what it finds there, so each module has its SHA-256 beside it,
-and what has none, or another one, is removed before a session begins.
+of kernels are: its name is in their keys.  Slang trusts what it finds there, so each module has the SHA-256 of its name
+and content beside it, and what has none, or another one, is removed before a session begins.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class CompiledModules:
         damaged = 0
         for path in _modules(folder):
             written, known = path.stat().st_mtime_ns, _known_checksum(path)
-            if known == sha256(path.read_bytes()).hexdigest():
+            if known == _checksum(path, path.read_bytes()):
                 self._sound[path] = written
                 continue
             path.unlink(missing_ok=True)
@@ -100,6 +100,11 @@ def _known_checksum(path: Path) -> str:
         return ""
 
 
+def _checksum(path: Path, content: bytes) -> str:
+    """That of a module with its name, so that no other one is taken for it."""
+    return sha256(path.name.encode() + b"\n" + content).hexdigest()
+
+
 def _seal(path: Path) -> None:
     """Write the checksum of a module that is whole, in a file that takes its name when that is."""
     content = path.read_bytes()
@@ -107,7 +112,7 @@ def _seal(path: Path) -> None:
         return
     new = path.with_suffix(f".{os.getpid()}{_CHECKSUM}.new")
     try:
-        new.write_text(sha256(content).hexdigest(), encoding="ascii")
+        new.write_text(_checksum(path, content), encoding="ascii")
         new.replace(path.with_suffix(_CHECKSUM))
     except OSError:
         new.unlink(missing_ok=True)
