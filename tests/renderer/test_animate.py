@@ -24,7 +24,8 @@ from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
 from elvis.renderer import Camera, Renderer, Scene, film_workers, render, series_range
 from elvis.renderer.animation import Film, Key, orbited
-from elvis.scene.errors import SceneError
+from elvis.renderer.rendering import Pictures
+from elvis.scene.errors import AbsentError, SceneError
 
 SIZE = ("--size", "8x6", "--plain")
 FAST = (*SIZE, "--device", "reference")
@@ -113,7 +114,7 @@ def test_each_step_is_read_once(files, tmp_path, drawn, monkeypatch):
         assert film.n_frames == 2
     for path in files[1:]:
         path.write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", path.read_text()))
-    with pytest.raises(ElvisError, match="expected a step that can be read, found none among 3"):
+    with pytest.raises(ElvisError, match="expected a step that can be drawn, found none among 3"):
         run("animate", *files, *FAST, "-o", tmp_path / "none")
 
 
@@ -208,6 +209,26 @@ def test_steps_that_lack_the_field_are_left_out(files, tmp_path, drawn):
         assert f"{lacking} has no frame: " in told
     with pytest.raises(SceneError, match="there is no 'w'"):
         run("animate", *files, "--field", "w", "-o", tmp_path / "none")
+
+
+def test_steps_in_which_nothing_is_seen_have_no_frame(files, tmp_path, monkeypatch, drawn):
+    """As the first ones of a run, where an isosurface isn't there yet; of one state it is an error."""
+    draw = Pictures.draw
+
+    def later(pictures, scene):
+        if scene.step != 2:
+            raise AbsentError("values of an isosurface: 'u' lies between 0 and 1, found 2")
+        return draw(pictures, scene)
+
+    monkeypatch.setattr(Pictures, "draw", later)
+    told = run("animate", *files, "-o", tmp_path / "frames")
+    assert len(pictures(tmp_path / "frames")) == 1
+    for step in (0, 1):
+        assert f"step {step} has no frame: values of an isosurface: 'u' lies between 0 and 1, found 2" in told
+    with pytest.raises(SceneError, match="values of an isosurface"):
+        run("animate", *files[:2], "--key", "zoom=1:2", "--frames", "2", "-o", tmp_path / "still")
+    with pytest.raises(ElvisError, match="expected a step that can be drawn, found none among 2"):
+        run("animate", *files[:3], "-o", tmp_path / "none")
 
 
 def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):

@@ -28,7 +28,7 @@ from elvis.renderer.rendering import Pictures
 from elvis.renderer.request import reading_for
 from elvis.scene import Camera, Scene
 from elvis.scene.commandline.composing import with_settings
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.files import toml_value
 from elvis.scene.frame import Frame
 
@@ -147,10 +147,17 @@ class Film:
     def draw(self, scene: Scene, following: Scene | None = None) -> Frame | None:
         """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile.
 
-        None of a step that can't be read, or lacks what is shown: the faults of the series tell of it.
+        None of a step that can't be read, lacks what is shown, or in which nothing of it is seen: the faults of the
+        series tell of it.
         """
         pictures = self._shown(scene, following)
-        return None if pictures is None else pictures.draw(scene)
+        try:
+            return None if pictures is None else pictures.draw(scene)
+        except AbsentError as error:
+            if self.series is None:
+                raise
+            self._pass_over(self.series, scene.moment, str(error))
+            return None
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
         """The camera of the picture of the first of some scenes whose step can be read; FormatError where none can."""
@@ -200,9 +207,14 @@ class Film:
             return False
         if self._pictures is None and (last := self._at(self.series, Moment())) and self._lack(last):
             raise SceneError(lack)
-        place = f"time {moment.time:.10g}" if moment.step is None else f"step {moment.step}"
-        self.series.faults.append(f"{place} has no frame: {lack.partition(';')[0]}")
+        self._pass_over(self.series, moment, lack)
         return True
+
+    @staticmethod
+    def _pass_over(series: Series, moment: Moment, why: str) -> None:
+        """Let the faults of the series say that a moment has no frame."""
+        place = f"time {moment.time:.10g}" if moment.step is None else f"step {moment.step}"
+        series.faults.append(f"{place} has no frame: {why.partition(';')[0]}")
 
     def _lack(self, data: Dataset | Portion) -> str:
         """What quantities of the film lack in data, by default the field that was first at first; empty for nothing."""

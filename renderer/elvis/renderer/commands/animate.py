@@ -258,5 +258,5 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
     for remark in dict.fromkeys([*film.told, *told]):
         note(remark)
     if not film.ranks.rank and not frames.paths():
-        raise ElvisError(f"expected a step that can be read, found none among {len(scenes)}")
+        raise ElvisError(f"expected a step that can be drawn, found none among {len(scenes)}")
     return frames
