@@ -175,6 +175,8 @@ def main() -> None:
     parser.add_argument("--of", default="plane", help=f"some of {', '.join(COMMANDS)}, with commas between (plane)")
     parser.add_argument("--folder", type=Path, help="where the data are kept for the next time, or are")
     asked = parser.parse_args()
+    if unknown := [name for name in asked.of.split(",") if name not in COMMANDS]:
+        parser.error(f"--of: expected some of {', '.join(COMMANDS)}, found {', '.join(unknown)}")
     with TemporaryDirectory() as temporary:
         folder = asked.folder or Path(temporary)
         print(write_data(folder, asked.cells))
