@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,10 @@ from elvis.formats.strict.mesh_rules import mesh_findings
 
 #: steps of a hash of 64 bits: those of SplitMix64 (Steele, Lea and Flood 2014, Fast splittable pseudorandom numbers)
 _GAP, _STEPS = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB))
+
+#: elements at a side that are too many
+_CROWD = 3
+_Table: TypeAlias = tuple[Ints, NDArray[np.uint64], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +137,20 @@ def _fits(part: Portion, ranks: Ranks, task: str) -> bool:
 @dataclass(frozen=True, eq=False)
 class _Entities:
     """Entities of a part whose hashes are in one of several buckets: by shape rows in the whole (n,), hashes of what
-    they are made of (n,), and how many elements of the part have each (n,).
+    they are made of (n,), and how many elements of the part have each (n,), or enough of them.
     """
 
-    tables: Mapping[Shape, tuple[Ints, NDArray[np.uint64], Ints]]
+    tables: Mapping[Shape, _Table]
 
     @staticmethod
     def of(part: Portion, bucket: int, count: int) -> _Entities:
         """Those in one of ``count`` buckets."""
         tables = {}
         for shape, owners in _owners(part):
+            few = np.minimum(owners, _CROWD).astype(np.uint8)
             hashes = _hashes(np.sort(members_in_whole(part, shape), axis=1))
             here = hashes % np.uint64(count) == bucket
-            tables[shape] = part.rows[shape][here], hashes[here], owners[here]
+            tables[shape] = part.rows[shape][here], hashes[here], few[here]
         return _Entities(tables)
 
 
@@ -170,7 +176,7 @@ def _hashes(members: Ints) -> NDArray[np.uint64]:
     return found
 
 
-def _distinct(tables: Sequence[tuple[Ints, NDArray[np.uint64], Ints]]) -> int | None:
+def _distinct(tables: Sequence[_Table]) -> int | None:
     """How many entities several parts have in a bucket; None where two have the same members, or one three elements."""
     rows, hashes, owners = (np.concatenate(own) for own in zip(*tables, strict=True))
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
