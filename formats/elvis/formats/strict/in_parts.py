@@ -35,7 +35,10 @@ _GAP, _STEPS = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133
 
 #: elements at a side that are too many
 _CROWD = 3
+#: of entities: rows in the whole (n,), hashes of what they are made of (n,), and how many elements of the part have
+#: each (n,), or enough of them
 _Table: TypeAlias = tuple[Ints, NDArray[np.uint64], NDArray[np.uint8]]
+_Entities: TypeAlias = dict[Shape, _Table]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +126,8 @@ def _covered(dataset: Dataset, sections: Sequence[Section]) -> int | None:
 
 def _fits(part: Portion, ranks: Ranks, task: str) -> bool:
     """Whether parts have all entities of the whole, each with members of its own, and two elements at most at sides."""
-    sent = [_Entities.of(part, bucket, ranks.size) for bucket in range(ranks.size)]
-    every = [own for own in ranks.alltoall(sent, task) if own is not None]
-    counts = {shape: _distinct([own.tables[shape] for own in every]) for shape in part.dataset.mesh.entities}
+    every = [own for own in ranks.alltoall(_by_bucket(part, ranks.size), task) if own is not None]
+    counts = {shape: _distinct([own[shape] for own in every]) for shape in part.dataset.mesh.entities}
     found = ranks.exchange(counts, task)
     known = {shape: count for shape, count in part.counts.entities.items() if count}
     sums = {shape: [own[shape] for own in found] for shape in counts}
@@ -134,24 +136,17 @@ def _fits(part: Portion, ranks: Ranks, task: str) -> bool:
     return {shape: total for shape, own in sums.items() if (total := sum(filter(None, own)))} == known
 
 
-@dataclass(frozen=True, eq=False)
-class _Entities:
-    """Entities of a part whose hashes are in one of several buckets: by shape rows in the whole (n,), hashes of what
-    they are made of (n,), and how many elements of the part have each (n,), or enough of them.
-    """
-
-    tables: Mapping[Shape, _Table]
-
-    @staticmethod
-    def of(part: Portion, bucket: int, count: int) -> _Entities:
-        """Those in one of ``count`` buckets."""
-        tables = {}
-        for shape, owners in _owners(part):
-            few = np.minimum(owners, _CROWD).astype(np.uint8)
-            hashes = _hashes(np.sort(members_in_whole(part, shape), axis=1))
-            here = hashes % np.uint64(count) == bucket
+def _by_bucket(part: Portion, count: int) -> list[_Entities]:
+    """The entities of a part for each of ``count`` ranks, by their hashes."""
+    found: list[_Entities] = [{} for _ in range(count)]
+    for shape, owners in _owners(part):
+        few = np.minimum(owners, _CROWD).astype(np.uint8)
+        hashes = _hashes(np.sort(members_in_whole(part, shape), axis=1))
+        bucket = hashes % np.uint64(count)
+        for number, tables in enumerate(found):
+            here = bucket == number
             tables[shape] = part.rows[shape][here], hashes[here], few[here]
-        return _Entities(tables)
+    return found
 
 
 def _owners(part: Portion) -> Iterator[tuple[Shape, Ints]]:
