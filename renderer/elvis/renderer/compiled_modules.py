@@ -17,6 +17,9 @@ from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 
+from elvis.core.errors import ElvisError
+from elvis.core.files.output import write_text
+
 #: most bytes of modules that are kept: folders that were not used for longest go
 MOST_BYTES = 48 << 20
 #: how files end: modules, and their checksums
@@ -64,7 +67,7 @@ class CompiledModules:
     def seal(self) -> None:
         """Write the checksums of the modules that are new; those that can't be written are made again."""
         for path in (path for folder in self._used for path in _modules(folder)):
-            with suppress(OSError):
+            with suppress(OSError, ElvisError):
                 written = path.stat().st_mtime_ns
                 if self._sound.get(path) != written:
                     _seal(path)
@@ -106,17 +109,10 @@ def _checksum(path: Path, content: bytes) -> str:
 
 
 def _seal(path: Path) -> None:
-    """Write the checksum of a module that is whole, in a file that takes its name when that is."""
+    """Write the checksum of a module that is whole; ElvisError, or OSError, where that can't be."""
     content = path.read_bytes()
-    if not _is_whole(content):
-        return
-    new = path.with_suffix(f".{os.getpid()}{_CHECKSUM}.new")
-    try:
-        new.write_text(_checksum(path, content), encoding="ascii")
-        new.replace(path.with_suffix(_CHECKSUM))
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+    if _is_whole(content):
+        write_text(path.with_suffix(_CHECKSUM), _checksum(path, content))
 
 
 def _is_whole(content: bytes) -> bool:
