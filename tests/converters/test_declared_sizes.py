@@ -1,5 +1,6 @@
 """Sizes that files declare are compared with what they hold, before memory is taken."""
 
+import os
 import resource
 import shutil
 import struct
@@ -11,7 +12,7 @@ import pytest
 
 from elvis.converters.cgns import Cgns
 from elvis.converters.exodus_files import Variables
-from elvis.converters.hdf5 import reading, require
+from elvis.converters.hdf5 import holds, reading, require
 from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
@@ -87,6 +88,19 @@ def test_data_of_other_files_are_not_read(tmp_path, place):
     message = r"a\.h5: u: expected data in the file itself, found references to others"
     with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5") as file:
         require(file, "u")
+
+
+def test_a_link_to_a_pipe_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["u"] = np.arange(10.0)
+        file["group/pipe"] = h5py.ExternalLink("pipe", "/x")
+        file["soft"] = h5py.SoftLink("/group/pipe")
+    assert holds(tmp_path / "a.h5", "u", "soft", "group/pipe")
+    assert not holds(tmp_path / "a.h5", "group/none")
+    message = r"a\.h5: group/pipe: expected data in the file itself, found references to others"
+    with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5"):
+        pass
 
 
 def classic(path, counts, size):

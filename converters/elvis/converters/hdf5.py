@@ -36,6 +36,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
     check_heaps(path)
     try:
         with h5py.File(path) as file:
+            check_links(file)
             yield file
     except FormatError as error:
         raise error.within(path) from error
@@ -52,9 +53,36 @@ def holds(path: Path, *names: str) -> bool:
         return False
     try:
         with h5py.File(path) as file:
-            return all(name in file for name in names)
+            return all(_has_member(file, name) for name in names)
     except _DAMAGES:
         return False
+
+
+def check_links(file: h5py.File) -> None:
+    """Raise FormatError for links to other files, which may be pipes or devices; nothing is opened to find them."""
+    import h5py
+
+    def place_of_external(name: str | bytes, link: object) -> str | None:
+        if not isinstance(link, h5py.ExternalLink):
+            return None
+        return name if isinstance(name, str) else name.decode("utf-8", "replace")
+
+    place = file.visititems_links(place_of_external)
+    if place is not None:
+        raise FormatError("expected data in the file itself, found references to others", place=place)
+
+
+def _has_member(file: h5py.File, name: str) -> bool:
+    """Whether the file has a path with this name; a soft or external link on it is not followed and counts as found."""
+    import h5py
+
+    parent = file
+    for part in name.split("/"):
+        link = parent.get(part, getlink=True) if isinstance(parent, h5py.Group) else None
+        if not isinstance(link, h5py.HardLink):
+            return link is not None
+        parent = parent[part]
+    return True
 
 
 def require(file: h5py.File, name: str) -> Any:
