@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ImageFont
 
+from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, SceneError, Style
+from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
 from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.scene.picture import AXES, labels, notes, picture, shortest, ticks
 
@@ -278,3 +279,30 @@ def test_titles_are_the_scenes(draw, linear):
     none, usual, long = (np.asarray(picture(draw(data, size=(200, 100), title=title))) for title in titles)
     assert len(none) < len(usual) == len(long)
     assert 0 < (usual[:25] < 100).sum() < (long[:25] < 100).sum()
+
+
+def test_titles_wrap_within_the_picture(draw, linear):
+    data = linear(grid(Shape.QUADRILATERAL, 1))
+    words = "several words of a title " * 400
+    sizes = [
+        picture(draw(data, size=(200, 100), title=title)).size for title in ("short", words[:60], words, "x" * 9000)
+    ]
+    assert len({width for width, _ in sizes}) == 1
+    heights = [height for _, height in sizes]
+    assert heights[0] == heights[3] < heights[1] < heights[2] < heights[0] + 100
+
+
+def test_long_names_of_fields_fit_above_bars_and_in_notes(draw, linear):
+    name = "f" * 900
+    data = linear(grid(Shape.HEXAHEDRON, 1), name=name)
+    planes = [CutSurface(Plane((0.5, 0.5, 0.5), (0, 0, 1)), Style(quantity=own)) for own in (name, "x")]
+    framed = picture(draw(data, objects=planes, size=(200, 100)))
+    assert framed.width < 1000
+    assert framed.height < 400
+
+
+def test_texts_from_outside_have_a_greatest_length(linear):
+    with pytest.raises(SceneError, match=r"title: expected a text of at most 10000 characters, found 10001"):
+        Scene(title="x" * 10_001)
+    with pytest.raises(FormatError, match=r"expected a name of at most 1000 characters for a field, found 1001: 'ffff"):
+        linear(grid(Shape.QUADRILATERAL, 1), name="f" * 1001)

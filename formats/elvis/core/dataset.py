@@ -14,6 +14,7 @@ from elvis.core.mesh import Mesh
 from elvis.core.moments import Instant
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
+from elvis.core.texts import check_name
 
 if TYPE_CHECKING:
     from elvis.core.common_elements import CommonElements
@@ -86,6 +87,9 @@ class Field:
     name: str
     blocks: tuple[Block, ...]
     continuous: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "a field")
 
     def __repr__(self) -> str:
         return describing.line_of_field(self)

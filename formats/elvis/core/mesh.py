@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints, corners_of, distinct, frozen_floats, frozen_ints, rows_of
 from elvis.core.shapes import Shape
+from elvis.core.texts import check_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,11 @@ class Composite:
     parts: tuple[tuple[str, Ints], ...]
     name: str | None = None
     label: str | None = None
+
+    def __post_init__(self) -> None:
+        for text in (self.name, self.label):
+            if text is not None:
+                check_name(text, f"composite {self.id}")
 
 
 #: bounding entities of an element: vertices of a segment, edges of a 2D element, faces of a 3D element

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence, Set
 from typing import Any, TypeAlias
 
@@ -17,6 +18,13 @@ from elvis.scene.palette import text_color_on
 from elvis.scene.quantities import velocities
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
+
+#: lines of a title and of each note; what does not fit ends with an ellipsis
+MAX_TITLE_LINES, MAX_NOTE_LINES = 3, 3
+#: characters of a text that are measured: more fit into no line
+MAX_MEASURED = 2_000
+#: width of the name above a colour bar, in units of the page
+MAX_BAR_NAME = 16
 
 
 def in_bytes(color: Vector) -> Rgb:
@@ -92,13 +100,14 @@ def _add_frame(frame: Frame) -> Page:
     bars = [_Bar(legend, len(mapped) > 1, unit, bar_height, small, text_color) for legend in mapped]
 
     # the page: a unit of margin, and what is above, beside and below the image
-    width_of_title = round(font.getlength(title)) + 3 * unit
     width_of_image = image_width + 2 * unit + sum(bar.width for bar in bars)
     keys = [_Key(legend.arrow, unit) for legend in frame.legends if legend.arrow]
-    width = max(width_of_image, width_of_title, *(key.width(small) + 2 * unit for key in keys))
+    width = max([width_of_image, *(key.width(small) + 2 * unit for key in keys)])
+    titles = wrapped(title.split(), width - 2 * unit, font, MAX_TITLE_LINES)
     lines = notes(frame, width - 2 * unit, small)
     line_height = round(1.6 * unit)
-    top = 3 * unit if title or any(bar.name for bar in bars) else unit
+    lines_above = max(len(titles), int(any(bar.name for bar in bars)))
+    top = unit + 2 * unit * lines_above
     right = unit + image_width
     bottom = top + bar_height
     height = bottom + unit + sum(key.height for key in keys) + line_height * len(lines)
@@ -109,12 +118,11 @@ def _add_frame(frame: Frame) -> Page:
     beside = Part.blank((right, 0, width, height), paper)
     below = Part.blank((0, bottom, right, height), paper)
     for part in (above, beside):
-        part.text((unit, top / 2), title, fill=text_color, font=font, anchor="lm")
+        _write_lines(part, (unit, 3 * unit / 2), titles, 2 * unit, fill=text_color, font=font, anchor="lm")
     page.bars = _draw_bars(bars, beside, (image_width + 5 * unit // 2, top))
     for part in (below, beside):
-        style: dict[str, Any] = {"fill": text_color, "font": small}
-        row = _draw_keys(keys, part, (unit, bottom + unit), **style)
-        _write_lines(part, (unit, row), lines, line_height, **style)
+        row = _draw_keys(keys, part, (unit, bottom + unit), fill=text_color, font=small)
+        _write_lines(part, (unit, row), lines, line_height, fill=text_color, font=small, anchor="lt")
     page.parts += [above, beside, below]
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, page, unit, small)
@@ -141,11 +149,11 @@ def _draw_keys(keys: Sequence[_Key], part: Part, corner: tuple[int, int], **styl
     return y
 
 
-def _write_lines(part: Part, place: tuple[int, int], lines: list[str], step: int, **style: Any) -> None:
+def _write_lines(part: Part, place: tuple[float, float], lines: list[str], step: int, **style: Any) -> None:
     """Lines of text, one below the other."""
     x, y = place
     for number, line in enumerate(lines):
-        part.text((x, y + step * number), line, anchor="lt", **style)
+        part.text((x, y + step * number), line, **style)
 
 
 class _Bar:
@@ -156,7 +164,7 @@ class _Bar:
         self.legend = legend
         self.palette = legend.palette
         self.marks = legend.marks
-        self.name = legend.title if has_name else ""
+        self.name = fitted(legend.title, MAX_BAR_NAME * unit, font) if has_name else ""
         self.unit = unit
         self.thickness = 3 * unit // 2
         self.height = height
@@ -234,7 +242,7 @@ def shortest(value: float) -> str:
 
 def notes(frame: Frame, width: float, font: Font) -> list[str]:
     """The sentences in lines no wider than ``width`` pixels."""
-    return [line for words in _notes(frame, contours=True) for line in _lines(words, width, font)]
+    return [line for words in _notes(frame, contours=True) for line in wrapped(words, width, font, MAX_NOTE_LINES)]
 
 
 def sentences(frame: Frame, *, contours: bool) -> list[str]:
@@ -294,16 +302,32 @@ def value_labels(values: Sequence[float], typed: Set[float] = frozenset()) -> li
     return [shortest(value if value in typed else round(value, decimals)) for value in values]
 
 
-def _lines(words: list[str], width: float, font: Font) -> list[str]:
-    """Words in lines no wider than n pixels."""
-    lines = [words[0]]
-    for word in words[1:]:
-        longer = f"{lines[-1]} {word}"
-        if font.getlength(longer) <= width:
+def wrapped(words: Sequence[str], width: float, font: Font, most: int) -> list[str]:
+    """Words in at most ``most`` lines no wider than ``width`` pixels; an ellipsis ends what does not fit."""
+    lines: list[str] = []
+    for word in words:
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and _length(longer, font) <= width:
             lines[-1] = longer
+        elif len(lines) < most:
+            lines.append(fitted(word, width, font))
         else:
-            lines.append(word)
+            lines[-1] = fitted(f"{lines[-1]} …", width, font)
+            break
     return lines
+
+
+def fitted(text: str, width: float, font: Font) -> str:
+    """The text, or as much of its beginning as ``width`` pixels hold with an ellipsis behind it."""
+    if _length(text, font) <= width:
+        return text
+    kept = bisect_right(range(min(len(text), MAX_MEASURED)), width, key=lambda count: _length(f"{text[:count]}…", font))
+    return f"{text[: max(kept - 1, 0)]}…"
+
+
+def _length(text: str, font: Font) -> float:
+    """Width of a text in pixels; of a long one that of its beginning."""
+    return font.getlength(text[:MAX_MEASURED])
 
 
 def _emptiest(frame: Frame, side: int) -> tuple[int, int, bool]:

@@ -13,6 +13,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, TypeVar, Union, get_args, get_origin
 
 from elvis.core.hints import nearest
+from elvis.core.texts import LONGEST_TEXT
 from elvis.scene.errors import KeywordError, SceneError
 
 Made = TypeVar("Made", bound="Model")
@@ -131,6 +132,14 @@ def _numbers(value: Any) -> Iterator[float]:
         yield value
 
 
+def _check_length(value: Any, what: str) -> None:
+    """Raise SceneError naming ``what`` for a text, or a text in a list, that is longer than texts may be."""
+    texts = value if isinstance(value, tuple) else (value,)
+    for text in texts:
+        if isinstance(text, str) and len(text) > LONGEST_TEXT:
+            raise SceneError(f"{what}: expected a text of at most {LONGEST_TEXT} characters, found {len(text)}")
+
+
 @dataclass(frozen=True)
 class Text:
     """A text that names files, by its kind.
@@ -237,6 +246,8 @@ class Model:
         cls: Any = type(self)
         for name, setting in _check(cls):
             setting.check(getattr(self, name), f"{name}{self.noun}")
+        for field in fields(cls):
+            _check_length(getattr(self, field.name), f"{field.name}{self.noun}")
 
     def check(self) -> None:
         """SceneError where settings are not what they should be, for more than their own bounds."""
