@@ -142,6 +142,9 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         Nek([tmp_path / "run.nek5000"], step="2")
     with pytest.raises(ElvisError, match="expected a number for the option step, found 'last'"):
         Nek([tmp_path / "run.nek5000"], step="last")
+    (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 0\nnumtimesteps: 2000000000\n")
+    with pytest.raises(FormatError, match="expected at most 10300 steps next to 3 files, found 2000000000"):
+        Nek.times([tmp_path / "run.nek5000"])
     (tmp_path / "run0.f00001").unlink()
     with pytest.raises(FormatError, match="expected points, or a file of the same series that has them"):
         Nek([last])

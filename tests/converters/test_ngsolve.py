@@ -290,8 +290,8 @@ def test_a_compressed_mesh_is_read_like_the_plain_one(tmp_path):
         with pytest.raises(FormatError, match=r"cut\.vol\.gz: expected a whole compressed file"):
             NGSolve([tmp_path / "cut.vol.gz"])
     with gzip.open(tmp_path / "bomb.vol.gz", "wb") as file:
-        file.write(b"mesh3d\n" + b"\n" * 10**7)
-    with pytest.raises(FormatError, match=r"bomb\.vol\.gz: expected at most 100 times the bytes"):
+        file.write(b"mesh3d\n" + b"\n" * (3 * 10**7))
+    with pytest.raises(FormatError, match=r"bomb\.vol\.gz: expected at most \d+ bytes in the compressed file"):
         NGSolve([tmp_path / "bomb.vol.gz"])
 
 

@@ -93,3 +93,18 @@ def test_damaged_bytes_and_missing_names_are_said(tmp_path):
     with pytest.raises(FormatError, match="expected an archive of arrays, found"):
         Archive(tmp_path / "b.npz")
     assert names_in(tmp_path / "b.npz") == frozenset()
+
+
+def test_an_archive_of_zeros_is_refused_before_memory_is_taken(tmp_path):
+    with (
+        zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as packed,
+        packed.open("a.npy", "w", force_zip64=True) as stream,
+    ):
+        stream.write(member((1 << 24,), b""))
+        for _ in range(128):
+            stream.write(bytes(1 << 20))
+    with (
+        Archive(tmp_path / "a.npz") as archive,
+        pytest.raises(FormatError, match=r"expected 134217\d+ bytes as declared, found 13\d+ packed ones"),
+    ):
+        archive["a"]

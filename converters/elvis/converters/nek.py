@@ -5,6 +5,7 @@ A series often holds the points in its first file alone, and a step may be sprea
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ _SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
 
 #: the name of a file of a series: what precedes, the number of the file in its step, the number of the step
 _NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$")
+
+#: steps that an index may name without any file, and more for each file in the folder
+_MISSING_STEPS, _STEPS_OF_FILE = 10_000, 100
 
 #: a number of a template that would have a hundred digits or more
 _WIDE = re.compile(r"%[^A-Za-z]*[0-9]{3}")
@@ -187,7 +191,17 @@ def _index(path: Path) -> tuple[str, int, int]:
             raise ValueError
     except (KeyError, ValueError, TypeError):
         raise FormatError("expected filetemplate, firsttimestep and numtimesteps", file=path) from None
+    _check_step_count(path, template % (0, first), count)
     return template, first, count
+
+
+def _check_step_count(index: Path, first_name: str, count: int) -> None:
+    """Raise FormatError for an index of far more steps than there are files in the folder of the first one."""
+    folder = (index.parent / first_name).parent
+    files = len(os.listdir(folder)) if folder.is_dir() else 0
+    most = _MISSING_STEPS + _STEPS_OF_FILE * files
+    if count > most:
+        raise FormatError(f"expected at most {most} steps next to {files} files, found {count}", file=index)
 
 
 def _member(index: Path, step: int) -> Path:

@@ -22,7 +22,7 @@ from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.inputs import is_count
 from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
-from elvis.core.files.plain import content, leading
+from elvis.core.files.plain import content, leading, unpacked_limit
 from elvis.plugins.discovery import installing
 
 #: spaces that can be named
@@ -46,7 +46,7 @@ _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsg
           "materials", "bcnames", "cd2names", "cd3names", "face_colours", "face_transparencies"}  # fmt: skip
 
 #: how compressed files begin, and how many times their size they may hold: ten times what meshes do
-_GZIP, _EXPANSION = b"\x1f\x8b", 100
+_GZIP = b"\x1f\x8b"
 
 #: reads and samples in another process, where the library may crash
 _WORKER = "elvis.converters.ngsolve_export:Library"
@@ -150,16 +150,14 @@ def _text(path: Path) -> str:
     """All of a file; FormatError where it is compressed and damaged, or holds far more than its size suggests."""
     if not _is_compressed(path):
         return content(path).decode("ascii", "replace")
-    limit = _EXPANSION * path.stat().st_size
+    limit = unpacked_limit(path.stat().st_size)
     try:
         with gzip.open(path) as file:
             raw = file.read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise FormatError(f"expected a whole compressed file, found: {error}", file=path) from None
     if len(raw) > limit:
-        raise FormatError(
-            f"expected at most {_EXPANSION} times the bytes of the compressed file, found more", file=path
-        )
+        raise FormatError(f"expected at most {limit} bytes in the compressed file, found more", file=path)
     return raw.decode("ascii", "replace")
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from elvis.converters.apart import Apart, LibraryError
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import DEFLATE_RATIO, check_plain, content, leading
+from elvis.core.files.plain import check_plain, content, leading, unpacked_limit
 from elvis.core.moments import checked_step
 from elvis.plugins.recognition import found_instead
 
@@ -160,8 +160,8 @@ def _check_counts(path: Path, size: int) -> None:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
         end = raw.find(b"<AppendedData")
         for found in _COUNT.finditer(raw, 0, end if end >= 0 else len(raw)):
-            if int(found[2]) > size * DEFLATE_RATIO:
-                expected = f"at most {size * DEFLATE_RATIO}, as {size} bytes hold"
+            if int(found[2]) > unpacked_limit(size):
+                expected = f"at most {unpacked_limit(size)}, as {size} bytes hold"
                 place = found[1].decode("ascii")
                 raise FormatError(f"expected {expected}, found {int(found[2])}", file=path, place=place)
 

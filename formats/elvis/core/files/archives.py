@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import DEFLATE_RATIO, check_plain
+from elvis.core.files.plain import check_plain, unpacked_limit
 
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _SUFFIX = ".npy"
@@ -85,9 +85,10 @@ class Archive:
     def _check(self, name: str) -> None:
         """FormatError where a member can't be as large as it says, or its array is of another size."""
         member = self._archive.getinfo(name + _SUFFIX)
-        held = min(member.compress_size, self._path.stat().st_size)
-        ratio = DEFLATE_RATIO if member.compress_type == zipfile.ZIP_DEFLATED else 1
-        if member.compress_type not in _PACKINGS or member.file_size > ratio * held:
+        size = self._path.stat().st_size
+        held = min(member.compress_size, size)
+        most = unpacked_limit(held, size) if member.compress_type == zipfile.ZIP_DEFLATED else held
+        if member.compress_type not in _PACKINGS or member.file_size > most:
             raise FormatError(f"expected {member.file_size} bytes as declared, found {held} packed ones")
         shape, dtype, start = self._header(name)
         if dtype.kind not in "biufSU":

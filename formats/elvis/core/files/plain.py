@@ -10,6 +10,9 @@ from elvis.core.errors import FormatError
 
 #: no deflate stream holds more than this many bytes for each of its own
 DEFLATE_RATIO = 1032
+#: packed data of meshes and fields grow by less, but for fields of zeros in small files
+_GREATEST_RATIO = 64
+_ALWAYS_ALLOWED = 1 << 24
 
 _OTHERS = {
     stat.S_IFDIR: "a folder",
@@ -51,6 +54,16 @@ def content(path: str | Path) -> bytes:
         return Path(path).read_bytes()
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def unpacked_limit(packed: int, whole: int | None = None) -> int:
+    """Bytes that packed data may hold; readers refuse what claims more before they take memory.
+
+    packed  bytes of the data
+    whole   bytes of their file, which may hold a field of zeros next to others; None where the data are all of it
+    """
+    size = packed if whole is None else whole
+    return min(DEFLATE_RATIO * packed, _ALWAYS_ALLOWED + _GREATEST_RATIO * size)
 
 
 def _other(path: str | Path) -> str | None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import DEFLATE_RATIO
+from elvis.core.files.plain import unpacked_limit
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -39,8 +39,9 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
     stored = found.id.get_storage_size()
     is_packed = found.id.get_create_plist().get_nfilters() > 0
     chunk = math.prod(found.chunks) * size if found.chunks else 0
-    # no other filter is let to hold more than deflate
-    if max(claimed, chunk if is_packed else 0) > stored * (DEFLATE_RATIO if is_packed else 1):
+    # no filter may hold more than deflate does
+    most = unpacked_limit(stored, found.file.id.get_filesize()) if is_packed else stored
+    if max(claimed, chunk if is_packed else 0) > most:
         raise FormatError(f"expected {claimed} bytes as declared, found {stored} stored", place=place)
     if is_packed and stored > 2 * max(claimed, chunk) + (1 << 20) and count is None:
         raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)

@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import DEFLATE_RATIO
+from elvis.core.files.plain import DEFLATE_RATIO, unpacked_limit
 from elvis.core.threads import results
 
 ENCODING = "B64Z-LittleEndian"
 
-#: data of meshes and text shrink at most so far; what grows more on unpacking is refused
-GREATEST_RATIO = 64
-ALWAYS_ALLOWED = 1 << 24
 _STEP = 1 << 18
 #: bytes that are packed by themselves
 _CHUNK = 1 << 20
@@ -89,12 +86,12 @@ def decode(text: memoryview, width: int) -> NDArray[np.uint8]:
 
 def record_pieces(text: memoryview, width: int) -> Iterator[bytes]:
     """The bytes of such a payload in pieces of whole records."""
-    carry, found, limit = b"", 0, ALWAYS_ALLOWED + GREATEST_RATIO * len(text)
+    carry, found, limit = b"", 0, unpacked_limit(len(text))
     for piece in _inflate(text):
         carry += piece
         found += len(piece)
         if found > limit:
-            raise FormatError(f"the data grow beyond {GREATEST_RATIO} times their size, which no mesh does")
+            raise FormatError(f"expected at most {limit} bytes in {len(text)} packed ones, found more")
         whole = len(carry) - len(carry) % (8 * width)
         yield carry[:whole]
         carry = carry[whole:]

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import content, leading
+from elvis.core.files.plain import content, leading, unpacked_limit
 from elvis.formats.nektar.mapped_files import MappedBytes, is_mapped
-from elvis.formats.nektar.payload import ALWAYS_ALLOWED, ENCODING, GREATEST_RATIO, encode
+from elvis.formats.nektar.payload import ENCODING, encode
 
 Buffer: TypeAlias = bytes | bytearray | MappedBytes
 
@@ -293,7 +293,7 @@ def load(path: Path) -> Buffer:
 
 def _unpack(raw: bytes, path: Path) -> bytearray:
     """The content of all members of a gzip file, one after another."""
-    out, limit = bytearray(), ALWAYS_ALLOWED + GREATEST_RATIO * len(raw)
+    out, limit = bytearray(), unpacked_limit(len(raw))
     try:
         while raw:
             raw = _member(raw, out, limit, path).lstrip(b"\0")
@@ -315,8 +315,7 @@ def _member(raw: bytes, out: bytearray, limit: int, path: Path) -> bytes:
         if is_first and out and not begins_like_xml(out):
             raise FormatError(f"expected XML in the gzip data, found {bytes(out[:8])!r}", file=path)
         if len(out) > limit:
-            message = f"the gzip data grow beyond {GREATEST_RATIO} times their size, which no data of this format do"
-            raise FormatError(message, file=path)
+            raise FormatError(f"expected at most {limit} bytes in the gzip data, found more", file=path)
         if not (piece or rest or start < len(raw)):
             raise FormatError("the gzip data end early", file=path)
     return decompressor.unused_data + raw[start:]
