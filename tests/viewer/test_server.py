@@ -2,16 +2,21 @@
 
 import asyncio
 import json
+import socket
 import urllib.error
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import urlsplit
 
 import pytest
 from driving import PATIENCE, finished
 
 from elvis.core.errors import ElvisError
 from elvis.scene.files import read_scene
+from elvis.viewer import access
+from elvis.viewer.access import is_known_host
 from elvis.viewer.server import Server, serve
 
 
@@ -34,6 +39,53 @@ def test_nobody_enters_without_the_token(viewer, path, token):
 def test_pages_of_other_origins_are_refused(viewer, path):
     token = viewer.server.token
     assert fetch(f"{viewer.root}{path}?token={token}", Origin="http://elsewhere.example")[0] == 403
+
+
+def test_other_schemes_are_other_origins(viewer):
+    authority = urlsplit(viewer.root).netloc
+    assert fetch(viewer.address, Origin=f"http://{authority}")[0] == 200
+    assert fetch(viewer.address, Origin=f"https://{authority}")[0] == 200  # a proxy encrypts
+    assert fetch(viewer.address, Origin=f"ftp://{authority}")[0] == 403
+    assert fetch(viewer.address, **{"Origin": f"http://{authority}", "X-Forwarded-Proto": "https"})[0] == 403
+
+
+def test_unknown_host_names_are_refused(viewer):
+    status, _, content = fetch(viewer.address, Host="elsewhere.example:80")
+    assert status == 403
+    assert b"--allow-host elsewhere.example" in content
+    port = urlsplit(viewer.root).port
+    for host in (f"localhost:{port}", "127.0.0.1", "[::1]:80", socket.gethostname()):
+        assert fetch(viewer.address, Host=host)[0] == 200
+    assert is_known_host("hub.example", ["Hub.example"])
+
+
+def test_connections_without_a_request_end(viewer, monkeypatch):
+    monkeypatch.setattr(access, "REQUEST_SECONDS", 0.3)
+    monkeypatch.setattr(access, "MAX_UNFINISHED", 3)
+    parts = urlsplit(viewer.root)
+    waiting = [socket.create_connection((parts.hostname, parts.port), timeout=PATIENCE) for _ in range(4)]
+    for own in waiting:
+        with own, suppress(ConnectionResetError):
+            assert own.recv(1) == b""
+    assert fetch(viewer.address)[0] == 200
+
+
+def test_malformed_requests_do_not_print_the_token(viewer, capfd, caplog):
+    parts = urlsplit(viewer.address)
+    with socket.create_connection((parts.hostname, parts.port), timeout=PATIENCE) as own:
+        own.sendall(f"GET /?{parts.query}{'x' * 20_000} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        assert b"400" in own.recv(1000)
+    assert viewer.server.token not in "".join(capfd.readouterr()) + caplog.text
+
+
+def test_the_first_page_is_readable_by_its_owner_alone(tmp_path):
+    with access.private_page("http://localhost:1/?token=a&b", tmp_path / "view") as page:
+        path = Path(urlsplit(page).path)
+        assert "token" not in page
+        assert path.stat().st_mode & 0o777 == 0o600
+        assert path.parent.stat().st_mode & 0o777 == 0o700
+        assert 'content="0;url=http://localhost:1/?token=a&amp;b"' in path.read_text()
+    assert not path.exists()
 
 
 def test_the_page_runs_its_own_code_alone(viewer):

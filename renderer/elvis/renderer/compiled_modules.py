@@ -18,6 +18,7 @@ from pathlib import Path
 from shutil import rmtree
 
 from elvis.core.errors import ElvisError
+from elvis.core.files.keeping import make_private
 from elvis.core.files.output import write_text
 
 #: most bytes of modules that are kept: folders that were not used for longest go
@@ -53,7 +54,7 @@ class CompiledModules:
             return None
         folder = self._kept_in / sha256(repr(about).encode()).hexdigest()[:20]
         try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            make_private(folder)
             os.utime(folder)
             damaged = self._remove_unsound(folder)
         except OSError:

@@ -6,18 +6,17 @@ Whoever has the token may look and change the scene; addresses are relative, so 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import json
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 from elvis.core.errors import ElvisError
 from elvis.core.needing import require_module
 from elvis.scene.errors import SceneError
+from elvis.viewer.access import LOGGER, Connections, refusal
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
 
@@ -47,15 +46,18 @@ HEADERS = {
 class Server:
     """Serves a session.
 
-    token  what the address has to have
+    token        what the address has to have
+    allow_hosts  host names, such as those of proxies, that addresses may have in addition to those of this machine
     """
 
-    def __init__(self, session: Session, token: str | None = None) -> None:
+    def __init__(self, session: Session, token: str | None = None, allow_hosts: Sequence[str] = ()) -> None:
         require_module("aiohttp", "elvis view", "view")
         self.session = session
         self.token = token or secrets.token_urlsafe(24)
+        self._hosts = set(allow_hosts)
         self.on_empty: Callable[[], object] = lambda: None
         self._runner: Any = None
+        self._listening: Any = None
 
     async def start(self, host: str, port: int) -> int:
         """Listen; the port, which is a free one where 0 was given.  ElvisError where the port is taken."""
@@ -66,37 +68,36 @@ class Server:
         app.router.add_get("/{name:viewer\\.(?:js|css)}", self._page)
         app.router.add_get("/socket", self._socket)
         app.router.add_get("/save/{name}", self._save)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        self._hosts.add(host)
+        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0, logger=LOGGER)
         await self._runner.setup()
-        site = web.TCPSite(self._runner, host, port)
+        loop = asyncio.get_running_loop()
         try:
-            await site.start()
+            self._listening = await loop.create_server(Connections(self._runner.server), host, port)
         except OSError as error:
             await self._runner.cleanup()
             # asyncio gives no number where the host has no address of this machine
             reason = error.strerror or "it is no address of this machine"
             raise ElvisError(f"cannot listen at {host}:{port}: {reason}; --host and --port take others") from error
         self.session.start()
-        return int(self._runner.addresses[0][1])
+        return int(self._listening.sockets[0].getsockname()[1])
 
     async def close(self) -> None:
         """Close all pages' sockets and end the drawing."""
+        self._listening.close()
         await self.session.close()
         await self._runner.cleanup()
 
     @property
     def _guard(self) -> Any:
-        """Refuses who has not the token, and pages of other origins."""
+        """Refuses requests without the token, with unknown host names, and from pages of other origins."""
         from aiohttp import web
 
         @web.middleware
         async def guard(request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> Any:
-            given = request.query.get("token", "")
-            if not hmac.compare_digest(given.encode(), self.token.encode()):
-                return web.Response(status=403, text="The address lacks the token that elvis view has printed.\n")
-            origin = request.headers.get("Origin")
-            if origin is not None and urlsplit(origin).netloc != request.host:
-                return web.Response(status=403, text="Pages of other origins have no access.\n")
+            reason = refusal(request, self.token, self._hosts)
+            if reason is not None:
+                return web.Response(status=403, text=f"{reason}\n")
             answer = await handler(request)
             if not isinstance(answer, web.WebSocketResponse):
                 answer.headers.update(HEADERS)

@@ -26,6 +26,9 @@ Examples:
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
 @click.option("--host", default="localhost", show_default=True, help="The address to listen at; others can reach it.")
+@click.option(
+    "--allow-host", multiple=True, metavar="NAME", help="Accept addresses with this host name too, that of a proxy."
+)
 @click.option("--port", default=0, type=click.IntRange(0, 65535), help="The port to listen at.  [default: a free one]")
 @click.option("--browser/--no-browser", default=True, help="Open a browser.")
 @click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once no page has looked for so long.")
@@ -36,6 +39,7 @@ def view(
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
     host: str,
+    allow_host: tuple[str, ...],
     port: int,
     browser: bool,
     idle: float | None,
@@ -54,15 +58,17 @@ def view(
     process = spawn()
     import asyncio
     import webbrowser
-    from contextlib import suppress
+    from contextlib import ExitStack, suppress
     from threading import Thread
 
+    from elvis.core.files.keeping import cache_folder
     from elvis.core.files.plain import check_plain_or_folder
     from elvis.core.terminal import say
     from elvis.plugins.series.step_names import expanded
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
+    from elvis.viewer.access import private_page
     from elvis.viewer.moments import source_of
     from elvis.viewer.server import Server, serve
     from elvis.viewer.session import Session
@@ -79,11 +85,13 @@ def view(
     def opened(address: str) -> None:
         say(f"{address}\nCtrl-C ends it")
         if browser:
-            Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+            page = pages.enter_context(private_page(address, cache_folder("view")))
+            Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
     async def run() -> None:
         source = source_of(scene, is_kept=not no_cache, is_live=live)
-        await serve(Server(Session(scene, source, allow_writes, process)), host, port, opened, idle)
+        server = Server(Session(scene, source, allow_writes, process), allow_hosts=allow_host)
+        await serve(server, host, port, opened, idle)
 
-    with suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt), ExitStack() as pages:
         asyncio.run(run())

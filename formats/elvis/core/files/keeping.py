@@ -35,6 +35,12 @@ def cache_folder(name: str) -> Path | None:
     return Path(folder) / "elvis" / name if os.path.isabs(folder) else None
 
 
+def make_private(folder: Path) -> None:
+    """Make a folder, and those above it that are missing, for its owner alone; OSError where that can't be."""
+    for own in (*reversed(folder.parents), folder):
+        own.mkdir(mode=0o700, exist_ok=True)
+
+
 @dataclass(frozen=True)
 class Store:
     """The kept results of one kind in a folder, which need not be there.
@@ -61,7 +67,7 @@ class Store:
 
         content  in parts, one after another
         """
-        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_private(self.folder)
         path = self.place(key)
         beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         parts = (len(key).to_bytes(_LENGTH, "little"), key, *content)
