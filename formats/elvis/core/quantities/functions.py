@@ -1,4 +1,4 @@
-"""The operators and functions of expressions: in NumPy, as intervals, and their derivatives.
+"""The operators and functions of expressions: in NumPy, as intervals, as complex discs, and their derivatives.
 
 A function has the value NaN where it isn't defined: for division by zero, roots and logarithms of negative numbers.
 """
@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.core.quantities import discs as d
 from elvis.core.quantities import intervals as i
+from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import ONE, ZERO, Node, call, negative, number
 
@@ -25,11 +27,13 @@ class Function:
 
     numpy     of arrays
     interval  that holds all values which the function has on intervals
+    disc      that holds all values of the function, which is analytic, on complex discs
     partials  derivative in each operand, from the operands
     """
 
     numpy: Callable[..., Any]
     interval: Callable[..., Interval]
+    disc: Callable[..., Disc]
     partials: tuple[Partial, ...]
 
     @property
@@ -221,47 +225,60 @@ def _over_sum_of_squares(a: Node, b: Node) -> Node:
     return call("/", b, _length(a, b))
 
 
+def _is_less(a: Any, b: Any) -> Any:
+    """1 where a < b, else 0."""
+    return np.where(np.less(a, b), 1.0, 0.0)
+
+
 def _not_step(a: Node, b: Node) -> Node:
     """1 where not a < b."""
     return call("-", ONE, _step(a, b))
 
 
 OPERATORS: Mapping[str, Function] = {
-    "+": Function(np.add, i.plus, (lambda a, b: ONE, lambda a, b: ONE)),
-    "-": Function(np.subtract, i.minus, (lambda a, b: ONE, lambda a, b: number(-1.0))),
-    "*": Function(np.multiply, i.times, (lambda a, b: b, lambda a, b: a)),
-    "/": Function(quotient, i.over, (lambda a, b: _reciprocal(b), _over_divisor)),
-    "^": Function(power, i.power, (_less_one, _times_logarithm)),
-    "step": Function(lambda a, b: np.where(np.less(a, b), 1.0, 0.0), i.step, (lambda a, b: ZERO, lambda a, b: ZERO)),
+    "+": Function(np.add, i.plus, d.plus, (lambda a, b: ONE, lambda a, b: ONE)),
+    "-": Function(np.subtract, i.minus, d.minus, (lambda a, b: ONE, lambda a, b: number(-1.0))),
+    "*": Function(np.multiply, i.times, d.times, (lambda a, b: b, lambda a, b: a)),
+    "/": Function(quotient, i.over, d.over, (lambda a, b: _reciprocal(b), _over_divisor)),
+    "^": Function(power, i.power, d.power, (_less_one, _times_logarithm)),
+    "step": Function(_is_less, i.step, d.step, (lambda a, b: ZERO, lambda a, b: ZERO)),
 }
 
 FUNCTIONS: Mapping[str, Function] = {
-    "abs": Function(np.abs, i.absolute, (lambda a: call("sign", a),)),
-    "sign": Function(np.sign, i.sign, (lambda a: ZERO,)),
-    "sqrt": Function(np.sqrt, i.root, (_half_over_root,)),
-    "exp": Function(np.exp, i.increasing(np.exp), (lambda a: call("exp", a),)),
-    "log": Function(logarithm, i.logarithm, (_reciprocal,)),
-    "sin": Function(np.sin, i.sine, (lambda a: call("cos", a),)),
-    "cos": Function(np.cos, i.cosine, (lambda a: negative(call("sin", a)),)),
-    "tan": Function(np.tan, i.tangent, (lambda a: call("+", ONE, _square(call("tan", a))),)),
-    "asin": Function(np.arcsin, i.arcsine, (_over_bell_root,)),
-    "acos": Function(np.arccos, i.arccosine, (lambda a: negative(_over_bell_root(a)),)),
-    "atan": Function(np.arctan, i.increasing(np.arctan), (lambda a: _reciprocal(call("+", ONE, _square(a))),)),
-    "sinh": Function(np.sinh, i.increasing(np.sinh), (lambda a: call("cosh", a),)),
-    "cosh": Function(np.cosh, i.hyperbolic_cosine, (lambda a: call("sinh", a),)),
-    "tanh": Function(np.tanh, i.increasing(np.tanh), (lambda a: _bell(call("tanh", a)),)),
+    "abs": Function(np.abs, i.absolute, d.absolute, (lambda a: call("sign", a),)),
+    "sign": Function(np.sign, i.sign, d.sign, (lambda a: ZERO,)),
+    "sqrt": Function(np.sqrt, i.root, d.root, (_half_over_root,)),
+    "exp": Function(np.exp, i.increasing(np.exp), d.exponential, (lambda a: call("exp", a),)),
+    "log": Function(logarithm, i.logarithm, d.logarithm, (_reciprocal,)),
+    "sin": Function(np.sin, i.sine, d.sine, (lambda a: call("cos", a),)),
+    "cos": Function(np.cos, i.cosine, d.cosine, (lambda a: negative(call("sin", a)),)),
+    "tan": Function(np.tan, i.tangent, d.tangent, (lambda a: call("+", ONE, _square(call("tan", a))),)),
+    "asin": Function(np.arcsin, i.arcsine, d.arcsine, (_over_bell_root,)),
+    "acos": Function(np.arccos, i.arccosine, d.arccosine, (lambda a: negative(_over_bell_root(a)),)),
+    "atan": Function(
+        np.arctan, i.increasing(np.arctan), d.arctangent, (lambda a: _reciprocal(call("+", ONE, _square(a))),)
+    ),
+    "sinh": Function(np.sinh, i.increasing(np.sinh), d.hyperbolic_sine, (lambda a: call("cosh", a),)),
+    "cosh": Function(np.cosh, i.hyperbolic_cosine, d.hyperbolic_cosine, (lambda a: call("sinh", a),)),
+    "tanh": Function(np.tanh, i.increasing(np.tanh), d.hyperbolic_tangent, (lambda a: _bell(call("tanh", a)),)),
     "atan2": Function(
         np.arctan2,
         i.angle,
+        d.angle,
         (_over_sum_of_squares, lambda a, b: negative(call("/", a, _length(a, b)))),
     ),
-    "min": Function(np.minimum, i.least, (_step, _not_step)),
-    "max": Function(np.maximum, i.greatest, (_not_step, _step)),
-    "imaginary_root": Function(imaginary_root, i.imaginary_root(imaginary_root), (_root_by_a, _root_by_b)),
-    "middle_eigenvalue": Function(
-        middle_eigenvalue, i.middle_eigenvalue(middle_eigenvalue), tuple(map(_in_matrix, range(6)))
+    "min": Function(np.minimum, i.least, d.least, (_step, _not_step)),
+    "max": Function(np.maximum, i.greatest, d.greatest, (_not_step, _step)),
+    "imaginary_root": Function(
+        imaginary_root, i.imaginary_root(imaginary_root), d.imaginary_root(imaginary_root), (_root_by_a, _root_by_b)
     ),
-    "pow": Function(power, i.power, OPERATORS["^"].partials),
+    "middle_eigenvalue": Function(
+        middle_eigenvalue,
+        i.middle_eigenvalue(middle_eigenvalue),
+        d.middle_eigenvalue(middle_eigenvalue),
+        tuple(map(_in_matrix, range(6))),
+    ),
+    "pow": Function(power, i.power, d.power, OPERATORS["^"].partials),
 }
 
 _EVERY = {**OPERATORS, **FUNCTIONS}
