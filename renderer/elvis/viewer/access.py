@@ -8,15 +8,17 @@ import logging
 import os
 import socket
 import tempfile
+import webbrowser
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from html import escape
 from ipaddress import ip_address
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from elvis.core.files.keeping import make_private
+from elvis.core.files.keeping import cache_folder, make_private
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -159,6 +161,16 @@ class _Connection(asyncio.Protocol):
             self._timer.cancel()
             self._timer = None
             self._every.end()
+
+
+def open_browser(address: str, pages: ExitStack) -> None:
+    """Show an address in the browser by a `private_page`, which is removed with ``pages``.
+
+    Where no such page can be written the browser stays closed: the address is printed anyway.
+    """
+    with suppress(OSError):
+        page = pages.enter_context(private_page(address, cache_folder("view")))
+        Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
 
 @contextmanager

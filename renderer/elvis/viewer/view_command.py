@@ -57,18 +57,15 @@ def view(
     # the process that draws gets ready while this one finds out what is wanted
     process = spawn()
     import asyncio
-    import webbrowser
     from contextlib import ExitStack, suppress
-    from threading import Thread
 
-    from elvis.core.files.keeping import cache_folder
     from elvis.core.files.plain import check_plain_or_folder
     from elvis.core.terminal import say
     from elvis.plugins.series.step_names import expanded
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed
     from elvis.scene.errors import SceneError
-    from elvis.viewer.access import private_page
+    from elvis.viewer.access import open_browser
     from elvis.viewer.moments import source_of
     from elvis.viewer.server import Server, serve
     from elvis.viewer.session import Session
@@ -85,8 +82,7 @@ def view(
     def opened(address: str) -> None:
         say(f"{address}\nCtrl-C ends it")
         if browser:
-            page = pages.enter_context(private_page(address, cache_folder("view")))
-            Thread(target=webbrowser.open, args=(page,), daemon=True).start()
+            open_browser(address, pages)
 
     async def run() -> None:
         source = source_of(scene, is_kept=not no_cache, is_live=live)
