@@ -10,7 +10,6 @@ sampled at as many points as determine its polynomials.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.output import replacing
 from elvis.core.polynomials.collapse import uncollapse
@@ -136,7 +136,7 @@ def _own_rule(ngsolve: Any, points: Floats) -> Any:
     return ngsolve.IntegrationRule([point[: points.shape[1]] for point in padded], [1.0] * len(padded))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _rule(shape: Shape, order: int) -> Floats:
     """(m, d) points of the unit element that determine its functions of an order well.
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from math import factorial
 from typing import Any
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
@@ -282,7 +283,7 @@ def bernstein(places: Floats, powers: Ints) -> Floats:
     return np.asarray(result)
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def tensor_nodes(shape: Shape, nodes: tuple[float, ...]) -> Floats:
     """(n^d, d) the product of nodes on the line, first coordinate fastest; for segments, quadrilaterals, hexahedra."""
     axes = np.meshgrid(*(nodes,) * shape.dimension, indexing="ij")

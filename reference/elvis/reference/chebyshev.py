@@ -7,12 +7,11 @@ several variables takes such a divisor for each.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.shapes import Shape
@@ -41,7 +40,7 @@ def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
     return (*own, *waves)
 
 
-@cache
+@bounded_cache
 def lattice(degrees: tuple[int, ...]) -> tuple[Floats, float]:
     """Points (k, d) of [-1, 1]^d for polynomials of these degrees, and how much greater than there they may be."""
     divisor = 1.0
@@ -52,7 +51,7 @@ def lattice(degrees: tuple[int, ...]) -> tuple[Floats, float]:
     return frozen_floats(points.reshape(-1, len(lines))), float(divisor)
 
 
-@cache
+@bounded_cache
 def lattice_lines(degrees: tuple[int, ...]) -> tuple[Floats, ...]:
     """For each direction the coordinates (k_i,) of the points of `lattice`, where the last one is fastest."""
     return tuple(frozen_floats(chebyshev.chebpts1(max(1, SAMPLES * degree))) for degree in degrees)

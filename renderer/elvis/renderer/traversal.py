@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from elvis.core.arrays import Bools, Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
 from elvis.renderer.camera import record_of
@@ -132,7 +131,7 @@ def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
     return Sections(elements.astype(np.uint32), first, last)[is_seen][order]
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _line(degree: int) -> dict[str, Floats]:
     """Places on the line [0, 1], and the way from values there to Bernstein coefficients, as the shaders name them.
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from math import comb
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import nets_through
 from elvis.core.polynomials.net_zeros import divided
@@ -115,19 +115,19 @@ class Boxes:
         return max(1, _AT_ONCE // sum(int(np.prod(own.shape[1:])) for own in sizes))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def nodes_of(degree: int) -> Floats:
     """(degree + 1,) places in [0, 1] that polynomials are known by."""
     return frozen_floats((1 + gauss(degree + 1)[0]) / 2)
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def _evaluating(own: int, degree: int) -> Floats:
     """(own + 1, degree + 1) matrix from the right that takes coefficients of a degree to values at nodes of another."""
     return frozen_floats(line_tables(own, nodes_of(degree))[0].T)
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _stretching(degree: int, end: float) -> Floats:
     """(degree + 1, degree + 1) matrix from the right from coefficients on [0, 1] to those on [0, end]."""
     rows = [

@@ -13,11 +13,11 @@ they stay near it all over the box, a core is a graph over that coordinate.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.cores.core_boxes import Boxes, combined, flat
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange, across, eigenbases, polished
 from elvis.core.cores.parallel import rotations
@@ -181,7 +181,7 @@ def _central_slopes(nets: Floats) -> Floats:
     return np.asarray(flat(nets) @ _central_weights(nets.shape[2:]))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _central_weights(sizes: tuple[int, ...]) -> Floats:
     """(n, 3) by which coefficients of nets of sizes add up to derivatives at the centre."""
     values, slopes = zip(*(line_tables(size - 1, _CENTRE, 1)[:, 0] for size in sizes), strict=True)

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from math import comb, perm
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 
 CORNERS: Mapping[int, Floats] = {
     2: frozen_floats([[-1, 0], [1, 0]]),
@@ -147,14 +147,14 @@ class SurfacePatches:
         return np.asarray(sides | (corner[number] << number | side[number] << ahead | side[back] << back) << 4)
 
 
-@lru_cache(maxsize=8)
+@bounded_cache
 def divided(corners: int) -> tuple[tuple[Floats, float], ...]:
     """The parts of a domain: middle (2,) and size of each, as a and h at the head of this module."""
     found = [(0.5 * corner, 0.5) for corner in CORNERS[corners]]
     return (*found, (np.array([-0.5, -0.5]), -0.5)) if corners == 3 else tuple(found)
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def _shift_matrix(count: int, middle: float, half: float) -> Floats:
     """(count, count) from coefficients of powers of s to those of r, s = middle + half r; from the right."""
     return frozen_floats(

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.newton import Targets, newton
@@ -335,7 +335,7 @@ def _concatenate(*several: _Cells) -> _Cells:
     )
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _matrix(expansion: Expansion) -> tuple[Floats, tuple[int, ...]]:
     """Matrix (m, count) from modes to a tensor Bernstein net over the whole box, and the degree in each direction."""
     space = bernstein_space(expansion)

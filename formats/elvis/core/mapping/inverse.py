@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.boxes import ROUNDINGS
 from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.margins import heights, margins
@@ -227,7 +227,7 @@ class _Elements:
         return np.asarray(~(outside.any(axis=1) | beyond.any(axis=1)))
 
 
-@cache
+@bounded_cache
 def _lattice(shape: Shape) -> Floats:
     """(k, d) reference points all over a shape, its vertices among them."""
     line = np.array([-1.0, -0.8, 0.0, 0.8, 1.0])

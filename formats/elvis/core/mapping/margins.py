@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.shapes import Shape
 
 #: points whose margin isn't below minus this belong to the element
 TOLERANCE = 1e-10
 
 
-@cache
+@bounded_cache
 def facets(shape: Shape) -> tuple[Floats, Floats]:
     """Normals (k, d) and offsets (k,) so that facet i of the shape lies where normal_i . xi + offset_i = 0.
 

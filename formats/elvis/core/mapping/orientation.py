@@ -6,13 +6,13 @@ Format notes 1.4 and 2.3.  Files tie elements to faces and faces to edges; local
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_ints, sorted_columns
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
@@ -203,7 +203,7 @@ def transposed(turns: Ints) -> Bools:
     return np.isin(turns % 4, (1, 2))
 
 
-@cache
+@bounded_cache
 def orientation_matrix(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
     """How the Modified modes of a turned face follow from those in its own frame.
 

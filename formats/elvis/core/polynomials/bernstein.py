@@ -18,12 +18,13 @@ All functions are non-negative and sum to 1, so a polynomial lies between its le
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from math import comb
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.collapse import collapse
@@ -90,7 +91,7 @@ def bernstein_space(expansion: Expansion) -> BernsteinSpace:
     return BernsteinSpace(expansion.shape, tuple(degrees))
 
 
-@lru_cache(maxsize=8)
+@bounded_cache
 def to_bernstein(expansion: Expansion, space: BernsteinSpace | None = None) -> Floats:
     """(m, count) Bernstein coefficients of every mode, so that ``coefficients @ matrix`` are those of an element.
 
@@ -115,7 +116,7 @@ def _target(expansion: Expansion, space: BernsteinSpace | None) -> BernsteinSpac
     return space
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def _nets(expansion: Expansion, direction: int, degree: int) -> Floats:
     return frozen_floats(elevations(product_plan(expansion).factors[direction], degree))
 
@@ -205,7 +206,7 @@ def line_tables(degree: int, t: Floats, orders: int = 0) -> Floats:
     return result.transpose(0, 2, 1)
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _binomials(degree: int) -> Floats:
     return frozen_floats([float(comb(degree, k)) for k in range(degree + 1)])
 

@@ -8,12 +8,12 @@ axis 1 + i, one more coefficient than the degree there.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from math import comb
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
@@ -154,7 +154,7 @@ def parts_of_boxes(nets: Floats, axis: int, low: Ints, high: Ints) -> Floats:
     return np.moveaxis((flat @ _restrictions(shape[-1] - 1)[low, high]).reshape(shape), -1, 1 + axis)
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _restrictions(degree: int) -> Floats:
     """(GRID + 1, GRID + 1, D, D) matrices from the right that give the nets of parts from and to a place of the grid.
 
@@ -179,7 +179,7 @@ def _whole_line(degree: int) -> Ints:
     return np.asarray(choices * t**power * (GRID - t) ** (degree - power))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _splitters(degree: int) -> tuple[Floats, Floats]:
     """(D, D) matrices from the right that give the nets of the lower and of the upper half; entries are exact."""
     n = degree + 1
@@ -187,7 +187,7 @@ def _splitters(degree: int) -> tuple[Floats, Floats]:
     return frozen_floats(lower), frozen_floats(lower[::-1, ::-1])
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def _to_box(space: BernsteinSpace) -> Floats:
     """(count, D1 … Dd) every function of the space as a tensor net: its factors, raised to the full degrees."""
     matrix = np.ones((space.count, 1))

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion, ExpansionRule
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.bases import Basis
@@ -61,7 +61,7 @@ COLLAPSE: Mapping[Shape, tuple[int, ...]] = {
 _RADAU = {0: _GLL, 1: _GRM10, 2: _GRM20}
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def cubature(shape: Shape, families: tuple[str, ...], counts: tuple[int, ...]) -> Cubature:
     """The product of rules of the given PointsType names and numbers of points, one for each direction.
 

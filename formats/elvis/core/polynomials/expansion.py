@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials import factors as f
@@ -133,7 +134,7 @@ class ProductPlan:
         )
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def product_plan(expansion: Expansion) -> ProductPlan:
     """The modes as products of factors; FormatError for an expansion that cannot be."""
     check(expansion)

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.jacobi import jacobi, jacobi_with_derivative
 from elvis.core.polynomials.powers import powers_of
@@ -229,7 +230,7 @@ def _lagrange(basis: Basis, count: int, points: Floats) -> tuple[Floats, Floats]
     return (values.T @ matrix).T, (derivatives.T @ matrix).T
 
 
-@cache
+@bounded_cache
 def _legendre_of_lagrange(basis: Basis, count: int) -> Floats:
     """(count, count) Legendre coefficients of each Lagrange polynomial, by the nodes' own discrete orthogonality."""
     nodes, weights = lobatto(count) if basis is Basis.GLL_LAGRANGE else gauss(count)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cache
 from math import isqrt
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.bases import Basis
@@ -57,7 +57,7 @@ def nodes_along(shape: Shape, family: PointsType, count: int) -> int:
     return n
 
 
-@cache
+@bounded_cache
 def interpolation(shape: Shape, family: PointsType, n: int) -> Floats:
     """(nodes, n^d) matrix from the values at the nodes of a curve to Modified modes.
 

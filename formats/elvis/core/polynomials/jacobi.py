@@ -5,11 +5,10 @@ All degrees come at once: row n of a result is the polynomial of degree n, becau
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.core.bounded_cache import bounded_cache
 
 
 def jacobi(degree: int, alpha: float, beta: float, points: Floats) -> Floats:
@@ -46,7 +45,7 @@ def jacobi_with_derivative(degree: int, alpha: float, beta: float, points: Float
     return values, derivatives
 
 
-@cache
+@bounded_cache
 def _recurrence(n: int, alpha: float, beta: float) -> tuple[float, float, float]:
     """Coefficients of the step from degrees n - 1 and n to n + 1, n >= 1."""
     total = 2 * n + alpha + beta

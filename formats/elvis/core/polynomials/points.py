@@ -10,6 +10,7 @@ from importlib.resources import files
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import line_nodes
 
@@ -108,7 +109,7 @@ _LABELS = (
 _FROM_LABEL = {label: PointsType(number) for number, label in enumerate(_LABELS)}
 
 
-@cache
+@bounded_cache
 def nodes(family: PointsType, count: int) -> Floats:
     """(count,) nodes of a family on the line, ascending in [-1, 1].
 
@@ -117,7 +118,7 @@ def nodes(family: PointsType, count: int) -> Floats:
     return frozen_floats(line_nodes(family.label, count))
 
 
-@cache
+@bounded_cache
 def triangle_nodes(family: PointsType, count: int) -> Floats:
     """(count (count + 1) / 2, 2) nodes xi on the reference triangle for ``count`` nodes an edge.
 

@@ -7,13 +7,13 @@ and Sherwin, Spectral/hp Element Methods for CFD, appendix B; node families by n
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
 from math import gamma
 from typing import TypeAlias
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.jacobi import jacobi, jacobi_with_derivative
 
@@ -84,20 +84,20 @@ def _scale(count: int, alpha: float, beta: float) -> float:
     return float(integral * np.prod((alpha + k) * (beta + k) / (k * (alpha + beta + 1 + k))))
 
 
-@cache
+@bounded_cache
 def gll(count: int) -> Rule:
     """Gauss-Lobatto-Legendre, ``count`` >= 2 nodes; read-only."""
     return _freeze(lobatto(count))
 
 
-@cache
+@bounded_cache
 def grm10(count: int) -> Rule:
     """Gauss-Radau-Jacobi with node -1 and weight (1 - z)/2, the collapse of a triangle; read-only."""
     nodes, weights = radau_minus(count, 1, 0)
     return _freeze((nodes, weights / 2))
 
 
-@cache
+@bounded_cache
 def grm20(count: int) -> Rule:
     """Gauss-Radau-Jacobi with node -1 and weight ((1 - z)/2)^2, the collapse of an apex; read-only."""
     nodes, weights = radau_minus(count, 2, 0)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.distances import Surface, nearest
 from elvis.core.patch import Patch
@@ -223,7 +224,7 @@ def _elevate(net: Floats, like: Floats) -> Floats:
     return net
 
 
-@cache
+@bounded_cache
 def _elevation(degree: int, target: int) -> Floats:
     """(degree + 1, target + 1) the functions of one degree as those of a higher one, from the right."""
     return frozen_floats([power_net(power, degree, target) for power in range(degree + 1)])

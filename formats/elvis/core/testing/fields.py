@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.orientation import chunks
@@ -56,7 +56,7 @@ def _block(block: GeometryBlock, function: Callable[[Floats], Floats], modes: in
     return Block(expansion, block.element_ids, frozen_floats(coefficients))
 
 
-@cache
+@bounded_cache
 def _projection(expansion: Expansion) -> tuple[Floats, Floats]:
     """Points xi (n, d) and the matrix (m, n) from values there to the modes of the best approximation."""
     shape = expansion.shape

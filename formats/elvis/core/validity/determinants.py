@@ -12,12 +12,12 @@ is a polynomial in eta.  Where space has more dimensions than the elements, the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import comb, prod
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
@@ -140,7 +140,7 @@ def _divide(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[Bernst
     return BernsteinSpace(space.shape, (p, q, r - 1)), divided, r * errors
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _weights(space: BernsteinSpace) -> Floats:
     """(count,) the binomial or multinomial number that each function of the space has as a factor."""
     powers, degrees = space.powers, space.degrees

@@ -9,7 +9,7 @@ of low rank: Burer and Monteiro, Math. Program. 95, 2003).  Fits need not be goo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache, reduce
+from functools import reduce
 from heapq import heappop, heappush
 from itertools import count
 from math import comb
@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import halves, power_net
 
@@ -191,14 +192,14 @@ def _contract(net: Floats, matrices: list[Floats]) -> Floats:
     return net
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def _basis(degrees: tuple[int, ...]) -> Floats:
     """(n, m) values of the tensor Bernstein polynomials at the grid of nodes."""
     tables = [line_tables(degree, _nodes())[0] for degree in degrees]
     return frozen_floats(reduce(np.kron, tables))
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def _elevated_linears(degrees: tuple[int, ...]) -> Floats:
     """(1 + d, m) tensor Bernstein coefficients of 1, t1, …, td; a coordinate of degree 0 is taken at the middle."""
     lines = [np.arange(degree + 1) / degree if degree else np.array([0.5]) for degree in degrees]
@@ -216,7 +217,7 @@ def _square(net: Floats) -> Floats:
     return result / _binomials(result.shape)
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def _binomials(shape: tuple[int, ...]) -> Floats:
     lines = [np.array([float(comb(size - 1, k)) for k in range(size)]) for size in shape]
     return frozen_floats(reduce(np.multiply.outer, lines))
@@ -227,6 +228,6 @@ def _enlarge(net: Floats, shape: tuple[int, ...]) -> Floats:
     return _contract(net, [_raising(size, target) for size, target in zip(net.shape, shape, strict=True)])
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _raising(size: int, target: int) -> Floats:
     return frozen_floats(np.array([power_net(k, size - 1, target - 1) for k in range(size)]).T)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss
@@ -86,7 +87,7 @@ class FaceSpace:
         return frozen_floats([matrix.T for _, matrix in gradient_nets(self.space)])
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def face_space(shape: Shape, degree: int) -> FaceSpace:
     """The one space of its kind, with its matrices."""
     return FaceSpace(shape, degree)

@@ -12,12 +12,13 @@ Both b and m are bounded by Bernstein coefficients of first and second derivativ
 
 from __future__ import annotations
 
-from functools import lru_cache, reduce
+from functools import reduce
 from itertools import product
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
@@ -141,7 +142,7 @@ def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...], be
     return np.ascontiguousarray(grid.reshape(nets.shape))
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -> Floats:
     """(count, count) from the right, from a net on the element to that of a derivative on the larger one."""
     centre, places = space.shape.vertices.mean(axis=0), net_of_xi(space)
@@ -152,7 +153,7 @@ def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -
     return frozen_floats(reduce(np.matmul, raised, larger))
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def net_of_xi(space: BernsteinSpace) -> Floats:
     """(count, d) the net of xi itself: for each function of the space the point of its greatest value."""
     tops = space.powers.max(axis=0)

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
@@ -285,7 +286,7 @@ def _product_space(first: BernsteinSpace, second: BernsteinSpace) -> BernsteinSp
     return BernsteinSpace(first.shape, degrees)
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def _places(first: BernsteinSpace, second: BernsteinSpace) -> Ints:
     """(count of second, count of first) where in the product the products of their functions are."""
     target = _product_space(first, second)

@@ -13,12 +13,12 @@ Such a quotient lies between those of Bernstein coefficients (Farin 2002, Curves
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.quantities.intervals import Interval
 from elvis.core.shapes import Shape
@@ -109,7 +109,7 @@ def _applied(matrix: Floats, grid: Floats, direction: int) -> Floats:
     return np.moveaxis(found, -1, -1 - direction)
 
 
-@lru_cache(maxsize=32)
+@bounded_cache
 def _line(degree: int) -> tuple[Floats, Floats, Floats]:
     """Nodes of a line, and matrices from values there to those of the derivative, and to Bernstein coefficients."""
     line = BernsteinSpace(Shape.SEGMENT, (degree,))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import comb
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def weights(space: BernsteinSpace) -> Floats:
     """(count,) the factor of each Bernstein function, in coefficient order; exact integers up to 2^53."""
     if space.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):

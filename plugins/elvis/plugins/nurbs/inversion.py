@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.patch import Patch
@@ -131,7 +132,7 @@ def _interpolate(places: Floats, sizes: tuple[int, ...]) -> Patch:
     return Patch(Shape.HEXAHEDRON, np.arange(len(places)), expansion, coefficients, (), ())
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _fit(sizes: tuple[int, ...]) -> tuple[Expansion, Floats]:
     """The modes of hexahedra, and the matrix (modes, k) from values at the nodes to them."""
     expansion = modified(Shape.HEXAHEDRON, tuple(max(size, 2) for size in sizes))

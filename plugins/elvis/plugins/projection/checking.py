@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.shapes import Shape
@@ -23,7 +22,7 @@ def inside_count(elements: int) -> int:
     return int(np.clip(_IN_ALL // max(1, elements), _LEAST, _MOST))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Floats:
     """(n, d) reference points: ``inside`` evenly distributed ones first, then half as many on faces, then the vertices.
 

@@ -7,11 +7,11 @@ others, edge modes vanish on all other edges, face modes on all other faces.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Ints, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.solids import volume_modes
 from elvis.core.polynomials.expansion import mode_indices
 from elvis.core.polynomials.interpolation import modified
@@ -34,7 +34,7 @@ class Entities:
     inside: Ints
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def face_grid(shape: Shape, face: int, modes: int) -> tuple[Ints, Ints]:
     """Modes (k,) of the square p * modes + q that a local face has, and the modes (k,) of the solid that carry them."""
     numbers = np.full((modes,) * 3, -1)
@@ -46,7 +46,7 @@ def face_grid(shape: Shape, face: int, modes: int) -> tuple[Ints, Ints]:
     return frozen_ints(valid), frozen_ints(numbers[tuple(volume_modes(shape, face, p[valid], q[valid]))])
 
 
-@lru_cache(maxsize=128)
+@bounded_cache
 def entities(shape: Shape, modes: int) -> Entities:
     """The groups of modes of the Modified expansion with ``modes`` modes each way."""
     index = mode_indices(modified(shape, (modes,) * shape.dimension))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
@@ -142,7 +142,7 @@ def beyond(coefficients: Floats, few: Expansion, many: Expansion) -> float:
     return float(np.abs(coefficients[..., _places(few, many) < 0]).max(initial=0.0))
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def _places(few: Expansion, many: Expansion) -> Ints:
     """(m,) the number in ``many`` of each function of ``few``; -1 for those that it lacks."""
     known = {tuple(index): number for number, index in enumerate(mode_indices(many).tolist())}

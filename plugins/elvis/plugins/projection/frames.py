@@ -7,12 +7,12 @@ A native element is the source's element with its vertices in another order, so 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
@@ -54,7 +54,7 @@ def orders(shape: Shape, is_mirrored: bool) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(mirror[j] for j in order) for order in PROPER[shape])
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def affine(shape: Shape, order: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Matrix (d, d) and offset (d,) that take native reference points to those of the source's element."""
     return affine_between(shape.vertices, shape.vertices[list(order)])
@@ -78,4 +78,4 @@ def source_points(shape: Shape, order: tuple[int, ...], points: Floats, is_colla
     if order == PROPER[shape][0]:
         return own
     matrix, offset = affine(shape, order)
-    return own @ matrix.T + offset
+    return np.asarray(own @ matrix.T + offset)

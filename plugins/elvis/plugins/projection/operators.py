@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
@@ -60,7 +60,7 @@ def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
     return uncollapse(shape, np.stack([axis.reshape(-1) for axis in axes], axis=1)), weights
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def best(expansion: Expansion, extra: int = 0) -> Operator:
     """The best approximation in the mean on the reference element.
 
@@ -114,7 +114,7 @@ def _factor_fit(
     return fit, numbers, condition
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     """Best approximations on vertices, edges, faces and the inside in turn; for Modified expansions of equal orders."""
     shape, modes = expansion.shape, max(expansion.modes)

@@ -6,12 +6,12 @@ What runs along the border between two halves is so inside of one of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.reference.scenes.equations import Linear
 from elvis.reference.scenes.zeros import transform
 
@@ -100,13 +100,13 @@ def _along(series: Floats, axis: int, matrix: Floats) -> Floats:
     return np.moveaxis(np.moveaxis(series, axis + 2, -1) @ matrix, -1, axis + 2)
 
 
-@cache
+@bounded_cache
 def _powers(degrees: tuple[int, ...]) -> Ints:
     ranges = [np.arange(degree + 1) for degree in degrees]
     return np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(degrees))
 
 
-@cache
+@bounded_cache
 def _middle(degrees: tuple[int, ...]) -> Floats:
     """(c,) values of the products in the middle: those of even degrees alternate, the others vanish."""
     powers = _powers(degrees)
@@ -114,7 +114,7 @@ def _middle(degrees: tuple[int, ...]) -> Floats:
     return np.where(even, (-1.0) ** (powers.sum(axis=1) // 2), 0.0)
 
 
-@cache
+@bounded_cache
 def _halving(degree: int) -> tuple[Floats, Floats]:
     """(n, n) from coefficients to those on [-1, OVER] and on [-OVER, 1]."""
     points = 0.5 * (1 + OVER) * chebyshev.chebpts1(degree + 1)

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.quadrature import gauss
 from elvis.scene import Transfer
 from elvis.scene.time_limit import check_time
@@ -181,7 +181,7 @@ def _compose(done: Sequence[_Parts], light: Light, count: int) -> Light:
     return Light(color, depth, error)
 
 
-@cache
+@bounded_cache
 def _rule(points: int) -> tuple[Floats, Floats, Floats]:
     """Gauss's points and weights (n,) on [0, 1]; (n, n) integrals up to each point, of what goes through values."""
     nodes, weights = gauss(points)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.scene.time_limit import check_time
 
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
@@ -187,13 +187,13 @@ def _bisect(coefficients: Floats) -> Floats:
     return 0.5 * (low + high)
 
 
-@cache
+@bounded_cache
 def _nodes(degree: int) -> Floats:
     """(n,) zeros of the Chebyshev polynomial of the next degree."""
     return np.asarray(chebyshev.chebpts1(degree + 1))
 
 
-@cache
+@bounded_cache
 def transform(degree: int) -> Floats:
     """(n, n) from values at the nodes to coefficients, as rows."""
     modes = chebyshev.chebvander(_nodes(degree), degree)
@@ -201,13 +201,13 @@ def transform(degree: int) -> Floats:
     return np.asarray(modes * 2 / (degree + 1))
 
 
-@cache
+@bounded_cache
 def _derivatives(degree: int) -> Floats:
     """(n, n - 1) from coefficients to those of the derivative, as rows."""
     return np.asarray(chebyshev.chebder(np.eye(degree + 1), axis=1))
 
 
-@cache
+@bounded_cache
 def _halving(degree: int) -> tuple[Floats, Floats]:
     """(n, n) from coefficients to those on the first half and on the second one, as rows."""
     nodes = _nodes(degree)

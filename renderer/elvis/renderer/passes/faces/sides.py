@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.nets import FaceSpace
@@ -67,7 +67,7 @@ class Sides:
         )
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _turns(space: FaceSpace) -> tuple[Floats, Floats]:
     """(k, 3, 2) the symmetries of the reference shape, and (k, count, count) nets of maps that come after them."""
     if space.shape is Shape.TRIANGLE:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 
 #: long half axes of the ellipses that are tried, as in iso_enclose.slang: the first is the real box
 AXES = (1.0, 1.6, 2.2, 3.2, 5.0, 8.0, 13.0)
@@ -17,7 +16,7 @@ BOXES = (1.0, 1.01, 1.02, 1.03, 1.05, 1.07, 1.1, 1.14, 1.18, 1.24, 1.32, 1.42)
 _TERMS, _SLOWEST = 400, 0.85
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def tails(degree: int) -> Floats:
     """(ellipses, boxes, 4) how far a function may be from its series of a degree, in parts of M (iso_enclose.slang).
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
@@ -125,7 +125,7 @@ def _slopes(space: BernsteinSpace, values: Floats) -> Slopes:
     return Slopes(gradient.max(axis=1), curvature.max(axis=1), ROUNDING * size)
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _nodes(space: BernsteinSpace) -> tuple[Floats, Floats]:
     """(count, 3) points of a shape, and the matrix (count, count) from values there to Bernstein coefficients."""
     nodes = net_of_xi(space)

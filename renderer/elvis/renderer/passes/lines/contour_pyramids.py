@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.collapse import collapse, uncollapse
@@ -143,7 +144,7 @@ def _box(reference: Floats) -> Ints:
     return np.where(layer < _LAYERS, own, len(_boxes()) - 1)
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _nodes(space: BernsteinSpace) -> tuple[Floats, Floats]:
     """(count, 3) reference points, and the matrix (count, count) from values there to coefficients on the cube."""
     lines, nodes = [], []
