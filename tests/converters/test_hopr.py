@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.hopr import Hopr
+from elvis.core.mesh import NON_CONFORMING
 from elvis.formats import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, values_found
@@ -59,9 +60,10 @@ def test_all_shapes_of_a_mesh_alone(folder):
     conversion = check(Hopr, [folder / "pyhope_1-11-cartbox_mixed_mesh.h5"])
     assert conversion.report.geometry.state == "exact"
 
-    # every side on the border has a name; the inner nodes of this file's pyramids are folded
+    # every side on the border has a name; the inner nodes of this file's pyramids are folded.  The sides of collapsed
+    # hexahedra, which stand for pyramids, are quadrilaterals next to the triangles of tetrahedra
     names = {c.name for c in conversion.dataset.mesh.composites[3:]}
-    assert names == {"bc_x-", "bc_x+", "bc_y-", "bc_y+", "bc_z-", "bc_z+"}
+    assert names == {NON_CONFORMING, "bc_x-", "bc_x+", "bc_y-", "bc_y+", "bc_z-", "bc_z+"}
     pyramids = source.blocks[1].ids
     assert set(conversion.report.listed["inverted"]) == set(pyramids.tolist())
 

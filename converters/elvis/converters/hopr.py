@@ -115,19 +115,41 @@ class Hopr(NodalConverter):
         sides, names = ints(file, "SideInfo", None, None), texts(file, "BCNames")
         if sides.shape[1] < _COLUMNS - 1:
             raise FormatError(f"expected {_COLUMNS - 1} numbers a side, found {sides.shape[1]}", place="SideInfo")
-        result = []
-        for condition, name in enumerate(names, 1):
-            found = []
-            for index, block in enumerate(self.blocks):
-                corners = len(block.shape.vertices)
-                first, count = self._info[block.ids, 2], len(block.shape.faces)
-                numbers = first[:, None] + np.arange(count)
-                check_rows(numbers, len(sides), "sides", place="ElemInfo")
+        found: list[list[tuple[int, Ints, Ints]]] = [[] for _ in names]
+        mortars = []
+        for index, block in enumerate(self.blocks):
+            count = len(block.shape.faces)
+            numbers = self._sides_of(block, sides, file)
+            order = np.array(_SIDES.get(len(block.shape.vertices), range(count)))
+            for condition, own in enumerate(found, 1):
                 rows, local = np.nonzero(sides[numbers, 4] == condition)
-                order = np.array(_SIDES.get(corners, range(count)))
-                found.append((index, rows, order[local]))
-            result.append(Boundary(name, sides=found))
-        return result
+                own.append((index, rows, order[local]))
+            rows, local = np.nonzero((_small_sides(sides[numbers, 2]) > 0) | (sides[numbers, 0] < 0))
+            mortars.append((index, rows, order[local]))
+        self.mortars = [own for own in mortars if len(own[1])]
+        self.is_conforming = not self.mortars
+        return [Boundary(name, sides=own) for name, own in zip(names, found, strict=True)]
+
+    def _sides_of(self, block: Elements, sides: Ints, file: h5py.File) -> Ints:
+        """(n, faces) rows of SideInfo of the elements of a block.
+
+        The small sides of a mortar follow the big one, so entries of an element may be more than its faces.
+        """
+        ids = np.arange(len(self._info)) if block.ids is None else block.ids
+        first, last = self._info[ids, 2], self._info[ids, 3]
+        count = len(block.shape.faces)
+        check_rows(np.stack([first, last - 1]), len(sides), "sides", place="ElemInfo")
+        numbers = np.empty((len(first), count), np.int64)
+        place = first.copy()
+        for face in range(count):
+            numbers[:, face] = np.minimum(place, len(sides) - 1)
+            place = numbers[:, face] + 1 + _small_sides(sides[numbers[:, face], 2])
+        wrong = np.flatnonzero(place != last)
+        if len(wrong):
+            expected = f"{count} sides of element {ids[wrong[0]] + 1} with the small sides of its mortars"
+            found = f"{last[wrong[0]] - first[wrong[0]]} entries"
+            raise FormatError(f"expected {expected}, found {found}", file=file.filename, place="SideInfo")
+        return numbers
 
     def _read_state(self, file: h5py.File) -> None:
         values = require(file, "DG_Solution")
@@ -186,7 +208,7 @@ class Hopr(NodalConverter):
         total = len(cells.elements) * count**3
         ids = len(marks) + np.arange(total)
         parts = Elements(block.shape, total, block.order, ids=ids, key=NodalBlock(cells))
-        self.blocks, self.is_conforming = [whole, parts], False
+        self.blocks, self.is_conforming, self.mortars = [whole, parts], False, []
         self.boundaries = [cells.parted(boundary, rows) for boundary in self.boundaries]
         self.notes = [
             f"{len(cells.elements)} elements hold finite-volume sub-cells: "
@@ -240,6 +262,11 @@ class SubCells(NodalValues):
             found.append((boxes, np.full(len(boxes), face)))
         boxes, local_faces = (np.concatenate(each) for each in zip(*found, strict=True))
         return Boundary(boundary.name, sides=[(0, place, faces[is_other]), (1, boxes, local_faces)])
+
+
+def _small_sides(neighbours: Ints) -> Ints:
+    """How many small sides follow sides, by the numbers of their neighbours: those of mortars are -1, -2 or -3."""
+    return np.where(neighbours == -1, 4, np.where((neighbours == -2) | (neighbours == -3), 2, 0))
 
 
 def _widths(file: h5py.File, count: int) -> Floats:

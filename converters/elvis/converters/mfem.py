@@ -197,16 +197,18 @@ class _Part:
         if not len(attributes):
             raise FormatError("expected elements, found none", file=self.path, place="elements")
         own = np.unique(attributes)
-        regions = np.array([self._regions.get(int(n), f"attribute{n}") for n in own])
+        regions = [self._regions.get(n, (f"attribute{n}",)) for n in own.tolist()]
         if len(regions) == 1 and not self._regions:
-            regions[:] = ""
-        of = np.unique(regions, return_inverse=True)[1][np.searchsorted(own, attributes)]
+            regions = [("",)]
+        distinct = sorted(set(regions))
+        of = np.array([distinct.index(names) for names in regions])[np.searchsorted(own, attributes)]
         functions = [self.geometry, *self.functions]
         columns = [self._corners.sizes, of, *(each.orders for each in functions)]
         kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
         for number, kind in enumerate(kinds):
             rows = np.flatnonzero(which.reshape(-1) == number)
             shape = self._shape(int(kind[0]))
+            region, *others = distinct[kind[1]]
             block = Elements(
                 shape,
                 len(rows),
@@ -214,7 +216,8 @@ class _Part:
                 vertices=numbers[self._corners.rows(rows)[:, UNIT[shape].corners]],
                 frame=UNIT[shape].frame,
                 ids=first + rows,
-                region=str(np.unique(regions)[kind[1]]),
+                region=region,
+                other_regions=tuple(others),
                 pyramid=PyramidSpace.TENSOR,
                 is_polynomial=not self.is_rational,
                 key=NodalBlock(self.geometry.on(rows)),
@@ -225,8 +228,8 @@ class _Part:
         """Name or number of the attribute, and vertices, of every face on the border; ``numbers`` of the vertices."""
         attributes, vertices = self._faces["attributes"].tolist(), self._faces["vertices"]
         for attribute, own in zip(attributes, np.split(vertices, self._faces["offsets"][:-1])[1:], strict=True):
-            name = self._borders.get(attribute, f"boundary{attribute}")
-            yield name, tuple(numbers[own].tolist())
+            for name in self._borders.get(attribute, (f"boundary{attribute}",)):
+                yield name, tuple(numbers[own].tolist())
 
 
 def _numbered(places: Sequence[Floats]) -> list[Ints]:
@@ -242,7 +245,8 @@ def _join(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
     """Faces on the border by name; those that two parts have are inside."""
     found: dict[str, dict[int, list[tuple[int, ...]]]] = {}
     faces = [face for part, numbers in zip(parts, vertices, strict=True) for face in set(part.borders(numbers))]
-    counts = Counter(tuple(sorted(face)) for _, face in faces)
+    held = [{tuple(sorted(face)) for _, face in part.borders(own)} for part, own in zip(parts, vertices, strict=True)]
+    counts = Counter(face for own in held for face in own)
     for name, face in sorted(faces):
         if counts[tuple(sorted(face))] == 1 or len(parts) == 1:
             found.setdefault(name, {}).setdefault(len(face), []).append(face)

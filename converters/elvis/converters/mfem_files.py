@@ -122,13 +122,14 @@ def header_end(path: Path, text: str) -> int:
     return header[-1].end()
 
 
-def named_attributes(text: str, section: str) -> dict[int, str]:
-    """Names of attributes: of the first set that holds each, as version 1.3 lists them."""
+def named_attributes(text: str, section: str) -> dict[int, tuple[str, ...]]:
+    """Names of attributes: of all sets that hold each, which version 1.3 lists, smaller sets first."""
     words = re.search(rf'(?m)^{section}\s+(\d+)((?:\s+"[^"]*"(?:\s+\d+)+)*)', text)
-    names: dict[int, str] = {}
-    for name, numbers in re.findall(r'"([^"]*)"((?:\s+\d+)+)', words[2] if words else ""):
-        for number in numbers.split()[1:]:
-            names.setdefault(int(number), name)
+    sets = re.findall(r'"([^"]*)"((?:\s+\d+)+)', words[2] if words else "")
+    names: dict[int, tuple[str, ...]] = {}
+    for name, numbers in sorted(sets, key=lambda own: len(own[1].split())):
+        for number in set(numbers.split()[1:]):
+            names[int(number)] = (*names.get(int(number), ()), name)
     return names
 
 

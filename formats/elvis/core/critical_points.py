@@ -13,7 +13,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.distances.boundaries import owners_of_sides
+from elvis.core.distances.boundaries import outer_sides, owners_of_sides
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import heights
 from elvis.core.mapping.orientation import chunks, local_vertices
@@ -197,8 +197,7 @@ class _Outer:
         """
         count, empty = mesh.counts.vertices, np.empty(0, np.int64)
         owners = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
-        if mesh.excerpt is not None:
-            owners[mesh.excerpt.sides] = 2
+        owners = np.where(outer_sides(mesh, owners), 1, 2)
         vertices, pairs = [empty], [empty]
         for shape, entities in mesh.elements.items():
             own = numbers[local_vertices(mesh, shape)]

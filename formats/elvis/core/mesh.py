@@ -94,6 +94,12 @@ MEMBERS: Mapping[Shape, int] = {
 }
 
 
+#: name of the composite of sides that lie on sides of other elements, though no other element shares them
+NON_CONFORMING = "(non-conforming)"
+#: name of the composite of sides that a periodic mesh identifies
+PERIODIC = "(periodic)"
+
+
 @dataclass(frozen=True)
 class Counts:
     """How much a mesh is made of.

@@ -16,7 +16,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import MAP_KEY, Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.tangents import determinants
-from elvis.core.mesh import Composite, Mesh
+from elvis.core.mesh import NON_CONFORMING, PERIODIC, Composite, Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
@@ -164,6 +164,10 @@ def _mesh(mesh: Mesh, tallies: Sequence[_Tally]) -> Facts:
     counts = mesh.counts
     entities = {shape: counts.entities[shape] for shape in Shape if counts.entities.get(shape)}
     (curved_edges, _), (curved_faces, _) = counts.curves
+    joined = dict.fromkeys((NON_CONFORMING, PERIODIC), 0)
+    for composite, sides in zip(mesh.composites, counts.composites, strict=True):
+        if composite.name in joined:
+            joined[composite.name] += sum(sides)
     return {
         "vertices": counts.vertices,
         "entities": {shape.label.lower(): count for shape, count in entities.items()},
@@ -171,6 +175,8 @@ def _mesh(mesh: Mesh, tallies: Sequence[_Tally]) -> Facts:
         "elements_in_domain": sum(tally.in_domain for tally in tallies),
         "curved_edges": curved_edges,
         "curved_faces": curved_faces,
+        "non_conforming_sides": joined[NON_CONFORMING],
+        "periodic_sides": joined[PERIODIC],
     }
 
 

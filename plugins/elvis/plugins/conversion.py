@@ -53,6 +53,7 @@ class Elements:
     frame     (n_vertices, d) the source's reference coordinates of the vertices, None where they are those of ``shape``
     ids       (count,) the source's numbers of the elements, kept as ids where they are unique over all blocks
     region    name of the part of the domain that they belong to
+    other_regions  names of other parts, which overlap it, that they belong to as well
     pyramid   the functions on pyramids, of the map and of the fields
     is_polynomial  whether the map is in the space of that order; False for NURBS and the like
     key       anything by which the converter knows the block again
@@ -66,6 +67,7 @@ class Elements:
     frame: Floats | None = None
     ids: Ints | None = None
     region: str = ""
+    other_regions: tuple[str, ...] = ()
     pyramid: PyramidSpace = PyramidSpace.TENSOR
     is_polynomial: bool = True
     key: Any = None
@@ -151,6 +153,8 @@ class Converter(ABC):
     time, metadata               of the dataset
     precision                    relative rounding of the source's numbers
     is_conforming                False where faces of elements meet parts of others (hanging nodes)
+    mortars                      sides of elements that meet parts of others, as far as the source tells; those that it
+                                 doesn't tell are found by place
     notes                        sentences for the report: what was decided or left out in reading
     mesh                         of sources that have one of the native format, which is taken over as it is: then
                                  blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
@@ -173,6 +177,7 @@ class Converter(ABC):
     metadata: Mapping[str, str] = {}
     precision: float = DOUBLE
     is_conforming: bool = True
+    mortars: Sequence[tuple[int, Ints, Ints]] = ()
     notes: Sequence[str] = ()
     mesh: Mesh | None = None
     beside: Sequence[Path] | None = None

@@ -13,6 +13,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError
+from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import Mesh
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.shapes import Shape
@@ -104,7 +105,10 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     if not _of_map(source, plan, findings).is_exact:
         placed = in_space(sampler, dataset, blocks, fitted)
         findings.fields = [worse(*pair) for pair in zip(findings.fields, placed, strict=True)]
+    interfaces = with_interfaces(dataset, plan.outline, source.precision, [plan.mortars])
+    dataset = interfaces.dataset
     report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
+    report = replace(report, warnings=(*report.warnings, *interfaces.warnings))
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
     return Conversion(dataset, report, tuple(blocks), tuple(maps))
 
@@ -128,7 +132,7 @@ def convert_again(source: Converter, before: Conversion, quantities: Sequence[st
 def converted_object(source: Converter, name: str) -> Dataset:
     """The dataset of a source that is no file; a remark calls it ``name`` and tells with what error it arrived."""
     conversion = convert(source, files=(name,))
-    return replace(conversion.dataset, remarks=(conversion.report.remark(),))
+    return replace(conversion.dataset, remarks=conversion.report.remarks())
 
 
 def _needed(
@@ -372,7 +376,8 @@ def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> lis
     hexahedra = sum(len(block) for block in plan.blocks if block.is_collapsed)
     if hexahedra:
         notes.append(
-            f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which hold their functions exactly"
+            f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which hold their functions exactly; "
+            "their sides count as non-conforming next to triangles"
         )
     for each in fitted:
         if each.field.is_continuous and not each.is_continuous and source.is_conforming:

@@ -58,18 +58,18 @@ class _Result:
     files   native files by name
     keys    of the metadata, in their order
     beside  digests of what was read though it was not given, by paths from the folder of the first file that was
-    remark  on the errors
+    remarks  on the errors
     """
 
     files: Mapping[str, bytes | memoryview]
     keys: Sequence[str]
     beside: Mapping[str, str]
-    remark: str
+    remarks: Sequence[str]
 
     def packed(self) -> tuple[bytes, ...]:
         """All of it in parts: the length of a head, the head, which is JSON, and the files one after another."""
         sizes = {name: len(data) for name, data in self.files.items()}
-        about = {"files": sizes, "keys": list(self.keys), "beside": dict(self.beside), "remark": self.remark}
+        about = {"files": sizes, "keys": list(self.keys), "beside": dict(self.beside), "remarks": list(self.remarks)}
         head = json.dumps(about).encode()
         return len(head).to_bytes(_LENGTH, "little"), head, *map(bytes, self.files.values())
 
@@ -81,7 +81,7 @@ class _Result:
         files = {}
         for name, size in head["files"].items():
             files[name], start = memoryview(content)[start : start + size], start + size
-        return cls(files, head["keys"], head["beside"], head["remark"])
+        return cls(files, head["keys"], head["beside"], head["remarks"])
 
     def dataset(self) -> Dataset:
         """The dataset in the files."""
@@ -89,7 +89,7 @@ class _Result:
             paths = [Path(folder, Path(name).name) for name in self.files]
             for path, data in zip(paths, self.files.values(), strict=True):
                 path.write_bytes(data)
-            return _read(paths, self.keys, self.remark)
+            return _read(paths, self.keys, self.remarks)
 
 
 def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
@@ -181,17 +181,17 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     """What is to be kept, None where nothing can be, and the dataset."""
     source = work.converter(work.paths, **work.keywords)
     conversion = convert(source, files=work.paths)
-    remark = conversion.report.remark()
+    remarks = conversion.report.remarks()
     others = None if source.beside is None else [path for path in source.beside if path not in work.paths]
     try:
         with TemporaryDirectory(prefix="elvis-") as folder:
             written = _write(conversion.dataset, Path(folder, _MESH))
             keys = list(conversion.dataset.metadata)
-            dataset = _read(written, keys, remark)
-            result = _Result({path.name: path.read_bytes() for path in written}, keys, {}, remark)
+            dataset = _read(written, keys, remarks)
+            result = _Result({path.name: path.read_bytes() for path in written}, keys, {}, remarks)
     except (OSError, ElvisError):
         # there is no room for files, or the format can't hold the data: they are here nonetheless
-        return None, replace(conversion.dataset, remarks=(remark,))
+        return None, replace(conversion.dataset, remarks=remarks)
     digests = None if others is None else _digests(others)
     if others is None or digests is None:
         return None, dataset
@@ -207,9 +207,9 @@ def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
         return write(dataset, path)
 
 
-def _read(paths: Sequence[Path], keys: Sequence[str], remark: str) -> Dataset:
+def _read(paths: Sequence[Path], keys: Sequence[str], remarks: Sequence[str]) -> Dataset:
     """The dataset in files, its shapes and metadata in the order of packed ones: HDF5 has another, or none."""
-    return replace(_ordered(read(*paths), keys), remarks=(remark,))
+    return replace(_ordered(read(*paths), keys), remarks=tuple(remarks))
 
 
 def _ordered(dataset: Dataset, keys: Sequence[str]) -> Dataset:

@@ -99,6 +99,7 @@ class Report:
     fields        errors of the fields
     listed        ids of elements by what is the matter with them: inverted, degenerate, ...
     notes         sentences
+    warnings      sentences that every command prints
     """
 
     converter: str
@@ -110,6 +111,7 @@ class Report:
     fields: tuple[Measure, ...]
     listed: Mapping[str, tuple[int, ...]]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def beyond(self, bound: float) -> list[Measure]:
         """The coordinates and fields with relative errors greater than ``bound``, the worst first."""
@@ -130,7 +132,12 @@ class Report:
             "fields": {measure.name: measure.facts() for measure in self.fields},
             **{name: list(ids) for name, ids in self.listed.items()},
             "notes": list(self.notes),
+            "warnings": list(self.warnings),
         }
+
+    def remarks(self) -> tuple[str, ...]:
+        """What every command prints: `remark`, and the warnings."""
+        return (self.remark(), *self.warnings)
 
     def remark(self) -> str:
         """One sentence on a conversion in memory: how large the errors are, and where to read more."""
@@ -169,7 +176,7 @@ class Report:
         said += [
             f"{len(ids)} {name} elements, kept as they are: {_some(ids)}" for name, ids in self.listed.items() if ids
         ]
-        return [*said, *self.notes]
+        return [*said, *self.notes, *self.warnings]
 
 
 @dataclass(frozen=True)
@@ -196,7 +203,7 @@ class RecordedReport:
             rows += [_row_of(name, own) for name, own in facts.get("fields", {}).items()]
             heading = f"converted from {', '.join(map(str, facts['files']))} ({facts['converter']})"
             listed = [f"{name} elements, kept as they are: {facts[name]}" for name in LISTED if name in facts]
-            notes = [str(note) for note in facts.get("notes", [])]
+            notes = [str(note) for name in ("notes", "warnings") for note in facts.get(name, [])]
         except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
             return None
         map_note = ["the map travels as fields"] if facts["geometry"].get("map") == "fields" else []

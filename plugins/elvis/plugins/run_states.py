@@ -64,7 +64,7 @@ class NodalStates:
         else:
             dataset = convert_again(source, self._first, quantities)
         self.carried = tuple(dataset)
-        return replace(dataset, remarks=(self._first.report.remark(),))
+        return replace(dataset, remarks=self._first.report.remarks())
 
 
 class ModalStates:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.hints import perhaps
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Mesh
+from elvis.core.mesh import NON_CONFORMING, PERIODIC, Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values
@@ -23,6 +23,7 @@ from elvis.core.shapes import Shape
 
 #: what stands for all outer faces
 ALL = "all"
+_JOINED = (NON_CONFORMING, PERIODIC)
 _KINDS = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}
 
 
@@ -82,11 +83,8 @@ def faces_of(dataset: Dataset, name: str) -> list[Faces]:
         raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join((ALL, *known))}")
     blocks = geometry(dataset)
     members = [sides_of(mesh, block.expansion.shape, block.element_ids) for block in blocks]
-    wanted = owners_of_sides(mesh, members) == 1
-    if name != ALL:
-        wanted = np.isin(np.arange(len(wanted)), known[name])
-    elif mesh.excerpt is not None:
-        wanted[mesh.excerpt.sides] = False
+    owners = owners_of_sides(mesh, members)
+    wanted = outer_sides(mesh, owners) if name == ALL else np.isin(np.arange(len(owners)), known[name])
     found = [faces for block, own in zip(blocks, members, strict=True) for faces in _take(mesh, block, own, wanted)]
     if not found:
         raise ElvisError(f"expected a boundary with faces of the data's elements, found none in {name!r}")
@@ -104,6 +102,36 @@ def owners_of_sides(mesh: Mesh, members: Sequence[Ints]) -> Ints:
     return np.bincount(every, minlength=count)
 
 
+def outer_sides(mesh: Mesh, owners: Ints) -> Bools:
+    """(n,) which faces of volumes, or edges of plane elements, have nothing beyond them.
+
+    owners  (n,) how many elements each side has
+    Sides with elements beyond them in the whole of which the mesh is a part, non-conforming and periodic ones are no
+    outer sides.
+    """
+    outer = owners == 1
+    inner = inner_sides(mesh)
+    outer[inner[inner < len(outer)]] = False
+    return np.asarray(outer)
+
+
+def inner_sides(mesh: Mesh) -> Ints:
+    """(n,) rows of sides of one element that are no outer ones (`outer_sides`)."""
+    return np.concatenate([np.empty(0, np.int64), *joined_sides(mesh).values(), *_sides_of_whole(mesh)])
+
+
+def joined_sides(mesh: Mesh) -> dict[str, Ints]:
+    """Rows of the non-conforming and of the periodic sides, by the names of the composites that hold them."""
+    if not any(composite.name in _JOINED for composite in mesh.composites):
+        return {}
+    return {name: rows for name, rows in boundaries(mesh).items() if name in _JOINED}
+
+
+def _sides_of_whole(mesh: Mesh) -> tuple[Ints, ...]:
+    """Rows of sides beyond which there are elements in the whole that the mesh is a part of."""
+    return () if mesh.excerpt is None else (np.asarray(mesh.excerpt.sides),)
+
+
 def sides_of(mesh: Mesh, shape: Shape, element_ids: Ints) -> Ints:
     """(n, sides) rows of the sides of elements (n,) of one shape: faces, triangles first, or edges."""
     elements = mesh.of(shape)
@@ -119,16 +147,21 @@ def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Ite
         rows = first[wanted[entity]]
         wanted[members[rows, number]] = False
         if len(rows):
-            coefficients, outer = _coefficients(block, rows, local), np.full(len(rows), WHOLE[len(local)])
+            coefficients = side_coefficients(block.expansion, block.coefficients[rows], local)
+            outer = np.full(len(rows), WHOLE[len(local)])
             yield Faces(
                 SurfacePatches(len(local), coefficients, np.arange(len(rows)), outer), vertices[rows][:, list(local)]
             )
 
 
-def _coefficients(block: GeometryBlock, rows: Ints, local: tuple[int, ...]) -> Floats:
-    """(n, m, k, 3) the maps of elements ``rows`` on one of their sides, as in SurfacePatches."""
-    kind, shape = _KINDS[len(local)], block.expansion.shape
-    degree = max(1, *bernstein_space(block.expansion).degrees)
+def side_coefficients(expansion: Expansion, maps: Floats, local: tuple[int, ...]) -> Floats:
+    """(n, m, k, 3) the maps of elements on one of their sides, as in SurfacePatches.
+
+    maps   (n, 3, modes) coefficients of the elements
+    local  their vertices around the side
+    """
+    kind, shape = _KINDS[len(local)], expansion.shape
+    degree = max(1, *bernstein_space(expansion).degrees)
     nodes = gauss(degree + 1)[0]
     grid = np.stack(np.meshgrid(*[nodes] * kind.dimension), axis=-1).reshape(-1, kind.dimension)
     points = uncollapse(kind, grid)
@@ -142,9 +175,9 @@ def _coefficients(block: GeometryBlock, rows: Ints, local: tuple[int, ...]) -> F
     space = j == 0 if kind is Shape.SEGMENT else i + j <= degree if kind is Shape.TRIANGLE else i >= 0
     s, t = points[:, 0], points[:, -1]
     powers = s[:, None] ** i[space] * (t[:, None] ** j[space] if kind.dimension == 2 else 1.0)
-    basis = values(block.expansion, images)
-    world = np.einsum("ndm,km->nkd", block.coefficients[rows], basis, optimize=True)
-    found = np.zeros((len(rows), (degree + 1) ** 2, 3))
+    basis = values(expansion, images)
+    world = np.einsum("ndm,km->nkd", maps, basis, optimize=True)
+    found = np.zeros((len(maps), (degree + 1) ** 2, 3))
     found[:, np.flatnonzero(space)] = np.linalg.pinv(powers) @ world
-    square = found.reshape(len(rows), degree + 1, degree + 1, 3)
+    square = found.reshape(len(maps), degree + 1, degree + 1, 3)
     return np.ascontiguousarray(square[:, :1] if kind is Shape.SEGMENT else square)

@@ -106,6 +106,13 @@ def _from_file(name: str) -> Surface:
     return Surface((patches,), frozen_ints(sides), closed)
 
 
+def _is_outline(dataset: Dataset, name: str) -> bool:
+    """Whether faces are all outer ones of non-conforming elements, and closed though their edges don't match."""
+    from elvis.core.interfaces.interface_composites import has_closed_outline
+
+    return name == ALL and has_closed_outline(dataset)
+
+
 def surface_of_faces(dataset: Dataset, name: str, found: Sequence[Faces], ranks: Ranks = ALONE) -> Surface:
     """The surface that the faces of a boundary, or of all, are.
 
@@ -115,6 +122,6 @@ def surface_of_faces(dataset: Dataset, name: str, found: Sequence[Faces], ranks:
     patches = [faces.patches.flatten(start) for faces, start in zip(found, first, strict=False)]
     loops = [faces.vertices for faces in found]
     planar = dataset.mesh.space == 2
-    closed = (planar or dataset.mesh.dimension == 3) and is_closed(loops)
+    closed = (planar or dataset.mesh.dimension == 3) and (is_closed(loops) or _is_outline(dataset, name))
     sides = sides_of_faces(loops, patches, ranks) if closed else np.ones((first[-1], 2), np.int64)
     return Surface(tuple(patches), frozen_ints(sides), closed, closed and name == ALL, planar)

@@ -10,7 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.distances.boundaries import ALL, boundaries
+from elvis.core.distances.boundaries import ALL, boundaries, outer_sides
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.integrals.along_curves import CurvePiece
@@ -175,9 +175,7 @@ class Places:
         """All outer faces, a row for each boundary that has some."""
         if self._mesh.dimension < 2:
             raise ElvisError("expected 2D or 3D data, found lines, which have no boundary faces")
-        outer = self._owners == 1
-        if self._mesh.excerpt is not None:
-            outer[self._mesh.excerpt.sides] = False
+        outer = outer_sides(self._mesh, self._owners)
         total = Target("total", tuple(self._sides(outer)))
         named, left = dict[str, Bools](), outer.copy()
         for name, sides in self._distinct.items():

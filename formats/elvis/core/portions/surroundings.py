@@ -14,10 +14,19 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, rows_of
 from elvis.core.dataset import Block, Expansion, Field
-from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of, owners_of_sides, sides_of
+from elvis.core.distances.boundaries import (
+    ALL,
+    Faces,
+    boundaries,
+    faces_of,
+    joined_sides,
+    owners_of_sides,
+    sides_of,
+)
 from elvis.core.distances.surface import is_file, surface_of_faces
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
+from elvis.core.mesh import NON_CONFORMING
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import jump_name
@@ -109,12 +118,28 @@ def _jumps(portion: Portion, field: Field, ranks: Ranks) -> tuple[Ints, Floats]:
     neighbours = [own for own in found if own is not None]
     border = [own for own in sent if own is not None]
     parts = [portion, *([unite([*border, *neighbours])] if neighbours else [])]
+    parts += _at_interfaces(portion, held, ranks)
     ids, greatest = np.sort(held), np.zeros(len(held))
     for some in parts:
         own, jump = jumps(some.dataset, field.name, modes)
         is_here = among(own, ids)
         np.maximum.at(greatest, rows_of(ids, own[is_here]), jump[is_here])
     return ids, greatest
+
+
+def _at_interfaces(portion: Portion, held: Ints, ranks: Ranks) -> list[Portion]:
+    """The elements of all parts at sides that don't match, together; none where there are none.
+
+    held  (n,) ids of the part's elements that count
+    """
+    mesh = portion.dataset.mesh
+    if not any(composite.name == NON_CONFORMING for composite in mesh.composites):
+        return []
+    is_joined = np.zeros(len(portion.side_numbers), bool)
+    is_joined[joined_sides(mesh).get(NON_CONFORMING, _NONE)] = True
+    every = ranks.exchange(_at(portion, held, is_joined), "elements at non-conforming sides")
+    found = [own for own in every if own is not None]
+    return [unite(found)] if found else []
 
 
 def _constant(block: Block, ids: Ints, values: Floats) -> Block:

@@ -1,7 +1,8 @@
 """Jumps of discontinuous fields across the sides of elements: faces of volumes, edges of plane elements, ends of lines.
 
 Both elements at a side are evaluated at the same points of a lattice on it, given by weights of the side's vertices,
-which are counted from the one with the lowest row in the mesh, so that both see the side alike.
+which are counted from the one with the lowest row in the mesh, so that both see the side alike.  Where sides don't
+match, elements beyond them are found by place (`interface_jumps`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.quantities.interface_jumps import raise_across_interfaces
 from elvis.core.shapes import Shape
 
 #: a side's points: its row among all sides, the row of the element and the values at the points
@@ -46,6 +48,8 @@ def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
     for parts in sides.values():
         side, element, values = zip(*parts, strict=True)
         _meet(np.concatenate(side), np.concatenate(element), np.concatenate(values), greatest)
+    if dataset.mesh.dimension > 1:
+        raise_across_interfaces(dataset, own, {count: _lattice(count, along) for count in (2, 3, 4)}, greatest)
     return ids, greatest
 
 

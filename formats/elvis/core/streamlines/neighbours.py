@@ -17,6 +17,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import boundaries
 from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mesh import NON_CONFORMING
 from elvis.core.patch import Patch
 from elvis.core.shapes import Shape
 
@@ -226,9 +227,12 @@ def _named(dataset: Dataset, count: int) -> tuple[tuple[str, ...], Ints]:
     """Names of boundaries, and for each of the mesh's sides (count,) the number of one that it belongs to."""
     known = boundaries(dataset.mesh)
     titles = {str(own.id): own.name or own.label for own in dataset.mesh.composites}
-    names = tuple(name for name in known if not titles.get(name) or titles[name] == name)
+    distinct = (name for name in known if not titles.get(name) or titles[name] == name)
+    names = tuple(name for name in distinct if name != NON_CONFORMING)
     found = np.full(count, -1)
     for number, name in enumerate(names):
         sides = known[name]
         found[sides[sides < count]] = number
+    joined = known.get(NON_CONFORMING, np.empty(0, np.int64))
+    found[joined[joined < count]] = -1
     return names, found

@@ -20,6 +20,7 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
 from elvis.core.streamlines.dop853 import Step, step
 from elvis.core.streamlines.endings import End
+from elvis.core.streamlines.entries import ALONG, taking_up
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
 from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
@@ -32,8 +33,6 @@ REACH = 1.0
 SHRINK, GROW, SAFETY = 0.2, 5.0, 0.9
 #: sides that a line may cross in succession without coming farther, as it does around a vertex
 _TURNS = 64
-#: a velocity across a side, as part of its size, that is rounding
-ALONG = 1e-9
 #: the shortest step, in reference coordinates
 SHORTEST = 1e-14
 #: gaps between elements at a side, in parts of the box, that are rounding
@@ -406,21 +405,22 @@ class Tracer:
         if not len(lines):
             return found
         location = self.locator.locate(points, all=True)
-        for candidate in np.flatnonzero(location.status == Status.INSIDE):
-            number = location.point[candidate]
-            line = lines[number : number + 1]
-            patch, row = location.patch[candidate : candidate + 1], location.row[candidate : candidate + 1]
-            same = (patch[0], row[0]) == (self.patch[line[0]], self.row[line[0]])
-            if found[number] or same:
-                continue
-            reference = location.reference[candidate : candidate + 1, : self._plane(int(patch[0]))]
-            slope = self.velocity.motion(patch, row, self._with_waves(line, reference)).reference
-            normals, offsets = self.neighbours.facets(int(patch[0]))
-            heights = reference @ normals.T + offsets
-            onwards = self.sign * slope[:, : normals.shape[1]] @ normals.T
-            if np.isfinite(onwards).all() and not ((heights <= 1e-9) & (onwards <= 0)).any():
-                found[number] = True
-                self._go_in(line, Crossing(patch, row, np.array([-1]), reference), points[number : number + 1])
+        line = lines[location.point]
+        same = (location.patch == self.patch[line]) & (location.row == self.row[line])
+        candidates = np.flatnonzero((location.status == Status.INSIDE) & ~same)
+        plane = self._plane(0)
+        states = self._with_waves(line, location.reference[:, :plane])
+        goes_on = taking_up(self.velocity, self.neighbours, location, states, candidates, self.sign)
+
+        # the first element that takes up a line
+        chosen = candidates[goes_on]
+        number, first = np.unique(location.point[chosen], return_index=True)
+        chosen = chosen[first]
+        found[number] = True
+        if len(chosen):
+            none = np.full(len(chosen), -1)
+            to = Crossing(location.patch[chosen], location.row[chosen], none, states[chosen, :plane])
+            self._go_in(lines[number], to, points[number])
         return found
 
     def _with_waves(self, lines: Ints, reference: Floats) -> Floats:

@@ -8,6 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import inner_sides
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import Assembly, GeometryBlock, mapping
 from elvis.core.mapping.orientation import face_shape, first_face_row
@@ -42,9 +43,7 @@ def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = N
                 found += _blocks(mesh, part, block, rows, numbers, length)
     is_extruded = length is not None
     boundaries, regions = _names(mesh, is_extruded)
-    inner = np.empty(0, np.int64)
-    if mesh.excerpt is not None and (mesh.dimension == 3 or is_extruded):
-        inner = mesh.excerpt.sides
+    inner = inner_sides(mesh) if mesh.dimension == 3 or is_extruded else np.empty(0, np.int64)
     return Faces(found, ids, boundaries, regions, inner)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.core.arrays import Ints, distinct_rows, frozen_ints
-from elvis.core.mesh import Composite, Mesh
+from elvis.core.mesh import PERIODIC, Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
 from elvis.plugins.projection.blocks import NativeBlock
@@ -20,10 +21,28 @@ OUTER = "boundary"
 _TAGS = {1: "V", 2: "E", 3: "F"}
 
 
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """The composites of a mesh.
+
+    composites  parts of the domain, then boundaries
+    domain      ids of those that make the domain
+    notes       sentences on names that fit nothing
+    outline     name of the last composite where it holds the sides that the source doesn't name, else None
+    mortars     (n,) rows of the sides that the source calls non-conforming
+    """
+
+    composites: tuple[Composite, ...]
+    domain: tuple[int, ...]
+    notes: tuple[str, ...]
+    outline: str | None
+    mortars: Ints
+
+
 def composites(
     source: Converter, mesh: Mesh, blocks: Sequence[NativeBlock], vertices: Sequence[Ints], numbers: Ints
-) -> tuple[tuple[Composite, ...], tuple[int, ...], tuple[str, ...]]:
-    """All composites, the ids of those that make the domain, and notes on names that fit nothing.
+) -> Naming:
+    """All composites.
 
     vertices  of each block's elements as the source has them, (n, v) in its local order, to tell which sides are outer
     numbers   (n_vertices,) the source's number of each vertex of the mesh
@@ -47,14 +66,20 @@ def composites(
     outer = _concatenate(
         [_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in _outer_sides(blocks, vertices)]
     )
-    boundaries.append((OUTER, np.setdiff1d(outer, named)))
+    periodic = known.repeated(outer)
+    unnamed = np.setdiff1d(np.setdiff1d(outer, named), periodic)
+    boundaries += [(PERIODIC, periodic), (OUTER, unnamed)]
 
     tag = _TAGS[mesh.dimension]
     every = list(domain)
+    for shape, name, ids in _other_regions(blocks):
+        every.append(Composite(len(every), ((shape.tag, frozen_ints(ids)),), name))
     for name, rows in boundaries:
         if len(rows):
             every.append(Composite(len(every), ((tag, frozen_ints(rows)),), name))
-    return tuple(every), tuple(range(len(domain))), tuple(notes)
+    mortars = _concatenate([_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in source.mortars])
+    outline = OUTER if len(unnamed) else None
+    return Naming(tuple(every), tuple(range(len(domain))), tuple(notes), outline, mortars)
 
 
 def _concatenate(rows: Sequence[Ints]) -> Ints:
@@ -70,6 +95,16 @@ def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]
             parts.setdefault((block.shape, block.source.region), []).append(block.ids)
     for (shape, region), ids in parts.items():
         yield shape, region or shape.label.lower(), np.concatenate(ids)
+
+
+def _other_regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]:
+    """As `_regions`, what elements belong to in addition: parts of one name together are that region."""
+    parts: dict[tuple[Shape, str], list[Ints]] = {}
+    for block in blocks:
+        for name in block.source.other_regions if len(block) else ():
+            parts.setdefault((block.shape, name), []).append(block.ids)
+    for (shape, name), ids in parts.items():
+        yield shape, name, np.concatenate(ids)
 
 
 def _boundary_rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock], known: Sides) -> tuple[Ints, int]:

@@ -1,13 +1,16 @@
-"""The sides of a mesh rows_of by the numbers of their vertices: sorted once, then looked up for any boundary."""
+"""The sides of a mesh found by the numbers of their vertices: sorted once, then looked up for any boundary."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.arrays import Bools, Ints
 from elvis.core.mapping.orientation import first_face_row, polygon_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
+
+#: part of a side's size within which two sides are at one place
+SAME_PLACE = 1e-3
 
 
 class Sides:
@@ -25,10 +28,60 @@ class Sides:
         if not wanted.size:
             return np.empty(0, np.int64), 0
         corners = wanted.shape[1]
+        rows, is_known = self._index(corners).rows_of(wanted)
+        if corners == 3 and not is_known.all():
+            collapsed, is_collapsed = self._collapsed(wanted[~is_known])
+            rows = np.union1d(rows, collapsed)
+            is_known[~is_known] = is_collapsed
+        return rows, int((~is_known).sum())
+
+    def repeated(self, rows: Ints) -> Ints:
+        """Those of some sides whose vertices have the numbers of another one at another place, ascending.
+
+        These are sides that a periodic mesh identifies.
+        """
+        found = [np.empty(0, np.int64)]
+        for corners in {1: (1,), 2: (2,), 3: (3, 4)}[self._mesh.dimension]:
+            own, first = _sides_of(self._mesh, corners)
+            chosen = np.intersect1d(rows, first + np.arange(len(own))) - first
+            numbers = np.sort(self._numbers[own[chosen]], axis=1)
+            chosen, numbers = chosen[(numbers >= 0).all(axis=1)], numbers[(numbers >= 0).all(axis=1)]
+            if not len(chosen):
+                continue
+            _, which, counts = np.unique(numbers, axis=0, return_inverse=True, return_counts=True)
+            found.append(first + chosen[self._are_apart(own[chosen], which.reshape(-1), counts)])
+        return np.unique(np.concatenate(found))
+
+    def _are_apart(self, vertices: Ints, which: Ints, counts: Ints) -> Bools:
+        """(n,) whether not all sides of a set lie at one place; ``which`` (n,) of the sets, with ``counts`` sides."""
+        middle = self._mesh.vertices[vertices].mean(axis=1)
+        first = np.zeros(len(counts), np.int64)
+        first[which[::-1]] = np.arange(len(which))[::-1]
+        size = np.ptp(self._mesh.vertices[vertices], axis=1).max(axis=1)
+        is_off = np.abs(middle - middle[first[which]]).max(axis=1) > SAME_PLACE * size
+        any_off = np.zeros(len(counts), bool)
+        any_off[which[is_off]] = True
+        return any_off[which]
+
+    def _index(self, corners: int) -> _Index:
         if corners not in self._indices:
             own, first = _sides_of(self._mesh, corners)
             self._indices[corners] = _Index(self._numbers[own], first)
-        return self._indices[corners].rows_of(wanted)
+        return self._indices[corners]
+
+    def _collapsed(self, wanted: Ints) -> tuple[Ints, Bools]:
+        """Rows of quadrilaterals that are triangles ``wanted`` (n, 3) with one corner twice, and which (n,) are found.
+
+        Such are the sides of hexahedra that stand for pyramids.
+        """
+        found, is_found = np.empty(0, np.int64), np.zeros(len(wanted), bool)
+        if not len(self._mesh.of(Shape.QUADRILATERAL)):
+            return found, is_found
+        for corner in range(3):
+            rows, is_known = self._index(4).rows_of(np.column_stack([wanted, wanted[:, corner]]))
+            found = np.union1d(found, rows)
+            is_found |= is_known
+        return found, is_found
 
 
 class _Index:
@@ -47,8 +100,8 @@ class _Index:
         self._rows = first + np.argsort(codes, kind="stable")
         self._codes = np.sort(codes)
 
-    def rows_of(self, wanted: Ints) -> tuple[Ints, int]:
-        """Rows of the sides that have the vertices ``wanted`` (n, k), and how many of these no side has."""
+    def rows_of(self, wanted: Ints) -> tuple[Ints, Bools]:
+        """Rows of the sides that have the vertices ``wanted`` (n, k), and for which (n,) of these there is a side."""
         ranks = _places(self._known, wanted)
         columns = np.sort(ranks, axis=1).T
         codes, is_known = columns[0], columns[0] >= 0
@@ -58,7 +111,7 @@ class _Index:
         asked = np.unique(codes[is_known])
         starts, ends = (np.searchsorted(self._codes, asked, side) for side in ("left", "right"))
         several = np.repeat(ends - np.cumsum(ends - starts), ends - starts) + np.arange(int((ends - starts).sum()))
-        return np.sort(self._rows[several]), int((~is_known).sum())
+        return np.sort(self._rows[several]), np.asarray(is_known)
 
 
 def _places(ascending: Ints, values: Ints) -> Ints:

@@ -32,6 +32,8 @@ class Topology:
     repeated  ids of elements with one vertex at several corners
     detached  ids of elements whose triangles could not be collapsed as their neighbours' are
     notes     sentences for the report
+    outline   name of the last composite where it holds the sides that the source doesn't name, else None
+    mortars   (n,) rows of the sides that the source calls non-conforming
     """
 
     mesh: Mesh
@@ -39,6 +41,8 @@ class Topology:
     repeated: Ints
     detached: Ints
     notes: tuple[str, ...] = ()
+    outline: str | None = None
+    mortars: Ints = field(default_factory=lambda: np.empty(0, np.int64))
 
 
 @dataclass(eq=False)
@@ -243,13 +247,15 @@ def _assemble(
         own = np.concatenate([block.ids for block in blocks if block.shape is shape])
         kinds[shape] = Entities(frozen_ints(own), mesh.of(shape).members)
     mesh = replace(mesh, entities=kinds, vertices=frozen_floats(pool.places), composites=(), domains={})
-    parts, domain, notes = composites(source, mesh, blocks, [d.source for d in drafts], pool.numbers)
+    naming = composites(source, mesh, blocks, [d.source for d in drafts], pool.numbers)
     return Topology(
-        replace(mesh, composites=parts, domains={0: domain}),
+        replace(mesh, composites=naming.composites, domains={0: naming.domain}),
         blocks,
         np.concatenate([block.ids[rows] for block, rows in zip(blocks, repeated, strict=True)]),
         np.concatenate([block.ids[rows] for block, rows in zip(blocks, detached, strict=True)]),
-        notes,
+        naming.notes,
+        naming.outline,
+        naming.mortars,
     )
 
 

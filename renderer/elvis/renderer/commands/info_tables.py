@@ -109,6 +109,11 @@ def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
     yield "in the domain", str(mesh["elements_in_domain"])
     yield "vertices", str(mesh["vertices"])
     yield "curved", f"{mesh['curved_edges']} edges, {mesh['curved_faces']} faces"
+    kind = "edges" if facts["dimension"] == 2 else "faces"
+    if mesh["non_conforming_sides"]:
+        yield "non-conforming", f"{mesh['non_conforming_sides']} inner {kind}"
+    if mesh["periodic_sides"]:
+        yield "periodic", f"{mesh['periodic_sides']} {kind}"
     if geometry["given_by_fields"]:
         yield "map", "given by fields of the dataset"
     for axis, lower, upper in zip("xyz", geometry["box"]["lower"], geometry["box"]["upper"], strict=True):

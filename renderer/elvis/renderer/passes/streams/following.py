@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.locate import Locator
-from elvis.core.streamlines import dop853, tracer
+from elvis.core.streamlines import dop853, entries, tracer
 from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.tracer import Limits, Piece, Tracer
@@ -239,7 +239,7 @@ class DeviceTracer(Tracer):
             "sign": self.sign,
             "reach": tracer.REACH,
             "shortest": tracer.SHORTEST,
-            "along": tracer.ALONG,
+            "along": entries.ALONG,
             "beside": tracer.BESIDE,
             "beside_outer": tracer.BESIDE_OUTER,
             "gap": tracer.GAP * self._size,

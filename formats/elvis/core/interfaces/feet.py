@@ -1,0 +1,92 @@
+"""The point of a side that is nearest to a given point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.interfaces.side_groups import SideGroup, SideSet, is_within
+from elvis.core.mapping.orientation import chunks
+
+#: Gauss-Newton steps; convergence is quadratic where the point lies on the side
+ITERATIONS = 16
+#: coordinates beyond which no step goes, while the domain ends at 1
+FARTHEST = 1.3
+#: part of its trace that is added to the matrix of a step, which is singular where a side is collapsed
+DAMPING = 1e-14
+#: pairs of a point and a side that are looked at together
+PAIRS = 1 << 15
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """For each pair of a point and a side the place of the side that is nearest.
+
+    points    (n, 2) its coordinates on the side
+    distance  (n,)
+    inside    (n,) whether the place belongs to the side; else the search left its domain
+    """
+
+    points: Floats
+    distance: Floats
+    inside: Bools
+
+
+def feet(sides: SideSet, which: Ints, world: Floats) -> Feet:
+    """The places of the sides ``which`` (n,) that are nearest to the points ``world`` (n, 3)."""
+    points = np.zeros((len(which), 2))
+    distance = np.full(len(which), np.inf)
+    inside = np.zeros(len(which), bool)
+    for group, here in sides.parted(which):
+        for part in chunks(len(here), PAIRS):
+            own = here[part]
+            rows = sides.row[which[own]]
+            points[own], distance[own] = _on_group(group, rows, world[own])
+            inside[own] = is_within(group.corners, points[own])
+    return Feet(points, distance, inside)
+
+
+def _on_group(group: SideGroup, rows: Ints, world: Floats) -> tuple[Floats, Floats]:
+    """Coordinates (n, 2) and distances (n,) of the nearest places of sides ``rows`` (n,) of one group.
+
+    Gauss-Newton on |x(t) - p|² from the nearest point of a lattice: t -= (JᵀJ)⁻¹ Jᵀ (x(t) - p) with J = dx/dt
+    (Nocedal and Wright, Numerical Optimization, 10.3).
+    """
+    dimension = 1 if group.corners == 2 else 2
+    points = _starts(group, rows, world)
+    for _ in range(ITERATIONS):
+        slopes = group.patches.derivatives(points, rows, 1)
+        residual = slopes[:, 0, 0] - world
+        tangents = np.stack([slopes[:, 0, 1], slopes[:, 1, 0]][:dimension], axis=2)
+        matrix = np.einsum("nci,ncj->nij", tangents, tangents)
+        trace = np.trace(matrix, axis1=1, axis2=2)
+        damping = np.where(trace > 0, DAMPING * trace, 1.0)
+        matrix = matrix + damping[:, None, None] * np.eye(dimension)
+        right = np.einsum("nci,nc->ni", tangents, residual)
+        step = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        points[:, :dimension] = np.clip(points[:, :dimension] - step, -FARTHEST, FARTHEST)
+    return points, np.linalg.norm(group.patches.at(points, rows) - world, axis=1)
+
+
+def _starts(group: SideGroup, rows: Ints, world: Floats) -> Floats:
+    """(n, 2) the points of a lattice on each side that are nearest to the points (n, 3)."""
+    grid = _grid(group.corners)
+    distinct, place = np.unique(rows, return_inverse=True)
+    every = np.repeat(distinct, len(grid))
+    images = group.patches.at(np.tile(grid, (len(distinct), 1)), every).reshape(len(distinct), len(grid), 3)
+    square = ((images[place.reshape(-1)] - world[:, None]) ** 2).sum(axis=2)
+    return grid[square.argmin(axis=1)].copy()
+
+
+@cache
+def _grid(corners: int) -> Floats:
+    """(n, 2) points all over a domain."""
+    line = np.linspace(-0.9, 0.9, 5)
+    if corners == 2:
+        return frozen_floats(np.stack([line, np.zeros(len(line))], axis=1))
+    s, t = (part.reshape(-1) for part in np.meshgrid(line, line))
+    points = np.stack([s, t], axis=1)
+    return frozen_floats(points if corners == 4 else points[s + t <= 0])

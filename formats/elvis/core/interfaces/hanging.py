@@ -1,0 +1,257 @@
+"""Which sides without a partner lie on sides of other elements: hanging nodes, mortars, sides of other shapes.
+
+A side is an inner one where every point of a lattice on it lies on sides of elements beyond it, within rounding.  The
+lattice has 2 d + 3 points along each direction, where d is the greatest degree of the map along a side.  A side that is
+a part of another, as in refined meshes, is the other's polynomial under an affine change of coordinates, so agreement
+at d + 1 points along each direction proves that both are equal.  In addition the sides of both elements must enclose
+nothing: the integrals of n and of x . n over all sides that touch one another are zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.interfaces.feet import feet
+from elvis.core.interfaces.side_groups import COLLAPSED, SideSet
+from elvis.core.mapping.boxes import BoxTree, outward
+from elvis.core.polynomials.quadrature import gauss
+
+#: distance, in parts of the box of all sides, up to which a point lies on a side
+ROUNDING = 1e-11
+#: the same in parts of the greatest coordinate, in roundings of the source's numbers
+SOURCE_ROUNDINGS = 64
+#: distance, in parts of a side's size, up to which it is unclear whether a side lies on another
+NEAR = 0.06
+#: cosines of the angle between normals into both elements: of sides that coincide, and at most of those that may
+OPPOSITE = -0.9
+FACING = 0.5
+#: part of the area that sides which touch one another may enclose, or leave open
+OPEN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Hanging:
+    """What is known of sides without a partner.
+
+    inner      (n,) rows of sides in the mesh that lie on sides of other elements, or are collapsed
+    undecided  (m,) rows of sides of which it is unknown
+    gap        the greatest distance of an undecided side from the sides that it is near
+    """
+
+    inner: Ints
+    undecided: Ints
+    gap: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Contacts:
+    """Points of sides that lie on or near other sides.
+
+    side, point  (n,) the side, and the number of its point
+    other        (n,) the side that it lies on
+    distance     (n,)
+    is_on        (n,) whether it lies on the other side; else near it
+    """
+
+    side: Ints
+    point: Ints
+    other: Ints
+    distance: Floats
+    is_on: Bools
+
+
+def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -> Hanging:
+    """Which of some sides without a partner are inner ones.
+
+    named        (n,) whether a boundary that the source names holds the side.  Two named sides of equal corners are the
+                 faces of a slit.
+    is_oriented  whether elements fill the space, so that those on both sides of a face lie opposite
+    precision    relative rounding of the source's numbers
+    """
+    every = np.arange(len(sides))
+    collapsed = _are_collapsed(sides)
+    search = _Search(sides, every[~collapsed], named, is_oriented, precision)
+
+    # a first look at few points of each side
+    possible = search.possible()
+    probes = search.contacts(possible, 0)
+    touched, covered = _tally(probes, sides.samples(possible, 0)[0], len(sides), possible)
+    likely = np.flatnonzero(covered)
+    if not touched.any():
+        return Hanging(sides.entity[collapsed], np.empty(0, np.int64))
+
+    # then at as many as decide
+    count = 2 * sides.degree + 3
+    found = search.contacts(likely, count)
+    _, sure = _tally(found, sides.samples(likely, count)[0], len(sides), likely)
+    undecided = touched & ~sure
+    undecided |= search.are_open(found, sure, undecided)
+    gap = probes.distance[undecided[probes.side]].max(initial=0.0)
+    return Hanging(sides.entity[sure | collapsed], sides.entity[undecided], float(gap))
+
+
+def _tally(found: _Contacts, sampled: Ints, count: int, sides: Ints) -> tuple[Bools, Bools]:
+    """(count,) whether any point of a side touches another, and whether all points lie on others.
+
+    sampled  (p,) the place of each point's side among ``sides`` (k,)
+    """
+    touched = np.zeros(count, bool)
+    touched[found.side] = True
+    hits = np.zeros(len(sampled), bool)
+    hits[found.point[found.is_on]] = True
+    misses = np.bincount(sides[sampled[~hits]], minlength=count)
+    covered = np.zeros(count, bool)
+    covered[sides] = misses[sides] == 0
+    return touched, covered
+
+
+def _are_collapsed(sides: SideSet) -> Bools:
+    """(n,) whether sides have no area, or no length."""
+    every = np.arange(len(sides))
+    which, points = sides.samples(every, 0)
+    factors = sides.factors(points, which)
+    greatest = np.zeros(len(sides))
+    np.maximum.at(greatest, which, factors)
+    box = sides.boxes()
+    scale = float(np.ptp(np.concatenate([box[:, :3], box[:, 3:]]), axis=0).max(initial=0.0)) if len(sides) else 0.0
+    sizes = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
+    flat = np.array([group.corners > 2 for group in sides.groups], bool)[sides.group]
+    return np.asarray((greatest <= COLLAPSED * np.where(flat, sizes**2, scale)) | (sizes <= COLLAPSED * scale))
+
+
+class _Search:
+    """Sides among which partners are looked for.
+
+    candidates  (n,) the sides that may be partners
+    """
+
+    def __init__(self, sides: SideSet, candidates: Ints, named: Bools, is_oriented: bool, precision: float) -> None:
+        self.sides, self.named, self.is_oriented = sides, named, is_oriented
+        self._candidates = candidates
+        box = sides.boxes()[candidates]
+        low, high = box[:, :3], box[:, 3:]
+        magnitude = float(np.abs(box).max(initial=0.0))
+        scale = float(np.linalg.norm(np.ptp(box.reshape(-1, 3), axis=0))) if len(box) else 0.0
+        self._rounding = max(ROUNDING * scale, SOURCE_ROUNDINGS * precision * magnitude)
+        self._size = np.zeros(len(sides))
+        self._size[candidates] = np.linalg.norm(high - low, axis=1)
+        extra = NEAR * self._size[candidates, None] + self._rounding
+        self._low, self._high = low - extra, high + extra
+        self._tree = BoxTree.build(outward(self._low, self._high, 0.0))
+        centres = np.zeros((len(sides), 2))
+        self._normals = sides.normals(centres, np.arange(len(sides)))[0]
+
+    def possible(self) -> Ints:
+        """The sides whose boxes meet that of another one which faces them, ascending."""
+        side, other = (self._candidates[own] for own in self._tree.overlaps(self._low, self._high))
+        return np.unique(side[(side != other) & self._may_face(side, other)])
+
+    def _may_face(self, side: Ints, other: Ints) -> Bools:
+        """(n,) whether elements may lie on opposite sides of two sides, as far as the middles of these tell."""
+        if not self.is_oriented:
+            return np.ones(len(side), bool)
+        return np.asarray(np.einsum("ni,ni->n", self._normals[side], self._normals[other]) < FACING)
+
+    def contacts(self, chosen: Ints, count: int) -> _Contacts:
+        """Where points of the sides ``chosen`` (k,) lie on or near others; ``count`` as of `SideSet.samples`."""
+        which, points = self.sides.samples(chosen, count)
+        side = chosen[which]
+        world = self.sides.at(points, side)
+        point, other = self._tree.candidates(world)
+        other = self._candidates[other]
+        possible = (side[point] != other) & self._may_face(side[point], other)
+        point, other = point[possible], other[possible]
+
+        nearest = feet(self.sides, other, world[point])
+        facing = np.ones(len(point), bool)
+        if self.is_oriented:
+            here = self.sides.normals(points[point], side[point])[0]
+            there = self.sides.normals(nearest.points, other)[0]
+            facing = np.einsum("ni,ni->n", here, there) < OPPOSITE
+        size = np.minimum(self._size[side[point]], self._size[other])
+        is_on = nearest.inside & facing & (nearest.distance <= self._rounding)
+        near = nearest.inside & facing & (nearest.distance <= NEAR * size)
+        near &= ~self.named[side[point]] & ~self.named[other]
+        keep = self._joined(side[point], other, is_on) & (is_on | near)
+        return _Contacts(side[point][keep], point[keep], other[keep], nearest.distance[keep], is_on[keep])
+
+    def _joined(self, side: Ints, other: Ints, is_on: Bools) -> Bools:
+        """(n,) whether pairs of sides count: faces of a slit don't, and near ones only where corners are near, too."""
+        pairs, which = np.unique(np.stack([side, other], axis=1), axis=0, return_inverse=True)
+        both_named = self.named[pairs].all(axis=1)
+        one, two = self.sides.corners(pairs[:, 0]), self.sides.corners(pairs[:, 1])
+        apart = np.linalg.norm(one[:, :, None] - two[:, None], axis=3)
+        is_equal = (apart.min(axis=2).max(axis=1) <= self._rounding) & (apart.min(axis=1).max(axis=1) <= self._rounding)
+        is_slit = both_named & is_equal
+        touches = apart.min(axis=(1, 2)) <= self._rounding
+        which = which.reshape(-1)
+        return np.asarray(~is_slit[which] & (is_on | touches[which]))
+
+    def are_open(self, found: _Contacts, sure: Bools, undecided: Bools) -> Bools:
+        """(n,) inner sides that with the sides which they touch enclose something, or leave something open.
+
+        By the divergence theorem the integrals of n and x . n over a closed surface without volume are zero.
+        """
+        nothing = np.zeros(len(self.sides), bool)
+        if not self.is_oriented or not sure.any():
+            return nothing
+        label = _components(found.side, found.other, len(self.sides))
+        spoilt = np.zeros(len(self.sides), bool)
+        spoilt[label[undecided | ~sure]] = True
+        whole = np.flatnonzero(sure & ~spoilt[label])
+        area, flux = fluxes(self.sides, whole)
+        totals = np.zeros((len(self.sides), 4))
+        np.add.at(totals, label[whole], flux)
+        areas, sizes = np.zeros(len(self.sides)), np.zeros(len(self.sides))
+        np.add.at(areas, label[whole], area)
+        np.maximum.at(sizes, label[whole], self._size[whole])
+        allowed = OPEN * areas + self._rounding * areas / np.where(sizes > 0, sizes, 1.0)
+        is_open = np.abs(totals[:, :3]).max(axis=1) > allowed
+        nothing[whole] = is_open[label[whole]]
+        return nothing
+
+
+def fluxes(sides: SideSet, chosen: Ints) -> tuple[Floats, Floats]:
+    """(k,) areas of the sides ``chosen`` (k,), and (k, 4) the integrals of the normal n over them, and of x . n."""
+    area, flux = np.zeros(len(chosen)), np.zeros((len(chosen), 4))
+    for group, here in sides.parted(chosen):
+        points, weights = _rule(group.corners, 2 * group.degree + 1)
+        rows = np.repeat(sides.row[chosen[here]], len(points))
+        many = np.tile(points, (len(here), 1))
+        normals, factors = group.normals(many, rows)
+        places = group.patches.at(many, rows)
+        parts = np.column_stack([normals, np.einsum("ni,ni->n", places, normals), np.ones(len(rows))])
+        parts *= (factors * np.tile(weights, len(here)))[:, None]
+        sums = parts.reshape(len(here), len(points), 5).sum(axis=1)
+        flux[here], area[here] = sums[:, :4], sums[:, 4]
+    return area, flux
+
+
+def _rule(corners: int, count: int) -> tuple[Floats, Floats]:
+    """Points (n, 2) and weights (n,) of a Gauss rule on a domain with this many corners."""
+    nodes, weights = gauss(count)
+    if corners == 2:
+        return np.stack([nodes, np.zeros(count)], axis=1), weights
+    s, t = (part.reshape(-1) for part in np.meshgrid(nodes, nodes))
+    product = np.multiply.outer(weights, weights).reshape(-1)
+    if corners == 3:
+        # Duffy's map of the square onto the triangle
+        return np.stack([(1 + s) * (1 - t) / 2 - 1, t], axis=1), product * (1 - t) / 2
+    return np.stack([s, t], axis=1), product
+
+
+def _components(first: Ints, second: Ints, count: int) -> Ints:
+    """(count,) the least number of each set that pairs connect."""
+    label = np.arange(count)
+    pairs = np.unique(np.stack([first, second], axis=1), axis=0)
+    while True:
+        least = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
+        before = label.copy()
+        np.minimum.at(label, pairs[:, 0], least)
+        np.minimum.at(label, pairs[:, 1], least)
+        label = label[label]
+        if np.array_equal(before, label):
+            return label

@@ -1,0 +1,105 @@
+"""The composites that hold inner sides of elements whose sides don't match."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Ints, frozen_ints
+from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import joined_sides, outer_sides, owners_of_sides, sides_by_name
+from elvis.core.interfaces.hanging import OPEN, fluxes, hanging
+from elvis.core.interfaces.side_groups import side_set
+from elvis.core.mesh import NON_CONFORMING, Composite, Mesh
+from elvis.core.shapes import Shape
+
+#: tags of composites of sides, by the dimension of the elements
+_TAGS = {2: "E", 3: "F"}
+
+
+@dataclass(frozen=True, eq=False)
+class Interfaces:
+    """A dataset whose mesh tells non-conforming inner sides from outer ones.
+
+    dataset   the data, with a composite `NON_CONFORMING` where there are such sides
+    warnings  sentences on sides of which it could not be decided
+    """
+
+    dataset: Dataset
+    warnings: tuple[str, ...] = ()
+
+
+def with_interfaces(dataset: Dataset, outline: str | None, precision: float, known: Sequence[Ints] = ()) -> Interfaces:
+    """The dataset with a composite of the inner sides that no other element shares.
+
+    outline    name of the last composite where it holds all sides that the source doesn't name; inner ones leave it
+    precision  relative rounding of the source's numbers
+    known      rows of sides that the source itself calls non-conforming
+    """
+    mesh = dataset.mesh
+    if mesh.dimension < 2:
+        return Interfaces(dataset)
+    ids = _side_ids(mesh)
+    single = owners_of_sides(mesh, [own.members for own in mesh.elements.values()]) == 1
+    sides = side_set(dataset, single)
+    named = _named(mesh, ids, outline)
+    is_oriented = mesh.space == mesh.dimension
+    found = hanging(sides, named[sides.entity], is_oriented, precision)
+    inner = np.unique(np.concatenate([found.inner, *known]).astype(np.int64))
+    undecided = np.setdiff1d(found.undecided, inner)
+    warnings = (_warning(mesh, len(undecided), found.gap),) if len(undecided) else ()
+    if not len(inner):
+        return Interfaces(dataset, warnings)
+    return Interfaces(replace(dataset, mesh=_with_inner(mesh, ids[inner], outline)), warnings)
+
+
+def has_closed_outline(dataset: Dataset) -> bool:
+    """Whether the outer sides of a dataset with non-conforming elements are closed, so that no gap is left.
+
+    By the divergence theorem the integral of the normal over a closed surface is zero.
+    """
+    mesh = dataset.mesh
+    if NON_CONFORMING not in joined_sides(mesh):
+        return False
+    owners = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
+    outer = side_set(dataset, outer_sides(mesh, owners))
+    area, flux = fluxes(outer, np.arange(len(outer)))
+    return bool(np.abs(flux[:, :3].sum(axis=0)).max() <= OPEN * area.sum())
+
+
+def _side_ids(mesh: Mesh) -> Ints:
+    """(n,) ids of all sides by their rows."""
+    shapes = (Shape.SEGMENT,) if mesh.dimension == 2 else (Shape.TRIANGLE, Shape.QUADRILATERAL)
+    return np.concatenate([mesh.of(shape).ids for shape in shapes])
+
+
+def _named(mesh: Mesh, ids: Ints, outline: str | None) -> Bools:
+    """(n,) whether a boundary that the source names holds a side."""
+    kept = mesh.composites[:-1] if outline is not None else mesh.composites
+    names = sides_by_name(replace(mesh, composites=tuple(kept)))
+    held = np.concatenate([np.empty(0, np.int64), *names.values()])
+    return np.isin(ids, held)
+
+
+def _with_inner(mesh: Mesh, inner: Ints, outline: str | None) -> Mesh:
+    """The mesh with a composite of the sides that have the ids ``inner``, which its outline then lacks."""
+    composites = list(mesh.composites)
+    if outline is not None:
+        parts = tuple((tag, frozen_ints(own[~np.isin(own, inner)])) for tag, own in composites[-1].parts)
+        last = replace(composites.pop(), parts=parts)
+        composites += [last] if any(len(own) for _, own in parts) else []
+    number = 1 + max((composite.id for composite in mesh.composites), default=-1)
+    composites.append(Composite(number, ((_TAGS[mesh.dimension], frozen_ints(inner)),), NON_CONFORMING))
+    return replace(mesh, composites=tuple(composites))
+
+
+def _warning(mesh: Mesh, count: int, gap: float) -> str:
+    """One sentence on sides of which it could not be decided whether they are inner ones."""
+    kind = "edge" if mesh.dimension == 2 else "face"
+    many = f"{count} {kind}{'s' if count > 1 else ''}"
+    return (
+        f"{many} may lie on {kind}s of other elements, in part or within {gap:.2g}: they count as outer boundary, so "
+        "integrals over it, distances and streamlines may be wrong there"
+    )

@@ -1,0 +1,229 @@
+"""Sides of elements as polynomials, with normals that point into the element."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.distances.boundaries import side_coefficients, sides_of
+from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
+from elvis.core.geometry import Assembly, GeometryBlock, mapping
+from elvis.core.polynomials.expansion import values_and_gradients
+from elvis.core.polynomials.quadrature import gauss
+
+#: a side whose area, or length, is less than this part of what its size allows is collapsed
+COLLAPSED = 1e-12
+#: part of a side towards its corners where it is probed, in addition to its centre
+TOWARDS_CORNERS = 0.7
+#: reference coordinates by which a point beyond a side still counts as on it
+BORDER = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class SideGroup:
+    """The same side of elements that share an expansion.
+
+    expansion     of the map
+    coefficients  (n, 3, m) of the map of each element
+    local         the element's vertices around the side
+    entity        (n,) rows of the sides in the mesh
+    patches       the sides as polynomials on the domains of `surface_patches`
+    """
+
+    expansion: Expansion
+    coefficients: Floats
+    local: tuple[int, ...]
+    entity: Ints
+    patches: SurfacePatches
+
+    def __len__(self) -> int:
+        return len(self.entity)
+
+    @property
+    def corners(self) -> int:
+        """Number of corners: 2, 3 or 4."""
+        return len(self.local)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the map along the side, in each direction."""
+        return int(self.patches.coefficients.shape[2] - 1)
+
+    def normals(self, points: Floats, rows: Ints) -> tuple[Floats, Floats]:
+        """(k, 3) unit normals into the element at points (k, 2) of the sides ``rows`` (k,), and (k,) area factors.
+
+        The normal is the part of an inward derivative of the map that is orthogonal to the side, which holds for
+        mirrored elements, too.  Zero where the side is singular.
+        """
+        direction = self._directions(points, rows)
+        inward = self._inward(points, rows)
+        unit = _units(direction)
+        along = np.einsum("ni,ni->n", inward, unit)[:, None]
+        normal = _units(inward - along * unit) if self.corners == 2 else np.sign(along) * unit
+        return normal, np.linalg.norm(direction, axis=1)
+
+    def factors(self, points: Floats, rows: Ints) -> Floats:
+        """(k,) length or area for each unit of the coordinates at points (k, 2) of the sides ``rows`` (k,)."""
+        return np.linalg.norm(self._directions(points, rows), axis=1)
+
+    def _directions(self, points: Floats, rows: Ints) -> Floats:
+        """(k, 3) tangents of curves, cross products of the tangents of faces."""
+        slopes = self.patches.derivatives(points, rows, 1)
+        along, across = slopes[:, 0, 1], slopes[:, 1, 0]
+        return np.asarray(along if self.corners == 2 else np.cross(along, across))
+
+    def _inward(self, points: Floats, rows: Ints) -> Floats:
+        """(k, 3) derivatives of the map from the side towards the middle of the element."""
+        vertices = self.expansion.shape.vertices
+        origin, next_corner, last_corner = (vertices[self.local[k]] for k in (0, 1, -1))
+        images = origin + (1 + points[:, :1]) / 2 * (next_corner - origin)
+        if self.corners > 2:
+            images = images + (1 + points[:, 1:]) / 2 * (last_corner - origin)
+        direction = vertices.mean(axis=0) - vertices[list(self.local)].mean(axis=0)
+        gradients = values_and_gradients(self.expansion, images)[1]
+        found = np.einsum("ncm,ndm,d->nc", self.coefficients[rows], gradients, direction, optimize=True)
+        return np.asarray(found)
+
+
+class SideSet:
+    """Sides of several groups, numbered group after group.
+
+    group, row  (n,) the group of each side, and its row there
+    entity      (n,) rows of the sides in the mesh
+    degree      the greatest of the map along a side
+    """
+
+    def __init__(self, groups: Sequence[SideGroup]) -> None:
+        self.groups = tuple(groups)
+        counts = [len(group) for group in groups]
+        self.group = np.repeat(np.arange(len(groups)), counts)
+        self.row = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
+        self.entity = np.concatenate([np.empty(0, np.int64), *(group.entity for group in groups)])
+        self.degree = max((group.degree for group in groups), default=1)
+
+    def __len__(self) -> int:
+        return len(self.entity)
+
+    def parted(self, sides: Ints) -> Iterator[tuple[SideGroup, Ints]]:
+        """Each group with the places of its own among ``sides`` (k,)."""
+        group = self.group[sides]
+        for number in np.unique(group).tolist():
+            yield self.groups[number], np.flatnonzero(group == number)
+
+    def at(self, points: Floats, sides: Ints) -> Floats:
+        """(k, 3) positions at points (k, 2) of ``sides`` (k,)."""
+        found = np.empty((len(sides), 3))
+        for group, here in self.parted(sides):
+            found[here] = group.patches.at(points[here], self.row[sides[here]])
+        return found
+
+    def normals(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
+        """(k, 3) normals into the element at points (k, 2) of ``sides`` (k,), and (k,) area factors."""
+        found, factors = np.empty((len(sides), 3)), np.empty(len(sides))
+        for group, here in self.parted(sides):
+            found[here], factors[here] = group.normals(points[here], self.row[sides[here]])
+        return found, factors
+
+    def factors(self, points: Floats, sides: Ints) -> Floats:
+        """(k,) length or area for each unit of the coordinates at points (k, 2) of ``sides`` (k,)."""
+        found = np.empty(len(sides))
+        for group, here in self.parted(sides):
+            found[here] = group.factors(points[here], self.row[sides[here]])
+        return found
+
+    def boxes(self) -> Floats:
+        """(n, 6) low and high corners of boxes that hold the sides."""
+        return np.concatenate([np.empty((0, 6)), *(group.patches.boxes for group in self.groups)])
+
+    def corners(self, sides: Ints) -> Floats:
+        """(k, 4, 3) corners of ``sides`` (k,); the last one is repeated where a side has fewer."""
+        found = np.empty((len(sides), 4, 3))
+        for group, here in self.parted(sides):
+            own = SurfacePatches(
+                group.corners,
+                group.patches.coefficients[self.row[sides[here]]],
+                np.arange(len(here)),
+                np.arange(len(here)),
+            ).vertices
+            found[here] = own[:, np.minimum(np.arange(4), group.corners - 1)]
+        return found
+
+    def samples(self, sides: Ints, count: int) -> tuple[Ints, Floats]:
+        """Points on sides: for each (p,) its place among ``sides`` (k,), and its coordinates (p, 2).
+
+        count  how many along each direction; 0 for the centre and a point towards each corner
+        """
+        places: list[Ints] = [np.empty(0, np.int64)]
+        points: list[Floats] = [np.empty((0, 2))]
+        for group, here in self.parted(sides):
+            own = _probes(group.corners) if count == 0 else lattice(group.corners, count)
+            places.append(np.repeat(here, len(own)))
+            points.append(np.tile(own, (len(here), 1)))
+        return np.concatenate(places), np.concatenate(points)
+
+
+def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
+    """The wanted sides of a dataset's elements, each as the first element sees it.
+
+    wanted  (n,) by rows of faces of volumes, of edges of plane elements
+    """
+    wanted = wanted.copy()
+    groups: list[SideGroup] = []
+    for block in mapping(dataset):
+        groups += _groups_of(dataset, block, wanted)
+    return SideSet(groups)
+
+
+def _groups_of(dataset: Dataset, block: GeometryBlock | Assembly, wanted: Bools) -> Iterator[SideGroup]:
+    """The wanted sides of a block's elements, which then are wanted no more."""
+    shape = block.expansion.shape
+    members = sides_of(dataset.mesh, shape, block.element_ids)
+    for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
+        rows = np.flatnonzero(wanted[members[:, number]])
+        if not len(rows):
+            continue
+        entity = members[rows, number]
+        wanted[entity] = False
+        coefficients = block.take(rows)
+        faces = side_coefficients(block.expansion, coefficients, local)
+        count = np.arange(len(rows))
+        patches = SurfacePatches(len(local), faces, count, np.full(len(rows), WHOLE[len(local)]))
+        yield SideGroup(block.expansion, coefficients, local, entity, patches)
+
+
+def lattice(corners: int, count: int) -> Floats:
+    """(n, 2) points inside a domain with this many corners: Gauss points, ``count`` along each direction."""
+    nodes = gauss(count)[0]
+    if corners == 2:
+        return np.stack([nodes, np.zeros(count)], axis=1)
+    s, t = (part.reshape(-1) for part in np.meshgrid(nodes, nodes))
+    if corners == 3:
+        # the square collapsed onto the triangle; the points determine polynomials of degree count - 1
+        s = (1 + s) * (1 - t) / 2 - 1
+    return np.stack([s, t], axis=1)
+
+
+def is_within(corners: int, points: Floats) -> Bools:
+    """(n,) whether points (n, 2) are in a domain with this many corners, up to rounding."""
+    if corners == 2:
+        return np.asarray(np.abs(points[:, 0]) <= 1 + BORDER)
+    if corners == 4:
+        return np.asarray((np.abs(points) <= 1 + BORDER).all(axis=1))
+    return np.asarray((points >= -1 - BORDER).all(axis=1) & (points.sum(axis=1) <= BORDER))
+
+
+def _probes(corners: int) -> Floats:
+    """(n, 2) the centre of a domain and a point towards each of its corners."""
+    own = CORNERS[corners]
+    centre = own.mean(axis=0, keepdims=True)
+    return np.concatenate([centre, centre + TOWARDS_CORNERS * (own - centre)])
+
+
+def _units(vectors: Floats) -> Floats:
+    """(n, 3) vectors of length 1, zero where they are zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.where(length > 0, vectors / np.where(length > 0, length, 1.0), 0.0))

@@ -1,0 +1,412 @@
+"""Meshes whose elements don't match: refined ones with hanging nodes, mortars, parts that are glued by place."""
+
+import itertools
+
+import h5py
+import numpy as np
+import pytest
+
+UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=3)))[:, ::-1]
+#: corners of a hexahedron in the order of VTK, Gmsh and Exodus, among those with x fastest
+AROUND = [0, 1, 3, 2, 4, 5, 7, 6]
+
+
+def box(low, high):
+    """(8, 3) corners of a box, x fastest."""
+    return np.asarray(low) + UNIT * (np.asarray(high) - np.asarray(low))
+
+
+def cells(low, high, counts):
+    """Boxes (n, 8, 3) that a box is cut into."""
+    lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
+    found = []
+    for k, j, i in itertools.product(*map(range, counts[::-1])):
+        corner = [line[m] for line, m in zip(lines, (i, j, k), strict=True)]
+        end = [line[m + 1] for line, m in zip(lines, (i, j, k), strict=True)]
+        found.append(box(corner, end))
+    return np.array(found)
+
+
+def turned(points):
+    """Points under a rotation, so that no face lies along an axis."""
+    rotation = np.linalg.qr(np.array([[1.0, 0.4, -0.3], [0.2, 1.0, 0.5], [-0.6, 0.1, 1.0]]))[0]
+    return points @ (rotation * np.sign(np.linalg.det(rotation))).T
+
+
+def write_vtk(path, corners, constants=()):
+    """Boxes, or squares of four corners, as linear cells of a legacy file, with a constant ``u`` on each."""
+    count = corners.shape[1]
+    order = AROUND if count == 8 else [0, 1, 3, 2]
+    lines = ["# vtk DataFile Version 3.0", "cells", "ASCII", "DATASET UNSTRUCTURED_GRID"]
+    points = corners[:, order].reshape(-1, 3)
+    lines.append(f"POINTS {len(points)} double")
+    lines += [" ".join(map(repr, map(float, point))) for point in points]
+    lines.append(f"CELLS {len(corners)} {len(corners) * (count + 1)}")
+    lines += [f"{count} " + " ".join(str(count * n + k) for k in range(count)) for n in range(len(corners))]
+    lines += [f"CELL_TYPES {len(corners)}", *[str(12 if count == 8 else 9)] * len(corners)]
+    if len(constants):
+        lines += [f"CELL_DATA {len(corners)}", "SCALARS u double", "LOOKUP_TABLE default", *map(repr, constants)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_gmsh(path, parts):
+    """Parts that share no nodes: pairs of Gmsh's type of elements and their corners (n, k, 3)."""
+    nodes, elements = [], []
+    for kind, corners in parts:
+        distinct, which = np.unique(corners.reshape(-1, 3).round(14), axis=0, return_inverse=True)
+        which = which.reshape(corners.shape[:2]) + len(nodes) + 1
+        nodes += distinct.tolist()
+        elements += [(kind, own) for own in which.tolist()]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(nodes))]
+    lines += [f"{n} " + " ".join(map(repr, node)) for n, node in enumerate(nodes, 1)]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    lines += [f"{n} {kind} 2 1 1 " + " ".join(map(str, own)) for n, (kind, own) in enumerate(elements, 1)]
+    path.write_text("\n".join([*lines, "$EndElements"]) + "\n")
+    return path
+
+
+#: six tetrahedra of a box, by its corners in the order of VTK
+TETRAHEDRA = [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]
+#: sides of hexahedra in the order of HOPR: axis and end
+HOPR_SIDES = [(2, 0), (1, 0), (0, 1), (1, 1), (0, 0), (2, 1)]
+NAMES = ["bottom", "front", "right", "back", "left", "top"]
+
+
+def write_hopr(path, boxes, bend, order=2):
+    """Boxes (low, high) under a map, with the sides that lie on the outer box named, those inside as mortars.
+
+    The side at the greatest x of the first box is a mortar of all boxes behind it.
+    """
+    line = np.linspace(0, 1, order + 1)
+    grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)[..., ::-1].reshape(-1, 3)
+    outer = np.array([np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)])
+    nodes, sides, info = [], [], []
+    for number, (low, high) in enumerate(boxes):
+        low, high = np.asarray(low, float), np.asarray(high, float)
+        nodes.append(bend(low + grid * (high - low)))
+        first = len(sides)
+        for side, (axis, end) in enumerate(HOPR_SIDES):
+            is_outer = (low, high)[end][axis] == outer[end][axis]
+            if is_outer:
+                sides.append([4, len(sides) + 1, 0, 0, side + 1])
+            elif number == 0 and (axis, end) == (0, 1):
+                small = len(boxes) - 1
+                sides.append([4, len(sides) + 1, {4: -1, 2: -2}[small], 0, 0])
+                sides += [[104, len(sides) + 1 + k, 2 + k, 50, 0] for k in range(small)]
+            else:
+                sides.append([-104 if axis == 0 else 4, len(sides) + 1, 1, 31, 0])
+        info.append([108, 1, first, len(sides), len(grid) * number, len(grid) * (number + 1)])
+    points = np.concatenate(nodes)
+    ids = np.unique(points.round(12), axis=0, return_inverse=True)[1].reshape(-1) + 1
+    with h5py.File(path, "w") as file:
+        file.attrs["Ngeo"] = np.array([order], "i4")
+        file["ElemInfo"], file["SideInfo"] = np.array(info, "i4"), np.array(sides, "i4")
+        file["NodeCoords"], file["GlobalNodeIDs"] = points, ids.astype("i4")
+        file["BCNames"] = np.array([name.ljust(255) for name in NAMES], "S255")
+        file["BCType"] = np.ones((6, 4), "i4")
+    return path
+
+
+def areas(elvis_json, *files):
+    """Area of the outer boundary by name."""
+    found = elvis_json("integrate", *files, "--over", "all", "--field", "1", "--no-cache")
+    return {row["over"]: row["value"] for row in found}
+
+
+def arc(slope):
+    """Length of the parabola y = a x², 0 <= x <= 1, with 2 a = ``slope``."""
+    return np.sqrt(1 + slope**2) / 2 + np.arcsinh(slope) / (2 * slope)
+
+
+def squares(low, high, counts):
+    """Squares (n, 4, 3) that a rectangle is cut into."""
+    return cells((*low, 0), (*high, 1), (*counts, 1))[:, :4] * (1, 1, 0)
+
+
+def mfem_mesh(path, mesh, refined, bend=None):
+    """A mesh of MFEM's after a bend of its nodes and several local refinements: numbers of elements, and directions."""
+    mfem = pytest.importorskip("mfem.ser")
+    dimension = mesh.Dimension()
+    mesh.SetCurvature(2, False, dimension, 0)
+    nodes = mesh.GetNodes().GetDataArray().reshape(dimension, -1)
+    if bend is not None:
+        nodes[1] += bend * nodes[0] ** 2
+    mesh.EnsureNCMesh(True)
+    for elements, directions in refined:
+        marks = mfem.RefinementArray()
+        for element in elements:
+            marks.Append(mfem.Refinement(element, directions))
+        mesh.GeneralRefinement(marks, 1, 0)
+    mesh.Save(str(path), 16)
+    return path
+
+
+def mfem_square(path, kind="quads", refined=(), bend=None):
+    """The unit square of 2 x 2 quadrilaterals, or of 8 triangles, refined."""
+    mfem = pytest.importorskip("mfem.ser")
+    shape = {"quads": mfem.Element.QUADRILATERAL, "triangles": mfem.Element.TRIANGLE}[kind]
+    return mfem_mesh(path, mfem.Mesh.MakeCartesian2D(2, 2, shape, True, 1.0, 1.0), refined, bend)
+
+
+def mfem_cube(path, refined, bend=None, kind="hexahedra"):
+    """The unit cube of 2 x 2 x 2 hexahedra, or of their tetrahedra, refined."""
+    mfem = pytest.importorskip("mfem.ser")
+    shape = {"hexahedra": mfem.Element.HEXAHEDRON, "tetrahedra": mfem.Element.TETRAHEDRON}[kind]
+    return mfem_mesh(path, mfem.Mesh.MakeCartesian3D(2, 2, 2, shape, 1.0, 1.0, 1.0), refined, bend)
+
+
+def hanging_mfem_2d(folder):
+    """Quadrilaterals with a quarter refined three times, 4:1 among them, under y + x²/4."""
+    file = mfem_square(folder / "nc.mesh", refined=[([0], 3), ([0], 3), ([1], 3)], bend=0.25)
+    return [file], {"boundary1": arc(0.5), "boundary2": 1, "boundary3": arc(0.5), "boundary4": 1}
+
+
+def hanging_mfem_triangles(folder):
+    """Triangles, two of them refined, one of these again."""
+    file = mfem_square(folder / "nc.mesh", "triangles", [([0, 3], 7), ([0], 7)])
+    return [file], dict.fromkeys(("boundary1", "boundary2", "boundary3", "boundary4"), 1)
+
+
+def hanging_mfem_3d(folder):
+    """Hexahedra, one refined along x and y alone, under y + x²/4."""
+    file = mfem_cube(folder / "nc.mesh", [([0], 7), ([0], 3), ([3], 1)], 0.25)
+    side = {"boundary2": arc(0.5), "boundary4": arc(0.5)}
+    return [file], {**dict.fromkeys(("boundary1", "boundary3", "boundary5", "boundary6"), 1), **side}
+
+
+def hanging_mfem_tetrahedra(folder):
+    """Tetrahedra, some of them refined."""
+    file = mfem_cube(folder / "nc.mesh", [([0, 5, 9], 7), ([2], 7)], kind="tetrahedra")
+    return [file], {f"boundary{number}": 1 for number in range(1, 7)}
+
+
+def mortars_of_hopr(folder, behind):
+    """A cube and several boxes behind it, under z + x²/8."""
+    boxes = [((0, 0, 0), (1, 1, 1)), *behind]
+    file = write_hopr(folder / "mortar_mesh.h5", boxes, lambda own: own + own[:, :1] ** 2 / 8 * (0, 0, 1))
+    # the parabola z = x²/8 from 0 to 2
+    long = 2 * arc(0.5)
+    return [file], {"bottom": long, "top": long, "front": 2, "back": 2, "left": 1, "right": 1}
+
+
+def two_mortars(folder):
+    """Two small sides, one above the other."""
+    return mortars_of_hopr(folder, [((1, 0, 0), (2, 1, 0.5)), ((1, 0, 0.5), (2, 1, 1))])
+
+
+def four_mortars(folder):
+    """Four small sides."""
+    small = [((1, y, z), (2, y + 0.5, z + 0.5)) for z in (0, 0.5) for y in (0, 0.5)]
+    return mortars_of_hopr(folder, small)
+
+
+def octree_of_vtk(folder):
+    """A turned cube of octree cells: 2:1 and 4:1."""
+    coarse = cells((0, 0, 0), (1, 1, 1), (2, 2, 2))[1:]
+    finer = cells((0, 0, 0), (0.5, 0.5, 0.5), (2, 2, 2))[:-1]
+    finest = cells((0.25, 0.25, 0.25), (0.5, 0.5, 0.5), (2, 2, 2))
+    return [write_vtk(folder / "octree.vtk", turned(np.concatenate([coarse, finer, finest])))], {"all": 6}
+
+
+def quadtree_of_vtk(folder):
+    """A turned square of quadtree cells: 4:1 at one side."""
+    found = np.concatenate([squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), (4, 8))])
+    rotation = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    return [write_vtk(folder / "quadtree.vtk", found @ rotation.T)], {"all": 8}
+
+
+def anisotropic_vtk(folder):
+    """Boxes that are cut along different axes on either side."""
+    return [
+        write_vtk(
+            folder / "boxes.vtk",
+            turned(np.concatenate([cells((0, 0, 0), (1, 1, 1), (1, 3, 1)), cells((1, 0, 0), (2, 1, 1), (2, 1, 4))])),
+        )
+    ], {"all": 10}
+
+
+def glued_squares_of_gmsh(folder):
+    """Two parts with three and four edges at their common side, and no common nodes."""
+    parts = [squares((0, 0), (1, 1), (2, 3)), squares((1, 0), (2, 1), (3, 4))]
+    file = write_gmsh(folder / "glued.msh", [(3, own[:, [0, 1, 3, 2]]) for own in parts])
+    return [file], {"all": 6}
+
+
+def glued_boxes_of_gmsh(folder):
+    """Two parts whose faces overlap in part: three by two next to two by three."""
+    parts = [cells((0, 0, 0), (1, 1, 1), (1, 3, 2)), cells((1, 0, 0), (2, 1, 1), (1, 2, 3))]
+    file = write_gmsh(folder / "glued.msh", [(5, turned(own[:, AROUND])) for own in parts])
+    return [file], {"all": 10}
+
+
+def hexahedra_and_tetrahedra_of_gmsh(folder):
+    """Hexahedra next to tetrahedra, whose triangles lie on their quadrilaterals."""
+    one = cells((0, 0, 0), (1, 1, 1), (1, 2, 2))[:, AROUND]
+    other = cells((1, 0, 0), (2, 1, 1), (1, 2, 2))[:, AROUND][:, TETRAHEDRA].reshape(-1, 4, 3)
+    file = write_gmsh(folder / "mixed.msh", [(5, turned(one)), (4, turned(other))])
+    return [file], {"all": 10}
+
+
+MESHES = [
+    hanging_mfem_2d,
+    hanging_mfem_triangles,
+    hanging_mfem_3d,
+    hanging_mfem_tetrahedra,
+    two_mortars,
+    four_mortars,
+    octree_of_vtk,
+    quadtree_of_vtk,
+    anisotropic_vtk,
+    glued_squares_of_gmsh,
+    glued_boxes_of_gmsh,
+    hexahedra_and_tetrahedra_of_gmsh,
+]
+
+
+@pytest.mark.parametrize("mesh", MESHES, ids=lambda mesh: mesh.__name__)
+def test_outer_boundary_has_no_inner_faces(elvis_json, tmp_path, mesh):
+    files, wanted = mesh(tmp_path)
+    found = areas(elvis_json, *files)
+    total = sum(wanted.values())
+    assert found.pop("total", total) == pytest.approx(total, rel=1e-11)
+    assert found == pytest.approx(wanted, rel=1e-11)
+    facts = elvis_json("info", *files)
+    assert facts["mesh"]["non_conforming_sides"] > 0
+
+
+@pytest.mark.parametrize("mesh", [hanging_mfem_2d, octree_of_vtk, two_mortars, glued_boxes_of_gmsh])
+def test_distances_to_all_outer_faces_are_signed(elvis_json, tmp_path, mesh):
+    files, _ = mesh(tmp_path)
+    middle = {"hanging_mfem_2d": (0.5, 0.52, 0), "octree_of_vtk": turned(np.array([0.5, 0.52, 0.4]))}
+    point = middle.get(mesh.__name__, turned(np.array([1.0, 0.5, 0.4])))
+    if mesh is two_mortars:
+        point = (1.05, 0.2, 0.6)
+    rows = elvis_json("probe", *files, "--point", ",".join(map(str, point)), "--field", "distance(all)")
+    wanted = {"octree_of_vtk": -0.4, "two_mortars": -0.2, "glued_boxes_of_gmsh": -0.4}.get(mesh.__name__)
+    found = rows[0]["distance(all)"]
+    if wanted is None:
+        assert -0.5 < found < -0.35
+    else:
+        assert found == pytest.approx(wanted, abs=1e-11)
+
+
+#: a rigid rotation about the middle of a rectangle of 2 x 2, and about that of a box
+AROUND_MIDDLE = "1-y,x-1"
+
+
+def turn(elvis, folder, file, seed, velocity):
+    """Where a line ends that goes once around, and how it ends."""
+    out = folder / "lines.npz"
+    duration = repr(2 * np.pi)
+    elvis("trace", file, "--velocity", velocity, "--seeds", f"point:{seed}", "--duration", duration, "-o", out)
+    with np.load(out) as found:
+        return found["points"][-1], found["ends"][found["end"][0]]
+
+
+@pytest.mark.parametrize("counts", [(2, 4), (4, 8), (3, 5)], ids=["2 to 1", "4 to 1", "5 to 2"])
+def test_lines_go_around_through_refined_parts(elvis, tmp_path, counts):
+    parts = [squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), counts)]
+    file = write_vtk(tmp_path / "quadtree.vtk", np.concatenate(parts))
+    end, how = turn(elvis, tmp_path, file, "1.31,0.62", AROUND_MIDDLE)
+    assert str(how) == "duration"
+    assert np.abs(end - (1.31, 0.62, 0)).max() <= 1e-9
+
+
+@pytest.mark.parametrize("fine", [2, 4], ids=["2 to 1", "4 to 1"])
+def test_lines_go_around_through_refined_boxes(elvis, tmp_path, fine):
+    parts = [cells((0, 0, 0), (1, 2, 1), (1, 2, 1)), cells((1, 0, 0), (2, 2, 1), (fine, 2 * fine, fine))]
+    file = write_vtk(tmp_path / "octree.vtk", np.concatenate(parts))
+    end, how = turn(elvis, tmp_path, file, "1.31,0.62,0.37", AROUND_MIDDLE + ",0*x")
+    assert str(how) == "duration"
+    assert np.abs(end - (1.31, 0.62, 0.37)).max() <= 1e-9
+
+
+def test_lines_go_around_through_bent_elements(elvis, tmp_path):
+    file = mfem_square(tmp_path / "nc.mesh", refined=[([0], 3), ([0], 3), ([1], 3)], bend=0.25)
+    end, how = turn(elvis, tmp_path, file, "0.3,0.55", "0.55-y,x-0.5")
+    assert str(how) == "duration"
+    assert np.abs(end - (0.3, 0.55, 0)).max() <= 1e-9
+
+
+def test_lines_cross_from_hexahedra_to_tetrahedra(elvis, tmp_path):
+    (file,), _ = hexahedra_and_tetrahedra_of_gmsh(tmp_path)
+    start = turned(np.array([0.1, 0.3, 0.3]))
+    way = ",".join(f"{x!r}+0*x" for x in turned(np.array([1.0, 0, 0])).tolist())
+    out = tmp_path / "lines.npz"
+    elvis("trace", file, "--velocity", way, "--seeds", f"point:{','.join(map(repr, start.tolist()))}", "-o", out)
+    with np.load(out) as found:
+        assert np.linalg.norm(found["points"][-1] - start) == pytest.approx(1.9, abs=1e-11)
+        assert str(found["ends"][found["end"][0]]) == "boundary"
+
+
+def test_jumps_are_taken_across_sides_that_do_not_match(elvis_json, tmp_path):
+    # two large squares next to two times four small ones; a small one has the large one and its own kind beside it
+    corners = np.concatenate([squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), (2, 4))])
+    constants = [1.0, 4.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0]
+    file = write_vtk(tmp_path / "cells.vtk", turned(corners), constants)
+    wanted = {0: max(10 - 1, 40 - 1, 4 - 1), 1: 640 - 4, 2: max(10 - 1, 20 - 10, 40 - 10), 4: max(39, 40, 120)}
+    for number, jump in wanted.items():
+        point = ",".join(map(str, turned(corners[number].mean(axis=0)).tolist()))
+        rows = elvis_json("probe", file, "--point", point, "--field", "jump(u)")
+        assert rows[0]["jump(u)"] == pytest.approx(jump, rel=1e-13)
+
+
+def periodic_channel(path, counts=(4, 3)):
+    """A rectangle of 2 x 1 that is periodic along x, with the walls of MFEM as boundaries 1 and 3."""
+    mfem = pytest.importorskip("mfem.ser")
+    mesh = mfem.Mesh.MakeCartesian2D(*counts, mfem.Element.QUADRILATERAL, True, 2.0, 1.0)
+    mapping = mesh.CreatePeriodicVertexMapping([mfem.Vector([2.0, 0.0])])
+    mfem.Mesh.MakePeriodic(mesh, mapping).Save(str(path), 16)
+    return path
+
+
+def test_periodic_sides_are_no_outer_boundary(elvis, elvis_json, tmp_path):
+    file = periodic_channel(tmp_path / "channel.mesh")
+    found = areas(elvis_json, file)
+    assert found.pop("total") == pytest.approx(4, rel=1e-13)
+    assert found == pytest.approx({"boundary1": 2, "boundary3": 2}, rel=1e-13)
+    assert elvis_json("info", file)["mesh"]["periodic_sides"] == 6
+    out = tmp_path / "lines.npz"
+    elvis("trace", file, "--velocity", "1+0*x,0*x", "--seeds", "point:0.1,0.4", "-o", out)
+    with np.load(out) as lines:
+        assert str(lines["ends"][lines["end"][0]]) == "(periodic)"
+        assert lines["points"][-1] == pytest.approx([2, 0.4, 0], abs=1e-12)
+
+
+def test_overlapping_sets_of_mfem_are_kept(elvis_json, tmp_path):
+    lines = ["MFEM mesh v1.3", "dimension", "2", "elements", "2", "1 3 0 1 4 3", "2 3 1 2 5 4", "attribute_sets", "2"]
+    lines += ['"solid"', "2", "1 2", '"steel"', "1", "1", "boundary", "6", "1 1 0 1", "1 1 1 2", "3 1 4 3", "3 1 5 4"]
+    lines += ["4 1 3 0", "2 1 2 5", "bdr_attribute_sets", "3", '"all sides"', "4", "1 2 3 4", '"in"', "1", "4"]
+    lines += ['"wall"', "2", "1 3", "vertices", "6", "2", "0 0", "1 0", "2 0", "0 1", "1 1", "2 1", "mfem_mesh_end"]
+    file = tmp_path / "sets.mesh"
+    file.write_text("\n".join(lines) + "\n")
+    names = {"region:solid": 2, "region:steel": 1, "all sides": 6, "in": 1, "wall": 4}
+    for name, wanted in names.items():
+        (found,) = elvis_json("integrate", file, "--over", name, "--field", "1")
+        assert found["value"] == pytest.approx(wanted, rel=1e-13)
+
+
+def quadratic_pyramid(path, names):
+    """A unit pyramid of order 2 with a name on each of its sides, as a mesh of MFEM."""
+    mfem = pytest.importorskip("mfem.ser")
+    mesh = mfem.Mesh(3, 5, 1, 5)
+    for point in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)):
+        mesh.AddVertex(*map(float, point))
+    mesh.AddPyramid(0, 1, 2, 3, 4, 1)
+    mesh.AddBdrQuad(3, 2, 1, 0, names[0])
+    for name, corners in zip(names[1:], ((0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)), strict=True):
+        mesh.AddBdrTriangle(*corners, name)
+    mesh.FinalizeTopology()
+    mesh.Finalize()
+    mesh.SetCurvature(2)
+    mesh.Save(str(path), 16)
+    return path
+
+
+def test_sides_of_quadratic_pyramids_keep_their_names(elvis_json, tmp_path):
+    file = quadratic_pyramid(tmp_path / "pyramid.mesh", [5, 4, 3, 2, 1])
+    found = areas(elvis_json, file)
+    wanted = {"boundary5": 1, "boundary4": 0.5, "boundary3": 0.5**0.5, "boundary2": 0.5**0.5, "boundary1": 0.5}
+    assert found.pop("total") == pytest.approx(sum(wanted.values()), rel=1e-13)
+    assert found == pytest.approx(wanted, rel=1e-13)
