@@ -67,6 +67,22 @@ class TestPictures:
         assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
         assert (tmp_path / "u_000.png").read_bytes() != (tmp_path / "post.png").read_bytes()
 
+    def test_values_that_are_no_numbers_are_one_fault(self, session):
+        places = squares()
+        drawn = session({"quadrilateral": places}, output=None)
+        for step in range(3):
+            u = values(places, 0.5)
+            u[0, 0] = np.inf if step else np.nan
+            assert drawn.show(step, 0.0, {"u": u}) is not None
+        assert len(drawn.faults) == 1
+        assert drawn.faults[0].startswith("field 'u': expected finite numbers, found NaN or infinity in ")
+
+    def test_only_the_first_rank_has_a_session(self, session, monkeypatch):
+        monkeypatch.setenv("PMI_SIZE", "2")
+        monkeypatch.setenv("PMI_RANK", "1")
+        with pytest.raises(ElvisError, match="and this one is rank 1: gather mesh and arrays at rank 0"):
+            session({"quadrilateral": squares()})
+
     @pytest.mark.own_devices  # what others have left on a device comes and goes
     def test_steady_steps_make_no_buffer(self, session):
         places = squares()
@@ -339,15 +355,6 @@ class TestFaults:
         drawn = session(mesh)
         assert drawn.show(step, time, values(places, 0.0)) is None
         assert drawn.faults[0].startswith(told)
-
-    def test_values_that_are_no_numbers_leave_the_solver_alone(self, session):
-        """Nothing is printed of them; elsewhere all is seen."""
-        places = squares()
-        u = values(places, 0.0).copy()
-        u[0, 0] = np.inf
-        drawn = session({"quadrilateral": places})
-        assert drawn.show(0, np.float32(0.25), {"u": u}) is not None
-        assert drawn.faults == []
 
     def test_any_exception_is_one(self, session, capsys):
         drawn = session({"quadrilateral": squares()})

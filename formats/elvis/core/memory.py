@@ -31,6 +31,15 @@ def give_back_at_once() -> None:
         set_option(_MMAP_THRESHOLD, _OWN_PAGES)
 
 
+def release_free_memory() -> None:
+    """Give memory that malloc keeps for later back to the system: after compilations that are hundreds of megabytes."""
+    if not sys.platform.startswith("linux"):
+        return
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
 def size_text(size: float) -> str:
     """A number of bytes in words, three digits and a unit that `elvis render --memory` takes: 1.5 GiB."""
     units = ["bytes", "KiB", "MiB", "GiB", "TiB"]

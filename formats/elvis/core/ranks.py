@@ -252,6 +252,14 @@ def started_together(environment: Mapping[str, str] = os.environ) -> int:
     return int(sizes[0]) if sizes else 1
 
 
+def number_of_process(environment: Mapping[str, str] = os.environ) -> int:
+    """The number among those of `started_together` that the environment gives this process; 0 if it gives none."""
+    if started_together(environment) < 2:
+        return 0
+    numbers = [environment[name] for name in _NUMBERS if environment.get(name, "").isdigit()]
+    return int(numbers[0]) if numbers else 0
+
+
 def _is_open(number: int) -> bool:
     """Whether a file is open under a number: the channel to MPICH's starter is not, in processes that a rank starts."""
     try:
@@ -275,7 +283,7 @@ def ranks_of_run() -> Alone | MpiRanks:
     count = started_together()
     if count < 2:
         return ALONE
-    if any(os.environ.get(name, "0") != "0" for name in _NUMBERS):
+    if number_of_process():
         _be_silent()
     mpi = require_module("mpi4py.MPI", "one command by several processes", "mpi")
     ranks = MpiRanks(mpi.COMM_WORLD)

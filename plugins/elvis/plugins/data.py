@@ -22,6 +22,7 @@ from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.others import Others
+from elvis.plugins.same_files import check_same_files
 from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
@@ -171,6 +172,7 @@ def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
 def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
     """The same of files that are no series, such as one step of it; moments and other data are not looked at."""
     ranks = reading.ranks
+    check_same_files(paths, ranks)
     if _is_native(paths, reading):
         with mapped():
             return read_parts(*paths, choose=reading.choice()).part(ranks.rank, ranks.size)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs, check_place
 from elvis.core.geometry import share
+from elvis.core.ranks import number_of_process
 from elvis.core.terminal import one_line, warn
 from elvis.plugins.run_states import states_of
 from elvis.renderer.rendering import Pictures
@@ -53,6 +57,7 @@ class Session:
         device: str | None = None,
         **keywords: Any,
     ) -> None:
+        _check_is_first_rank()
         base = scene if isinstance(scene, Scene) or scene is None else read_scene(scene)
         self.scene = scene_of_keywords(keywords, base) if keywords else base or Scene()
         self.faults: list[str] = []
@@ -106,6 +111,8 @@ class Session:
             return None
         time = _number(time)
         data = self._states.at(time, fields() if callable(fields) else fields, self._quantities)
+        for sentence in _values_missing(data):
+            self._note(sentence, f"step {step}")
         if not self._trigger.holds(data):
             return None
         if self._pictures is None:
@@ -123,12 +130,33 @@ class Session:
     def _report(self, step: int, error: Exception) -> None:
         """Tell of a fault, once: those that differ in numbers alone, as of steps or values, are one."""
         told = str(error) if isinstance(error, ElvisError) else f"{type(error).__name__}: {error}"
-        sentence = one_line(told)
+        self._note(one_line(told), f"step {step} has no picture, the solver goes on")
+
+    def _note(self, sentence: str, beginning: str) -> None:
+        """Keep a fault and print it, unless one that differs only in numbers is known."""
         kind = _NUMBER.sub("#", sentence)
         if kind not in self._kinds:
             self._kinds.add(kind)
             self.faults.append(sentence)
-            warn(f"step {step} has no picture, the solver goes on: {sentence}")
+            warn(f"{beginning}: {sentence}")
+
+
+def _check_is_first_rank() -> None:
+    """Raise ElvisError in ranks other than the first: each would draw its part over the pictures of the others."""
+    number = number_of_process()
+    if number:
+        raise ElvisError(
+            f"a Session draws the whole domain in one process, and this one is rank {number}: "
+            "gather mesh and arrays at rank 0, and make the Session there alone"
+        )
+
+
+def _values_missing(data: Dataset) -> Iterator[str]:
+    """A sentence for each field with values that are not finite: the solver has diverged, or an array is unset."""
+    for field in data.fields:
+        bad = sum(int((~np.isfinite(block.coefficients).all(axis=1)).sum()) for block in field.blocks)
+        if bad:
+            yield f"field {field.name!r}: expected finite numbers, found NaN or infinity in {bad} elements"
 
 
 def _number(time: Any) -> float:

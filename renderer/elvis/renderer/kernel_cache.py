@@ -16,6 +16,7 @@ from pathlib import Path
 
 from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.files.scratch import scratch
+from elvis.core.memory import release_free_memory
 from elvis.renderer.compiled_modules import CompiledModules
 from elvis.renderer.kernel_database import DatabaseError, content, fill
 
@@ -58,6 +59,8 @@ class KernelCache:
 
     def keep(self) -> None:
         """Write the kernels that are new to files, and note which others were used; nobody may compile meanwhile."""
+        # compilers leave hundreds of megabytes to malloc
+        release_free_memory()
         self.modules.seal()
         if self.private is None or self._store is None:
             return
