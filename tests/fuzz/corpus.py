@@ -91,7 +91,7 @@ def subjects(folder, readers):
         native: ("native XML", "native HDF5"),
         volumes: ("fourier", "nurbs"),
         converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
-        others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record"),
+        others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
     return made + (shared() if SHARED.is_dir() else [])
@@ -311,12 +311,34 @@ def others(folder):
     (folder / "points.txt").write_text("".join(f"{i / 7} {i} {math.sin(i)}\n" for i in range(20)))
     yield Subject("points", (folder / "points.csv",), ("placed",))
     yield Subject("points", (folder / "points.txt",), ("placed",))
+    for number, message in enumerate(MESSAGES):
+        (folder / f"message{number}.json").write_text(json.dumps(message))
+        yield Subject("messages", (folder / f"message{number}.json",), ("received",))
     pixels = {name: np.ones((4, 5, depth) if depth else (4, 5)) for name, depth in CHANNELS.items()}
     for name, save in (("record.npz", np.savez_compressed), ("stored.npz", np.savez)):
         save(folder / name, **pixels)
         yield Subject("record", (folder / name,), ("recalled",))
 
 
+#: messages of pages, one of each kind
+MESSAGES = (
+    {"type": "shown"},
+    {"type": "change", "changes": {"camera": "+x", "objects[0].style.opacity": 0.5, "title": None}, "moving": True},
+    {"type": "size", "size": [900.5, 700]},
+    {"type": "hide", "key": "objects[0]"},
+    {"type": "forget", "number": 0},
+    {"type": "undo"},
+    {"type": "proof", "on": True},
+    {"type": "read again"},
+    {"type": "linear", "id": 1, "content": {"level": 2}},
+    {"type": "pick", "id": 2, "content": {"row": 10, "column": 20, "number": 3}},
+    {"type": "line", "id": 3, "content": {"start": [0, 0, 0.5], "end": [1, 0, 0], "quantities": ["u", "d(u,x)"]}},
+    {"type": "history", "id": "4", "content": {"quantity": "u", "place": [0.1, 0.2]}},
+    {"type": "histogram", "id": 5, "content": "u"},
+    {"type": "seen", "id": 6, "content": None},
+    {"type": "copy", "id": 7, "content": "Python"},
+    {"type": "write", "id": 8, "content": {"name": "a.png", "confirmed": False}},
+)
 SCENE = """field = "u"
 size = [200, 100]
 range = [-1.0, 2.5]

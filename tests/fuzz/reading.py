@@ -66,6 +66,15 @@ def staged(paths):
     read_scene(paths[0])
 
 
+def received(paths):
+    """A message of a page."""
+    from elvis.viewer.messages import id_of, parsed, table_of_text
+
+    content = table_of_text(paths[0].read_bytes().decode("utf-8", "replace"))
+    id_of(content)
+    parsed(content)
+
+
 def coloured(paths):
     """A colour map."""
     from elvis.scene.palette import Palette

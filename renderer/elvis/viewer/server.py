@@ -17,7 +17,8 @@ from elvis.core.errors import ElvisError
 from elvis.core.needing import require_module
 from elvis.scene.errors import SceneError
 from elvis.viewer.access import LOGGER, Connections, refusal
-from elvis.viewer.session import Session
+from elvis.viewer.messages import id_of, table_of_text
+from elvis.viewer.session import Session, refuse
 from elvis.viewer.viewers import Viewer
 
 if TYPE_CHECKING:
@@ -138,9 +139,13 @@ class Server:
             async for message in socket:
                 if message.type != WSMsgType.TEXT:
                     continue
-                content = _content_of(message.data)
+                try:
+                    content = table_of_text(message.data)
+                except ElvisError as error:
+                    await refuse(viewer, str(error))
+                    continue
                 work = self.session.receive(viewer, content)
-                if "id" not in content:
+                if id_of(content) is None:
                     await work
                     continue
                 # changes don't wait for answers, which the drawing may delay
@@ -174,15 +179,6 @@ async def _post(socket: web.WebSocketResponse, outbox: asyncio.Queue[str | bytes
         while True:
             message = await outbox.get()
             await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
-
-
-def _content_of(text: str) -> dict[str, Any]:
-    """The message in a text; an empty one where it is none."""
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError):
-        return {}
-    return content if isinstance(content, dict) else {}
 
 
 def _how(request: web.Request) -> dict[str, Any]:

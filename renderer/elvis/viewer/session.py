@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from time import perf_counter
@@ -20,8 +20,10 @@ from elvis.scene.files import SUFFIXES, scene_text
 from elvis.scene.permissions import PICTURES
 from elvis.scene.tables import Table, input_files, table_of
 from elvis.scene.whole import Scene
+from elvis.viewer import messages
 from elvis.viewer.drawer import DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
+from elvis.viewer.messages import AnyMessage, Message, Question, id_of, parsed
 from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
 from elvis.viewer.sizing import LATE, Sizing
@@ -42,6 +44,15 @@ LEAST, MOST = 64, 8192
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
 Shown: TypeAlias = tuple[Table, tuple[Table, ...]]
+
+
+async def refuse(viewer: Viewer, reason: str, message: object = None) -> None:
+    """Send a sentence about a message to the page that sent it."""
+    answer: Table = {"type": "error", "text": reason}
+    own = id_of(message)
+    if own is not None:
+        answer["id"] = own
+    await viewer.send(json.dumps(answer))
 
 
 @dataclass(eq=False)
@@ -116,54 +127,62 @@ class Session:
 
     # what a page asks for
 
-    async def receive(self, viewer: Viewer, message: Table) -> None:
+    async def receive(self, viewer: Viewer, message: object) -> None:
         """A message of a page; what is wrong with it goes back as a sentence."""
         try:
-            answer = await self._answer(viewer, str(message.get("type")), message)
-        except (ElvisError, KeyError, TypeError, ValueError) as error:
-            reason = str(error) if isinstance(error, ElvisError) else f"the viewer does not understand {message!r:.100}"
-            answer = {"type": "error", "text": reason}
-            if "id" in message:
-                answer["id"] = message["id"]
-        if answer is not None:
-            await viewer.send(json.dumps(answer))
+            answer = await self._answer(viewer, parsed(message))
+        except ElvisError as error:
+            await refuse(viewer, str(error), message)
+        except Exception as error:  # a fault must not end the connection
+            await refuse(viewer, fault_sentence(error), message)
+        else:
+            if answer is not None:
+                await viewer.send(json.dumps(answer))
 
-    async def _answer(self, viewer: Viewer, kind: str, message: Table) -> Table | None:
-        match kind:
-            case "shown":
+    async def _answer(self, viewer: Viewer, message: AnyMessage) -> Table | None:
+        """Do what a message says; the answer, if it asks for one."""
+        match message:
+            case messages.Shown():
                 await viewer.confirm()
-            case "change":
-                await self.change(message["changes"], is_moving=bool(message.get("moving")), by=viewer)
-            case "size":
-                width, height = (min(max(int(side), LEAST), MOST) for side in message["size"])
-                if (width, height) != self.size:
-                    self.size = width, height
-                    self._wake_up()
-            case "hide":
-                await self.hide(str(message["key"]))
-            case "unhide" | "forget":
-                await self.unhide(int(message["number"]), is_kept=kind == "unhide")
-            case "undo" | "redo":
-                await self._step(kind)
-            case "proof":
-                self.is_proof = bool(message["on"])
+            case messages.Change():
+                await self.change(message.changes, is_moving=message.moving, by=viewer)
+            case messages.Size():
+                self._resize(message.size)
+            case messages.Hide():
+                await self.hide(message.key)
+            case messages.Unhide():
+                await self.unhide(message.number, is_kept=message.type == "unhide")
+            case messages.Step():
+                await self._step(message.type)
+            case messages.Proof():
+                self.is_proof = message.on
                 self._wake_up()
                 await self._send_state()
-            case "linear":
-                found = await self._ask_leavably(kind, message["content"])
-                return {"type": "answer", "id": message["id"], "content": found}
-            case "pick" | "seen" | "line" | "check" | "histogram" | "extremes" | "history" | "series range":
-                found = await self._drawer.ask(kind, message["content"])
-                return {"type": "answer", "id": message["id"], "content": found}
-            case "copy":
-                return {"type": "answer", "id": message["id"], "content": self.lines(message["content"])}
-            case "read again":
+            case messages.ReadAgain():
                 await self._read_again()
-            case "write":
-                return {"type": "answer", "id": message["id"], "content": await self._write(**message["content"])}
             case _:
-                raise ValueError(kind)
+                return {"type": "answer", "id": message.id, "content": await self._content_for(message)}
         return None
+
+    async def _content_for(self, message: Question) -> Any:
+        """What a page asks for."""
+        match message:
+            case messages.Copy():
+                return self.lines(message.content)
+            case messages.Write():
+                return await self._write(message.content.name, message.content.confirmed)
+            case messages.Linear():
+                return await self._ask_leavably(message.type, message.content.model_dump())
+        content = message.content
+        known = content.model_dump(exclude_none=True) if isinstance(content, Message) else content
+        return await self._drawer.ask(message.type, known)
+
+    def _resize(self, size: Sequence[float]) -> None:
+        """Draw in another size, within what is possible."""
+        width, height = (min(max(int(side), LEAST), MOST) for side in size)
+        if (width, height) != self.size:
+            self.size = width, height
+            self._wake_up()
 
     async def change(self, changes: Table, *, is_moving: bool = False, by: Viewer | None = None) -> None:
         """Change the scene in some places; SceneError where it would not be valid, and nothing is changed."""
@@ -258,7 +277,7 @@ class Session:
             raise SceneError("nothing is written here unless elvis view was started with --allow-writes")
         scene = self.current
         try:
-            place = place_of(name, folder_of(self.scene), input_files(scene), is_confirmed=confirmed is True)
+            place = place_of(name, folder_of(self.scene), input_files(scene), is_confirmed=confirmed)
         except TakenError as error:
             return {"question": f"{error}: shall this take its place?"}
         suffix = place.suffix.lower()
