@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients
+from scipy.linalg import expm
 
 from elvis.core.dataset import Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
@@ -15,6 +16,7 @@ from elvis.core.shapes import Shape
 from elvis.core.streamlines import dop853
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
 from elvis.core.streamlines.streamlines import trace
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
 
 
@@ -78,6 +80,21 @@ def test_first_roots_of_random_polynomials():
         if len(below):
             assert abs(bernstein_at(net[None], np.array([root]))[0]) < 1e-13
             assert root <= places[below[0]]
+
+
+def test_first_roots_behind_a_slow_rise():
+    """As heights over a side on which a line begins, which it leaves at a flat angle and comes back to."""
+    rng = np.random.default_rng(4)
+    rise, fall = 10.0 ** rng.uniform(-9, -1, 100), rng.uniform(0.1, 1.0, 100)
+    room = 1e-13
+    # room + rise t - fall t^2, in the Bernstein basis of degree 7
+    powers = np.arange(8)
+    nets = room + rise[:, None] * powers / 7 - fall[:, None] * powers * (powers - 1) / 42
+    expected = (rise + np.sqrt(rise**2 + 4 * fall * room)) / (2 * fall)
+    found = first_roots(nets)
+    inside = expected < 1
+    assert inside.all()
+    assert found == pytest.approx(expected, abs=1e-15, rel=1e-7)
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
@@ -226,6 +243,60 @@ def test_lines_along_sides_and_through_vertices():
     assert all(found[line][-1] == pytest.approx([3, seed[1], 0], abs=1e-12) for line, seed in enumerate(seeds))
     diagonal = trace(data(grid(Shape.TETRAHEDRON, 2), dict.fromkeys("uvw", constant(1))), [[0, 0, 0]])
     assert diagonal[0][-1] == pytest.approx([1, 1, 1], abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON, Shape.PYRAMID])
+@pytest.mark.sampled(free=("shape",))
+def test_circles_that_touch_sides_between_elements_go_on(shape):
+    """Seeds are the points of contact, in planes of the mesh; lines ended as jumps there."""
+    d = shape.dimension
+    still = {**ROTATION, "w": constant(0)}
+    seeds = [[0.25, 0.25, 0.25], [0.75, 0.75, 0.25], [0.25, 0.5, 0.25], [0.5, 0.75, 0.5]]
+    seeds = np.array(seeds)[:, :d]
+    dataset = data(grid(shape, 2), of_dimension(still, d), 2 if shape is not Shape.PYRAMID else 3)
+    found = trace(dataset, seeds, duration=4 * np.pi)
+    assert found.counts() == {"duration": len(seeds)}
+    for line, seed in enumerate(seeds):
+        times = found.time[found.offsets[line] : found.offsets[line + 1]]
+        expected = np.array([turned(np.append(seed, 0.0)[:3], time)[:2] for time in times])
+        assert np.abs(found[line][:, :2] - expected).max() < 1e-11
+
+
+def linear(matrix, centre):
+    """The components of the velocity A (x - c)."""
+    d = len(centre)
+    return {name: lambda p, row=row: (p[:, :d] - centre) @ row for name, row in zip("uvw", matrix, strict=False)}
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.sampled(least=3, free=("seed",))
+def test_lines_that_begin_at_vertices_of_curved_elements(seed):
+    """Short lines of random linear fields, at all their points, against the exponential of the matrix."""
+    rng = np.random.default_rng(seed)
+    shape = [shape for shape in Shape if shape.dimension > 1][seed % 6]
+    d = shape.dimension
+    order = int(rng.integers(1, 4))
+    mesh = curved(grid(shape, 2 if d == 2 else 1), ripple(0.1, seed), order + 1)
+    matrix = rng.normal(size=(d, d))
+    matrix = matrix - matrix.T if seed % 2 else matrix - np.eye(d) * np.trace(matrix) / d
+    centre = rng.uniform(0.3, 0.7, d)
+    dataset = data(mesh, linear(matrix, centre), order + 1 + 2 * (shape is Shape.PYRAMID))
+    seeds = np.concatenate([mesh.vertices, mesh.vertices[:-1] / 2 + mesh.vertices[1:] / 2])[:, :d]
+    found = trace(dataset, seeds, duration=0.5)
+    assert "jump" not in found.counts()
+    for line in np.flatnonzero(np.diff(found.offsets)):
+        times = found.time[found.offsets[line] : found.offsets[line + 1]]
+        points = found[line][:, :d]
+        expected = centre + np.array([expm(matrix * time) @ (points[0] - centre) for time in times])
+        assert np.abs(points - expected).max() < 1e-10
+
+
+def test_a_step_is_believed_only_where_its_dense_output_follows_the_velocity(monkeypatch):
+    """Even if the embedded methods find no error at all in the widest steps."""
+    monkeypatch.setattr(Tracer, "_error", lambda self, active, taken: np.zeros(len(active)))
+    mesh = curved(grid(Shape.QUADRILATERAL, 1), ripple(0.1), 4)
+    found = trace(data(mesh, of_dimension(ROTATION, 2), 4), [[0.5, 0.8]], duration=4 * np.pi)
+    assert found[0][-1] == pytest.approx([0.5, 0.8, 0], abs=1e-10)
 
 
 def test_rest_focus_circle_and_limits():

@@ -6,36 +6,53 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 
-_ROUNDS = 80
+#: rounds at most: each moves the place by a whole window, halves the value there, or makes the window shorter
+_ROUNDS = 400
 #: steps that are less than this don't bring a root nearer
 _LEAST = 1e-16
+#: a window's length after a round without progress, and the growth after a window without a root
+_SHORTER = 0.25
+_LONGER = 4.0
 
 
 def first_roots(nets: Floats) -> Floats:
     """(n,) where polynomials with Bernstein coefficients (n, degree + 1) first fall below zero; inf where they don't.
 
-    A polynomial lies in the hull of its control points: up to where the lower side of the hull meets zero it has no
-    root.  What lies beyond is taken for the whole, until nothing is left or the place moves no more; at a simple root
-    that converges like Newton's method.  One that begins below zero begins at its root.
+    A polynomial lies in the hull of its control points on each window [low, low + width]: up to where the lower side of
+    the hull meets zero it has no root, so ``low`` moves there, which converges like Newton's method at a simple root.
+    Where the value at ``low`` doesn't fall, as behind a place where the polynomial begins close to zero and rises, the
+    window becomes shorter.  One that begins below zero begins at its root.
     """
     result = np.full(len(nets), np.inf)
     rows = np.flatnonzero((nets < 0).any(axis=1))
-    own = nets[rows]
-    low, width = np.zeros((2, len(rows)))
-    width += 1
+    low = np.zeros(len(rows))
+    width = np.ones(len(rows))
     for _ in range(_ROUNDS):
         if not len(rows):
             break
-        ahead = _hull_crossing(own)
-        moved = ahead * width
-        none = ~np.isfinite(ahead)
-        found = ~none & ((moved <= _LEAST) | (own[:, 0] <= 0))
-        result[rows[found]] = low[found]
-        left = ~none & ~found
-        rows, own, low = rows[left], beyond(own[left], ahead[left]), low[left] + moved[left]
-        width = width[left] * (1 - ahead[left])
+        window = _window(nets[rows], low, width)
+        ahead = _hull_crossing(window)
+        is_free = ~np.isfinite(ahead)
+        moved = np.where(is_free, 1.0, ahead) * width
+        is_found = ~is_free & ((moved <= _LEAST) | (window[:, 0] <= 0))
+        result[rows[is_found]] = low[is_found]
+
+        # a window that has no root gives way to a longer one behind it; no progress needs a shorter one
+        is_slow = ~is_free & (beyond(window, np.where(is_free, 0.0, ahead))[:, 0] > 0.5 * window[:, 0])
+        low = low + moved
+        rest = np.where(is_slow, _SHORTER * width, width - moved)
+        width = np.minimum(np.where(is_free, _LONGER * width, rest), 1 - low)
+        left = ~is_found & (low < 1)
+        rows, low, width = rows[left], low[left], width[left]
     result[rows] = low
     return result
+
+
+def _window(nets: Floats, low: Floats, width: Floats) -> Floats:
+    """(n, degree + 1) polynomials with coefficients (n, degree + 1) on [low, low + width] (n,)."""
+    with np.errstate(invalid="ignore"):
+        part = np.minimum(width / (1 - low), 1.0)
+    return before(beyond(nets, low), part)
 
 
 def bernstein_at(nets: Floats, places: Floats) -> Floats:

@@ -246,6 +246,9 @@ class DeviceTracer(Tracer):
             "shrink": tracer.SHRINK,
             "grow": tracer.GROW,
             "safety": tracer.SAFETY,
+            "defect": tracer.DEFECT,
+            "rounded": tracer.ROUNDED,
+            "checks": len(tracer.CHECKS),
             "sides": len(self.neighbours.sides(int(stage.patch[0])).corners),
             "most": most,
         }
@@ -281,10 +284,11 @@ def _stages(device: Device, velocity: Velocity, neighbours: Neighbours) -> Itera
 
 
 def _tables() -> dict[str, Floats]:
-    """The coefficients of the method."""
+    """The coefficients of the method, and the places where its defect is taken."""
     errors = np.zeros((2, 16))
     errors[:, : dop853.ERRORS.shape[1]] = dop853.ERRORS
-    return {"stages": dop853.STAGES, "errors": errors, "dense": dop853.DENSE, "powers": dop853.POWERS}
+    checks = np.array(tracer.CHECKS)
+    return {"stages": dop853.STAGES, "errors": errors, "dense": dop853.DENSE, "powers": dop853.POWERS, "checks": checks}
 
 
 def _vertices(places: Floats) -> Floats:
