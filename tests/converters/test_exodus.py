@@ -3,14 +3,16 @@
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
+from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
 from scipy.io import netcdf_file
 
 from elvis.converters.exodus import Exodus, _Functions
 from elvis.converters.exodus_files import SIDES, nodes_of
 from elvis.core.shapes import Shape
-from elvis.formats import ElvisError, FormatError, write
+from elvis.formats import ElvisError, FormatError, integrate, read, write
 from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import convert
@@ -102,7 +104,15 @@ def one_element(path, name, values=field):
     nodes = nodes_of(shape, count)
     file = netcdf_file(str(path), "w", version=2)
     file.createDimension("time_step", None)
-    sizes = {"num_nodes": count, "num_el_blk": 1, "one": 1, "num_nod": count, "len_name": 33, "sides": 1}
+    sizes = {
+        "num_nodes": count,
+        "num_el_blk": 1,
+        "one": 1,
+        "num_nod": count,
+        "len_name": 33,
+        "sides": 1,
+        "num_side_sets": 1,
+    }
     for key, size in sizes.items():
         file.createDimension(key, size)
     for axis, column in zip("xyz", nodes.T, strict=False):
@@ -225,3 +235,60 @@ def test_bad_files(tmp_path, solvers):
     with pytest.raises(FormatError, match="found NSIDED1"):
         Exodus([tmp_path / "kind.e"])
     assert not Exodus.opens([solvers / "gmsh" / "mixed_o3.msh"])
+
+
+WRITERS = pytest.mark.parametrize("write", [write_classic, write_hdf5])
+
+
+@WRITERS
+@pytest.mark.parametrize("counts", [(1, 0, 1), (0, 1, 1), (2, 1, 0), (0, 0, 3, 0, 2)])
+def test_blocks_and_sets_without_entries_hide_no_others(tmp_path, write, counts):
+    path = cubes_in_blocks(tmp_path / "row.e", write, counts)
+    dataset = read(path)
+    assert sum(len(entities) for entities in dataset.mesh.elements.values()) == sum(counts)
+    names = [composite.name for composite in dataset.mesh.composites]
+    assert {f"part{i}" for i, count in enumerate(counts) if count} <= set(names)
+    ends = {"inflow": 0, "outflow": sum(counts)}
+    for name, x in ends.items():
+        area, moment = integrate(dataset, ["area", "x"], name)
+        assert area.value == pytest.approx(1, abs=1e-13)
+        assert moment.value == pytest.approx(x, abs=1e-13)
+
+
+@WRITERS
+def test_a_block_that_is_declared_and_not_there_is_an_error(tmp_path, write):
+    path = cubes_in_blocks(tmp_path / "row.e", write, (1, 1, 1))
+    damaged = path.read_bytes().replace(b"connect2", b"konnect2")
+    path.write_bytes(damaged)
+    with pytest.raises(FormatError, match="connect2: expected 1 entries, found no variable"):
+        read(path)
+
+
+def test_elements_and_sides_that_are_left_out_are_named(tmp_path):
+    places, nodes = unit_cubes(2)
+    blocks = [ExodusBlock("solid", "HEX8", nodes), ExodusBlock("beam", "BEAM2", nodes[:, :2])]
+    path = write_classic(tmp_path / "mixed.e", blocks, places, {"end": [(2, 2), (3, 1)]})
+    remarks = " ".join(read(path).remarks)
+    assert "mixed.e: 2 elements of lower dimension were left out" in remarks
+    assert "mixed.e: 1 of the 2 sides of the boundary 'end' were left out" in remarks
+
+
+def test_elements_that_are_missing_are_an_error(tmp_path):
+    path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 2))
+    with h5py.File(path, "a") as file:
+        del file["num_elem"]
+        file.create_dataset("num_elem", (4,), ">f4").make_scale("num_elem")
+    with pytest.raises(FormatError, match="expected 4 elements, as the files declare, found 3"):
+        read(path)
+
+
+def test_names_that_were_never_written_are_empty(tmp_path):
+    path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("eb_names", "ss_names"))
+    names = [composite.name for composite in read(path).mesh.composites]
+    assert names[:3] == ["block 1", "block 2", "sides 1"]
+
+
+def test_coordinates_that_were_never_written_are_an_error(tmp_path):
+    path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("coordy",))
+    with pytest.raises(FormatError, match="expected 96 bytes as declared, found 0 stored"):
+        read(path)

@@ -17,6 +17,7 @@ from elvis.core.errors import FormatError
 from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
 
 
@@ -63,25 +64,44 @@ class Exodus(NodalConverter):
         return np.stack(columns, axis=1).astype(np.float64)
 
     def _read_blocks(self) -> None:
-        names = self._labels("eb", "block")
-        found: list[tuple[int, Elements]] = []
-        first, number = 0, 1
-        while f"connect{number}" in self._file:
-            nodes = self._file.ints(f"connect{number}", 2) - 1
-            kind = self._file.element_type(f"connect{number}")
-            if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self._places):
-                expected = f"nodes from 1 to {len(self._places)}"
-                raise FormatError(f"expected {expected}, found others", file=self._file.path, place=f"connect{number}")
-            shape = shape_of(kind, nodes.shape[1], self._file.path)
-            if shape is not None:
-                found.append((number, self._elements(shape, names(number), nodes, first)))
-            first, number = first + len(nodes), number + 1
-        dimension = max((block.shape.dimension for _, block in found), default=0)
-        kept = [(own, block) for own, block in found if block.shape.dimension == dimension]
-        self._numbers = [own for own, _ in kept]
+        """Blocks of the highest dimension, those without elements left out."""
+        label, first = self._labels("eb", "block"), 0
+        read: list[tuple[int, Elements]] = []
+        lower = 0
+        for number in range(1, self._file.size("num_el_blk") + 1):
+            if self._is_empty(f"connect{number}", f"num_el_in_blk{number}"):
+                continue
+            shape, nodes = self._connectivity(number)
+            if shape is None:
+                lower += len(nodes)
+            else:
+                read.append((number, self._elements(shape, label(number), nodes, first)))
+            first += len(nodes)
+        dimension = max((block.shape.dimension for _, block in read), default=0)
+        kept = [(number, block) for number, block in read if block.shape.dimension == dimension]
+        self._numbers = [number for number, _ in kept]
         self.blocks = [block for _, block in kept]
-        if len(kept) < number - 1:
-            self.notes = [f"{number - 1 - len(kept)} blocks of lower dimension were left out"]
+        lower += sum(len(block) for _, block in read) - sum(map(len, self.blocks))
+        self.declared = Declared(self._file.size("num_elem") or None, omitted={"elements of lower dimension": lower})
+
+    def _is_empty(self, name: str, dimension: str) -> bool:
+        """Whether a block or a set has no entries; FormatError if it has some and the variable isn't there.
+
+        netCDF knows no dimension of length 0, so the library writes neither the dimension nor the variable.
+        """
+        count = self._file.size(dimension)
+        if count and name not in self._file:
+            raise FormatError(f"expected {count} entries, found no variable", file=self._file.path, place=name)
+        return name not in self._file
+
+    def _connectivity(self, number: int) -> tuple[Shape | None, Ints]:
+        """The shape of a block's elements, None for lines and points, and their nodes (n, k)."""
+        name = f"connect{number}"
+        nodes, kind = self._file.ints(name, 2) - 1, self._file.element_type(name)
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self._places):
+            expected = f"nodes from 1 to {len(self._places)}"
+            raise FormatError(f"expected {expected}, found others", file=self._file.path, place=name)
+        return shape_of(kind, nodes.shape[1], self._file.path), nodes
 
     def _elements(self, shape: Shape, name: str, nodes: Ints, first: int) -> Elements:
         """Elements with nodes (n, k), numbered from ``first`` on over all blocks."""
@@ -113,15 +133,20 @@ class Exodus(NodalConverter):
         return label
 
     def _side_sets(self) -> list[Boundary]:
-        names, number, found = self._labels("ss", "sides"), 1, []
-        while f"elem_ss{number}" in self._file:
+        """The side sets that have sides, whose numbers are declared."""
+        label, boundaries, counts = self._labels("ss", "sides"), list[Boundary](), dict[str, int]()
+        for number in range(1, self._file.size("num_side_sets") + 1):
+            if self._is_empty(f"elem_ss{number}", f"num_side_ss{number}"):
+                continue
             elements, sides = self._file.ints(f"elem_ss{number}") - 1, self._file.ints(f"side_ss{number}") - 1
             if len(elements) != len(sides):
                 expected = f"{len(elements)} sides"
                 raise FormatError(f"expected {expected}, found {len(sides)}", file=self._file.path, place=f"ss{number}")
-            found.append(Boundary(names(number), vertices=self._sides(elements, sides)))
-            number += 1
-        return found
+            name = label(number)
+            counts[name] = counts.get(name, 0) + len(elements)
+            boundaries.append(Boundary(name, vertices=self._sides(elements, sides)))
+        self.declared = replace(self.declared, sides=counts)
+        return boundaries
 
     def _sides(self, elements: Ints, sides: Ints) -> list[Ints]:
         """Vertices of sides (n,) of elements (n,)."""

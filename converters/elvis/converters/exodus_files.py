@@ -105,7 +105,7 @@ def is_exodus(path: Path) -> bool:
     head = leading(path, 1 << 14)
     if head.startswith(_CLASSIC):
         return b"num_el_blk" in head
-    return holds(path, "num_el_blk", "connect1")
+    return holds(path, "num_el_blk", "num_nodes")
 
 
 class Variables:
@@ -121,6 +121,10 @@ class Variables:
 
     def __getitem__(self, name: str) -> Any:
         return self.at(name)
+
+    def size(self, dimension: str) -> int:
+        """The length of a dimension; 0 if the file doesn't define it."""
+        return self._container.sizes.get(dimension, 0)
 
     def at(self, name: str, *index: int) -> Any:
         """A variable, or a part of it at first indices; FormatError where there is none or it can't be read."""
@@ -163,6 +167,7 @@ class _Classic:
     """The classic container.
 
     types  by name of a variable: its attribute elem_type, empty where it has none
+    sizes  of dimensions by name
     """
 
     def __init__(self, path: Path) -> None:
@@ -172,6 +177,8 @@ class _Classic:
         with self._guard():
             self._file = netcdf_file(_CheckedFile(path), "r", mmap=True)
             found = {name: getattr(own, "elem_type", b"") for name, own in self._file.variables.items()}
+            # the length of the unlimited dimension is None
+            self.sizes = {name: int(size or 0) for name, size in self._file.dimensions.items()}
         self.types = {
             name: own.decode("ascii", "replace") if isinstance(own, bytes) else "" for name, own in found.items()
         }
@@ -208,19 +215,25 @@ class _CheckedFile:
 
 
 class _Hdf5:
-    """HDF5; ``types`` as in the classic container."""
+    """HDF5; ``types`` and ``sizes`` as in the classic container.
+
+    A dimension is a dataset of its name, and as long as the shape of that.
+    """
 
     def __init__(self, path: Path) -> None:
         import h5py  # type: ignore[import-untyped]
 
         self._path = path
         self.types: dict[str, str] = {}
+        self.sizes: dict[str, int] = {}
         with reading(path) as file:
             for name in file:
                 own = file.get(name, getlink=True)
                 if isinstance(own, h5py.HardLink) and isinstance(file[name], h5py.Dataset):
-                    attributes = file[name].attrs
+                    attributes, shape = file[name].attrs, file[name].shape
                     self.types[name] = text(attribute(file[name], "elem_type")) if "elem_type" in attributes else ""
+                    if "CLASS" in attributes and shape:
+                        self.sizes[name] = int(shape[0])
 
     def array(self, name: str, index: tuple[int, ...]) -> Any:
         """A part of a variable."""

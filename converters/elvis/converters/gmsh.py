@@ -21,6 +21,7 @@ from elvis.core.files.plain import leading
 from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 from elvis.plugins.recognition import found_instead
 
@@ -84,6 +85,8 @@ class Gmsh(NodalConverter):
         self.blocks = [_block(group, mesh) for group in mesh.groups]
         self.boundaries = [Boundary(name, vertices=sides) for name, sides in mesh.sides.items()]
         self.notes = list(mesh.notes)
+        self.declared = Declared(mesh.declared)
+        self.warnings = [f"these are the elements of {mesh.part} alone"] if mesh.part else []
 
     def _read(self, name: str, kind: str, sections: Sequence[Section]) -> None:
         """The values of one field at one time, which may be in pieces."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable
 from mmap import mmap
 from pathlib import Path
@@ -20,30 +21,36 @@ _HEAD, _BLOCK = "4Q", "3iQ"
 _FORMAT = re.compile(rb"\$MeshFormat\s*\n(\S+)\s+1\s+8[ \t\r]*\n")
 
 
-def check(path: Path, raw: bytes | mmap, width: Callable[[int], int]) -> None:
-    """FormatError where the sections of a mesh are longer or shorter than they say; texts pass, and other versions.
+def check(path: Path, raw: bytes | mmap, width: Callable[[int], int]) -> Counter[int] | None:
+    """Number of elements of each type; None for texts and other versions, which pass.
 
     raw    the file's bytes, without data
     width  number of nodes of a type of elements; FormatError for types that aren't there
+
+    Raises FormatError if the sections of a mesh are longer or shorter than they say.
     """
     found = _FORMAT.match(raw)
     if found is None or found[1] not in (b"4.1", b"2.2", b"2.1", b"2"):
-        return
+        return None
+    counts: Counter[int] = Counter()
     order = "<" if raw[found.end() : found.end() + 4] == b"\1\0\0\0" else ">"
     for name in ("Nodes", "Elements"):
         start, stop = raw.find(f"${name}\n".encode()), raw.rfind(f"$End{name}".encode())
         if 0 <= start < stop:
             walk = _NEW[name] if found[1] == b"4.1" else _OLD[name]
             try:
-                end = walk(raw, start + len(name) + 2, order, width, stop)
+                end = walk(raw, start + len(name) + 2, order, width, stop, counts)
             except (struct.error, OverflowError):
                 end = -1
             if not stop - 2 <= end <= stop:
                 expected = "as many bytes as its numbers ask for"
                 raise FormatError(f"expected {expected}, found others", file=path, place=f"${name}")
+    return counts
 
 
-def _new_nodes(raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int) -> int:
+def _new_nodes(
+    raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
+) -> int:
     """Where the nodes of version 4.1 end."""
     blocks, *_ = struct.unpack_from(order + _HEAD, raw, at)
     at += 32
@@ -55,26 +62,33 @@ def _new_nodes(raw: bytes | mmap, at: int, order: str, width: Callable[[int], in
     return at
 
 
-def _new_elements(raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int) -> int:
+def _new_elements(
+    raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
+) -> int:
     """Where the elements of version 4.1 end."""
     blocks, *_ = struct.unpack_from(order + _HEAD, raw, at)
     at += 32
     for _ in range(_plausible(blocks, at, stop)):
         _, _, kind, count = struct.unpack_from(f"{order}{_BLOCK}", raw, at)
+        counts[kind] += count
         at += 20 + count * 8 * (1 + width(kind))
         if at > stop:
             return -1
     return at
 
 
-def _old_nodes(raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int) -> int:
+def _old_nodes(
+    raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
+) -> int:
     """Where the nodes of version 2 end."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
     return line + 1 + int(text) * 28 if is_count(text) else -1
 
 
-def _old_elements(raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int) -> int:
+def _old_elements(
+    raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
+) -> int:
     """Where the elements of version 2 end."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
@@ -83,6 +97,7 @@ def _old_elements(raw: bytes | mmap, at: int, order: str, width: Callable[[int],
         kind, count, tags = struct.unpack_from(f"{order}3i", raw, at)
         if count < 1 or tags < 0:
             return -1
+        counts[kind] += count
         at += 12 + count * 4 * (1 + tags + width(kind))
         left -= count
         if at > stop:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import mmap
-from collections.abc import Callable
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from elvis.converters.gmsh_binary import check
-from elvis.converters.gmsh_data import MAGIC
+from elvis.converters.gmsh_census import census
+from elvis.converters.gmsh_data import MAGIC, MAGIC_1
 from elvis.converters.gmsh_mesh import HIGHEST, Functions
 from elvis.converters.unit import UNIT
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 
@@ -50,14 +52,17 @@ class Library:
         The kinds are dictionaries, the groups lists that begin with the number of their kind.
         """
         original = Path(named)
-        self._check(Path(path), original)
+        counts = self._check(Path(path), original)
         warnings = self._load(path, original)
-        mesh = _Reading(self._gmsh, original).mesh(with_entities)
+        mesh = _Reading(self._gmsh, original, counts).mesh(with_entities)
         mesh["notes"] += dict.fromkeys(warnings)
         return mesh
 
-    def _check(self, path: Path, named: Path) -> None:
-        """FormatError where a binary mesh isn't as long as it says."""
+    def _check(self, path: Path, named: Path) -> Counter[int] | None:
+        """Number of elements of each type, None where they can't be counted.
+
+        Raises FormatError if a binary mesh isn't as long as it says.
+        """
 
         def width(number: int) -> int:
             try:
@@ -66,9 +71,11 @@ class Library:
                 raise FormatError(f"expected a known type of elements, found {number}", file=named) from None
 
         with path.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
-                    check(named, raw, width)
+            if file.read(len(MAGIC_1)) != MAGIC_1 and not file.seek(0) and file.read(len(MAGIC)) != MAGIC:
+                return None
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+                counts = check(named, raw, width)
+                return census(raw, width) if counts is None else counts
 
     def _load(self, path: str, named: Path) -> list[str]:
         """What the library warns of when it opens a file; FormatError with its first complaint."""
@@ -93,38 +100,47 @@ class Library:
         return lines
 
 
+#: elements of one type in an entity: its dimension and tag, the type, their tags (n,) and nodes (n, k)
+_Batch: TypeAlias = tuple[int, int, int, Ints, Ints]
+
+
 @dataclass(eq=False)
 class _Reading:
-    """The mesh that the library has read from a file: its types of elements by number, notes, names of sides."""
+    """The mesh that the library has read from a file: its types of elements by number, notes, names of sides.
+
+    counts  number of elements of each type in the file, None if it isn't known
+    """
 
     gmsh: Any
     path: Path
+    counts: Counter[int] | None
     kinds: dict[int, dict[str, Any]] = field(default_factory=dict)
     parts: dict[tuple[int, str], list[tuple[Ints, Ints]]] = field(default_factory=dict)
     others: list[Ints] = field(default_factory=list)
     sides: dict[str, list[Ints]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    copies: int = 0
 
     def mesh(self, with_entities: bool) -> dict[str, Any]:
         """Nodes, and elements by type and physical group, as `Library.mesh` returns them."""
         tags, places, _ = self.gmsh.model.mesh.getNodes()
         order = np.argsort(tags)
         tags, places = np.asarray(tags, np.int64)[order], np.asarray(places, np.float64).reshape(-1, 3)[order]
-        entities = self.gmsh.model.getEntities()
-        found = [d for d, tag in entities if len(self.gmsh.model.mesh.getElementTypes(d, tag))]
-        dimension = max(found, default=0)
+        batches = list(self._batches())
+        dimension = max((batch[0] for batch in batches), default=0)
         if not dimension:
             raise FormatError("expected elements, found none", file=self.path)
-        for d, entity in entities:
+        for d, entity, kind, own, table in batches:
             names = self._groups(d, entity)
             if with_entities and not names:
                 names = [name for name in [_name(self.gmsh.model.getEntityName, d, entity)] if name]
-            self._take(d, entity, names, dimension)
-        numbers, groups = list(self.kinds), []
-        for (kind, region), pieces in self.parts.items():
-            own = np.concatenate([piece for piece, _ in pieces])
-            rows = self._rows(tags, np.concatenate([table for _, table in pieces]))
-            groups.append([numbers.index(kind), region, own, rows])
+            if d == dimension:
+                self._take(kind, names, own, table)
+            else:
+                self._take_lower(kind, names if d == dimension - 1 else [], own, table)
+        lower = sum(map(len, self.others))
+        groups = self._distinct_groups(tags)
+        total = None if self.counts is None else self.counts.total() - lower - self.copies
         return {
             "tags": tags,
             "places": places,
@@ -133,24 +149,91 @@ class _Reading:
             "sides": self.sides,
             "others": np.concatenate([np.zeros(0, np.int64), *self.others]),
             "notes": self.notes,
+            "declared": total,
+            "part": self._part(dimension),
         }
 
-    def _take(self, d: int, entity: int, names: list[str], dimension: int) -> None:
-        """The elements of an entity of dimension ``d`` in a mesh of some dimension, with the names of its groups."""
-        types, numbers, nodes = self.gmsh.model.mesh.getElements(d, entity)
-        for kind, tags, flat in zip(map(int, types), numbers, nodes, strict=True):
-            own, table = np.asarray(tags, np.int64), np.asarray(flat, np.int64).reshape(len(tags), -1)
-            if d == dimension:
-                if kind not in self.kinds:
-                    self.kinds[kind] = self._kind(kind)
-                self.parts.setdefault((kind, names[0] if names else ""), []).append((own, table))
-                if len(names) > 1:
-                    self.notes.append(f"elements of {names[0]!r} are of {', '.join(map(repr, names[1:]))} too")
+    def _batches(self) -> Iterator[_Batch]:
+        """All elements but copies that partitions hold of others' elements."""
+        if self._has_mixed_families():
+            yield from self._one_by_one()
+            return
+        for d, entity in self.gmsh.model.getEntities():
+            if self.gmsh.model.getType(d, entity).startswith("Ghost"):
                 continue
-            self.others.append(own)
-            corners = self.gmsh.model.mesh.getElementProperties(kind)[5]
-            for name in names if d == dimension - 1 else ():
-                self.sides.setdefault(name, []).append(table[:, :corners])
+            types, numbers, nodes = self.gmsh.model.mesh.getElements(d, entity)
+            for kind, tags, flat in zip(map(int, types), numbers, nodes, strict=True):
+                own = np.asarray(tags, np.int64)
+                yield d, entity, kind, own, np.asarray(flat, np.int64).reshape(len(own), -1)
+
+    def _has_mixed_families(self) -> bool:
+        """Whether there are several types of a family, such as triangles of two orders."""
+        names = [self.gmsh.model.mesh.getElementProperties(kind)[0].split()[0] for kind in self.counts or ()]
+        return len(set(names)) < len(names)
+
+    def _one_by_one(self) -> Iterator[_Batch]:
+        """Elements asked for by their tags: the library overruns its arrays if it is asked for mixed families."""
+        found: defaultdict[tuple[int, int, int], list[tuple[int, Ints]]] = defaultdict(list)
+        for tag in range(1, int(self.gmsh.model.mesh.getMaxElementTag()) + 1):
+            with suppress(Exception):  # there is no element of this tag
+                kind, nodes, d, entity = self.gmsh.model.mesh.getElement(tag)
+                found[d, entity, int(kind)].append((tag, np.asarray(nodes, np.int64)))
+        for (d, entity, kind), elements in found.items():
+            own, table = zip(*elements, strict=True)
+            yield d, entity, kind, np.array(own, np.int64), np.stack(table)
+
+    def _take(self, kind: int, names: list[str], own: Ints, table: Ints) -> None:
+        """Elements of the highest dimension, with the names of their groups."""
+        if kind not in self.kinds:
+            self.kinds[kind] = self._kind(kind)
+        self.parts.setdefault((kind, names[0] if names else ""), []).append((own, table))
+        if len(names) > 1:
+            self.notes.append(f"elements of {names[0]!r} are of {', '.join(map(repr, names[1:]))} too")
+
+    def _take_lower(self, kind: int, names: list[str], own: Ints, table: Ints) -> None:
+        """Elements of lower dimension, with the names of the boundaries that they belong to."""
+        self.others.append(own)
+        corners = self.gmsh.model.mesh.getElementProperties(kind)[5]
+        for name in names:
+            self.sides.setdefault(name, []).append(table[:, :corners])
+
+    def _distinct_groups(self, tags: Ints) -> list[list[Any]]:
+        """Number of the kind, region, tags and nodes of each group, in which each element counts once.
+
+        Versions 1 and 2 list an element again, with another number, for each physical group that it is in.
+        """
+        groups: list[list[Any]] = []
+        for number, kind in enumerate(self.kinds):
+            regions = [region for own, region in self.parts if own == kind]
+            pieces = [list(zip(*self.parts[kind, region], strict=True)) for region in regions]
+            own = [np.concatenate(each) for each, _ in pieces]
+            rows = [self._rows(tags, np.concatenate(each)) for _, each in pieces]
+            is_first = _first_of_each(np.sort(np.concatenate(rows), axis=1))
+            kept = np.split(is_first, np.cumsum(list(map(len, rows)))[:-1])
+            for region, numbers, nodes, mask in zip(regions, own, rows, kept, strict=True):
+                self._count_copies(region, numbers[~mask])
+                if mask.any():
+                    groups.append([number, region, numbers[mask], nodes[mask]])
+        return groups
+
+    def _count_copies(self, region: str, copies: Ints) -> None:
+        """Note elements of a group that another one has, too."""
+        if len(copies):
+            self.copies += len(copies)
+            self.others.append(copies)
+            self.notes.append(f"{len(copies)} elements of {region!r} are of another group, too, and count once")
+
+    def _part(self, dimension: int) -> str:
+        """Which partitions the elements are of, in a file of some partitions of a mesh."""
+        count = int(self.gmsh.model.getNumberOfPartitions())
+        found = set()
+        for d, entity in self.gmsh.model.getEntities(dimension):
+            is_own = not self.gmsh.model.getType(d, entity).startswith("Ghost")
+            if is_own and len(self.gmsh.model.mesh.getElementTypes(d, entity)):
+                found |= set(map(int, self.gmsh.model.getPartitions(d, entity)))
+        if not 0 < len(found) < count:
+            return ""
+        return f"partition {', '.join(map(str, sorted(found)))} of {count}"
 
     def _groups(self, dimension: int, entity: int) -> list[str]:
         """Names of the physical groups of an entity."""
@@ -191,6 +274,14 @@ class _Reading:
             "degree": functions.order,
             "coefficients": functions.coefficients,
         }
+
+
+def _first_of_each(rows: Ints) -> Bools:
+    """(n,) whether a row is the first of its values."""
+    first, _ = distinct_bits(rows)
+    result = np.zeros(len(rows), bool)
+    result[first] = True
+    return result
 
 
 def _name(ask: Callable[[int, int], str], dimension: int, number: int) -> str:

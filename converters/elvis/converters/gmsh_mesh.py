@@ -62,7 +62,11 @@ class Group:
 
 @dataclass(eq=False)
 class Mesh:
-    """What a file's mesh holds; ``sides`` are numbers of nodes at the corners of elements one dimension lower."""
+    """What a file's mesh holds; ``sides`` are numbers of nodes at the corners of elements one dimension lower.
+
+    declared  number of the elements of the highest dimension that the file lists, each once; None if it isn't known
+    part      which of how many partitions the elements are of; empty if they are of all
+    """
 
     tags: Ints
     places: Floats
@@ -70,6 +74,8 @@ class Mesh:
     sides: dict[str, list[Ints]] = field(default_factory=dict)
     others: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     notes: list[str] = field(default_factory=list)
+    declared: int | None = None
+    part: str = ""
 
 
 class Functions(ShapeFunctions):

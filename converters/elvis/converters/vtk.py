@@ -17,11 +17,12 @@ from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, files_by_time, kind_of, other_kind, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.converters.vtk_times import time_in
-from elvis.core.arrays import Floats, Ints, distinct_bits
+from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
@@ -37,7 +38,7 @@ class Vtk(NodalConverter):
     needs = ("vtk",)
     options = (
         Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", "equispaced", "gll"), "auto"),
-        Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("as-read", "exchanged"), "as-read"),
+        Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("auto", "as-read", "exchanged"), "auto"),
         Option(
             "wedges", "How the third quadrilateral of Lagrange wedges is numbered.", ("auto", "as-read", "vtk8"), "auto"
         ),
@@ -68,12 +69,12 @@ class Vtk(NodalConverter):
         self,
         paths: Sequence[Path],
         nodes: str = "auto",
-        hexahedra: str = "as-read",
+        hexahedra: str = "auto",
         wedges: str = "auto",
         step: str | None = None,
     ) -> None:
         self._grids, self.beside = read(paths, step_number(step))
-        self.notes = []
+        self.notes, self.warnings = [], []
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
         self._number_wedges(wedges)
@@ -87,38 +88,51 @@ class Vtk(NodalConverter):
     def _collect(self, dimension: int) -> list[Part]:
         """The cells of one kind of each grid, by number; grids of the same cells are taken together."""
         result: list[list[Part]] = []
-        first, others = 0, 0
+        first = lower = repeated = 0
         for grid in self._grids:
             own, left = _of_kinds(grid, dimension, first)
-            others += left
+            lower += left
             leading = next((parts for parts in result if _coincide(parts, own)), None)
             if leading is None:
                 result.append(own)
                 first += len(grid.types)
             else:
                 leading[:] = [part.join(other) for part, other in zip(leading, own, strict=True)]
-        if others:
-            self.notes = [f"{others} cells of lower dimension were left out"]
-        return [part for parts in result for part in parts]
+                repeated += sum(len(part.rows) for part in own)
+        parts = [part for parts in result for part in parts]
+        copies = _drop_copies(parts)
+        total = sum(int((grid.ghosts == 0).sum()) for grid in self._grids) - repeated
+        omitted = {"cells of lower dimension": lower, "cells that are there twice, each once,": copies}
+        self.declared = Declared(total, omitted=omitted)
+        return [part for part in parts if len(part.rows)]
 
     def _every(self) -> list[Part]:
         return [each for part in self._parts for each in (part, *part.companions)]
 
     def _check_edges(self, hexahedra: str) -> None:
-        """Exchange the nodes of two edges of Lagrange hexahedra where asked; FormatError where they look exchanged."""
-        for part in self._every():
-            if part.cell.kind.type not in LAGRANGE or part.cell.shape is not Shape.HEXAHEDRON:
-                continue
-            pair = upright(part.cell)
-            if hexahedra == "exchanged":
-                part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
-            wrong = exchanged(part.places(part.nodes), part.cell, pair)
-            if wrong > len(part.nodes) / 2:
+        """Exchange the nodes of two edges of the Lagrange hexahedra of each file as asked, or where they lie so.
+
+        Raises FormatError if the nodes of some cells of a file lie so and those of others don't, or against the option.
+        """
+        known = [part for part in self._every() if LAGRANGE.get(part.cell.kind.type) is Shape.HEXAHEDRON]
+        for file in dict.fromkeys(part.grid.file for part in known):
+            parts = [part for part in known if part.grid.file == file]
+            own, other = np.sum([_edges(part) for part in parts], axis=0)
+            is_exchanged = hexahedra == "exchanged" or (hexahedra == "auto" and other > 0)
+            if own if is_exchanged else other:
                 raise FormatError(
-                    f"expected nodes of edges near their edges, found those of two edges exchanged in {wrong} "
-                    "hexahedra, as by a wrong version of the file; see the option hexahedra",
-                    file=part.grid.file,
+                    f"expected nodes of edges near their edges, found those of {own} hexahedra so, those of two edges "
+                    f"exchanged in {other}, as by a wrong version of the file; see the option hexahedra",
+                    file=file,
                 )
+            if is_exchanged:
+                for part in parts:
+                    pair = upright(part.cell)
+                    part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
+            if is_exchanged and hexahedra == "auto":
+                name = Path(file).name
+                told = f"{name}: edges of hexahedra are numbered as before version 2.1, and were taken so"
+                self.warnings = [*self.warnings, f"{told} (option hexahedra)"]
 
     def _number_wedges(self, wedges: str) -> None:
         """Mirror the nodes of a face of Lagrange wedges where asked, or where they lie so; FormatError in doubt."""
@@ -208,6 +222,12 @@ class Part:
         low.companions = []
         return high
 
+    def keep(self, mask: Bools) -> None:
+        """Keep some of the cells, in all grids that have them."""
+        if not mask.all():
+            for each in (self, *self.companions):
+                each.nodes, each.rows = each.nodes[mask], each.rows[mask]
+
     def places(self, nodes: Ints) -> Floats:
         """(..., 3) of nodes."""
         return np.asarray(self.grid.points[nodes], np.float64)
@@ -242,6 +262,33 @@ def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
             nodes = grid.nodes[grid.offsets[rows][:, None] + np.arange(count)]
             result.append(Part(grid, cell, nodes, rows, first))
     return result, others
+
+
+def _edges(part: Part) -> tuple[int, int]:
+    """In how many hexahedra the nodes of two edges lie near their own edge, and in how many near the other's."""
+    return exchanged(part.places(part.nodes), part.cell, upright(part.cell))
+
+
+def _drop_copies(parts: Sequence[Part]) -> int:
+    """Drop the cells whose nodes lie exactly where those of an earlier cell lie; how many these are.
+
+    Parts of a mesh that overlap hold such copies, if the writer doesn't mark them as ghosts.
+    """
+    places = np.concatenate([np.zeros((0, 3)), *(part.places(part.nodes).reshape(-1, 3) for part in parts)])
+    numbers = distinct_bits(places + 0.0)[1]  # 0.0 takes the sign of zeros
+    starts = np.cumsum([0, *(part.nodes.size for part in parts)])
+    by_width: dict[tuple[int, int], list[int]] = {}
+    for i, part in enumerate(parts):
+        by_width.setdefault((part.cell.kind.type, part.nodes.shape[1]), []).append(i)
+    dropped = 0
+    for alike in by_width.values():
+        tables = [np.sort(numbers[starts[i] : starts[i + 1]].reshape(parts[i].nodes.shape), axis=1) for i in alike]
+        is_first = np.zeros(sum(map(len, tables)), bool)
+        is_first[distinct_bits(np.concatenate(tables))[0]] = True
+        for i, kept in zip(alike, np.split(is_first, np.cumsum(list(map(len, tables)))[:-1]), strict=True):
+            parts[i].keep(kept)
+        dropped += int((~is_first).sum())
+    return dropped
 
 
 def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:

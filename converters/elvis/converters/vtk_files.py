@@ -118,7 +118,7 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
     size = _checked_size(every)
     grids: list[Grid] = []
     with Apart(_WORKER, size) as library:
-        for path, when in files:
+        for path, when in [(part, when) for path, when in files for part in _parts(path)]:
             found = [Grid(str(path), **own) for own in _read_one(library, path, size)]
             for grid in found:
                 grid.time = grid.time if when is None else when
@@ -133,6 +133,17 @@ def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
     except LibraryError as failure:
         raise FormatError(f"expected a whole VTK file, found {failure.reason}", file=path) from failure
     return found
+
+
+def _parts(path: Path) -> list[Path]:
+    """The files that an index of parts names, each of which has a version of its own; else the file itself."""
+    if kind_of(path) != "parts":
+        return [path]
+    names = _named(path)
+    missing = [name for name in names if not kind_of(path.parent / name)]
+    if missing:
+        raise FormatError(f"expected its part {missing[0]} next to it, found none", file=path)
+    return [part for name in names for part in _parts(path.parent / name)]
 
 
 def _with_pieces(paths: Sequence[Path]) -> list[Path]:
@@ -170,12 +181,17 @@ def _pieces(path: Path) -> list[Path]:
     """The files that one of parts or blocks names; FormatError where one of these is no plain file."""
     if kind_of(path) not in ("parts", "blocks"):
         return []
-    names = re.findall(rb"""\b(?:Source|file)\s*=\s*["']([^"'\0]*)["']""", content(path))
-    found = [path.parent / name.decode("utf-8", "replace") for name in names]
+    found = [path.parent / name for name in _named(path)]
     for each in found:
         if exists(each):
             check_plain(each)
     return [each for each in found if isfile(each)]
+
+
+def _named(path: Path) -> list[str]:
+    """The names of files in one of parts or blocks."""
+    names = re.findall(rb"""\b(?:Source|file)\s*=\s*["']([^"'\0]*)["']""", content(path))
+    return [name.decode("utf-8", "replace") for name in names]
 
 
 def files_by_time(path: Path) -> dict[float, list[str]]:

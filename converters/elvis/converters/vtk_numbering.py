@@ -22,10 +22,13 @@ def upright(cell: Cell) -> tuple[Ints, Ints]:
     return np.flatnonzero(inside & (cell.nodes[:, 0] == 1)), np.flatnonzero(inside & (cell.nodes[:, 0] == 0))
 
 
-def exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> int:
-    """In how many cells, nodes at (n, nodes, 3), both edges' nodes lie nearer the other edge's ends than their own."""
+def exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> tuple[int, int]:
+    """In how many cells, nodes at (n, nodes, 3), the nodes of two edges lie near their own, and in how many exchanged.
+
+    Cells in which neither is much nearer don't count.
+    """
     if not len(pair[0]):
-        return 0
+        return 0, 0
     corners = places[:, cell.vertex_nodes()]
     middles = [(corners[:, low] + corners[:, high]) / 2 for low, high in ((2, 6), (3, 7))]
     found = [places[:, own].mean(axis=1) for own in pair]
@@ -33,7 +36,7 @@ def exchanged(places: Floats, cell: Cell, pair: tuple[Ints, Ints]) -> int:
         sum(np.linalg.norm(found[i] - middles[j], axis=1) for i, j in pairs)
         for pairs in (((0, 0), (1, 1)), ((0, 1), (1, 0)))
     )
-    return int(np.sum(other < own))
+    return int(np.sum(own < _NEARER * other)), int(np.sum(other < _NEARER * own))
 
 
 def third_face(cell: Cell) -> tuple[Ints, Ints]:

@@ -21,6 +21,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Homogeneous
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
+from elvis.plugins.declared import Declared
 
 #: relative spacing of float64, float32 and of text with eight digits
 DOUBLE, SINGLE, EIGHT_DIGITS = 2.0**-52, 2.0**-23, 1e-8
@@ -155,7 +156,9 @@ class Converter(ABC):
     is_conforming                False where faces of elements meet parts of others (hanging nodes)
     mortars                      sides of elements that meet parts of others, as far as the source tells; those that it
                                  doesn't tell are found by place
-    notes                        sentences for the report: what was decided or left out in reading
+    notes                        sentences for the report: what was decided in reading
+    warnings                     sentences that every command prints: what was left out, what is in doubt
+    declared                     numbers that the files state, with which what arrives is compared
     mesh                         of sources that have one of the native format, which is taken over as it is: then
                                  blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
     beside                       files that the constructor read though they were not given, such as the pieces that an
@@ -179,6 +182,8 @@ class Converter(ABC):
     is_conforming: bool = True
     mortars: Sequence[tuple[int, Ints, Ints]] = ()
     notes: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    declared: Declared = Declared()
     mesh: Mesh | None = None
     beside: Sequence[Path] | None = None
 

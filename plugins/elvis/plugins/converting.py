@@ -328,7 +328,8 @@ def _report(
         has_map,
         tuple(_of_fields(fitted, findings.fields, source.precision)),
         listed,
-        (*source.notes, *plan.notes, *_notes(source, plan, fitted)),
+        (*source.notes, *_notes(source, plan, fitted)),
+        (*source.warnings, *source.declared.check(source), *plan.notes),
     )
 
 

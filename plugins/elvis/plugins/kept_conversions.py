@@ -58,7 +58,7 @@ class _Result:
     files   native files by name
     keys    of the metadata, in their order
     beside  digests of what was read though it was not given, by paths from the folder of the first file that was
-    remarks  on the errors
+    remarks  on the errors, and on what was left out
     """
 
     files: Mapping[str, bytes | memoryview]

@@ -137,7 +137,8 @@ class Report:
 
     def remarks(self) -> tuple[str, ...]:
         """What every command prints: `remark`, and the warnings."""
-        return (self.remark(), *self.warnings)
+        files = ", ".join(self.files)
+        return (self.remark(), *(f"{files}: {warning}" for warning in self.warnings))
 
     def remark(self) -> str:
         """One sentence on a conversion in memory: how large the errors are, and where to read more."""
@@ -148,7 +149,7 @@ class Report:
             found = f"with errors of up to {told}, in parts of its range"
         else:
             found = f"exact to the rounding of its numbers (up to {worst.relative:.1g} of a range)"
-        more = "; elvis info tells more" if self.sentences() else ""
+        more = "; elvis info tells more" if len(self.sentences()) > len(self.warnings) else ""
         return f"{', '.join(self.files)}: converted in memory, {found}{more}"
 
     def metadata(self) -> dict[str, str]:

@@ -27,16 +27,23 @@ if TYPE_CHECKING:
 
 
 _GREATEST_ATTRIBUTE = 1 << 20
+#: bytes of texts and whole numbers that were never written and may be taken for their fill values
+_GREATEST_UNWRITTEN = 1 << 20
 
 
 def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> None:
     """FormatError where a dataset claims more than the file can hold for it.
+
+    Short texts and whole numbers that were never written, as names are, have their fill values; real numbers have none
+    that could be shown.
 
     count  of the numbers that are to be read, where these aren't all
     """
     size = found.dtype.itemsize
     claimed = (math.prod(found.shape) if count is None else count) * size
     stored = found.id.get_storage_size()
+    if not stored and found.dtype.kind in "Siu" and claimed <= _GREATEST_UNWRITTEN:
+        return
     is_packed = found.id.get_create_plist().get_nfilters() > 0
     chunk = math.prod(found.chunks) * size if found.chunks else 0
     # no filter may hold more than deflate does

@@ -31,7 +31,7 @@ class Topology:
     numbers   (n_vertices,) the source's number of each vertex, -1 where it has none
     repeated  ids of elements with one vertex at several corners
     detached  ids of elements whose triangles could not be collapsed as their neighbours' are
-    notes     sentences for the report
+    notes     sentences on sides that boundaries name in vain
     outline   name of the last composite where it holds the sides that the source doesn't name, else None
     mortars   (n,) rows of the sides that the source calls non-conforming
     """
