@@ -15,7 +15,7 @@ from elvis.core.shapes import Shape
 from elvis.formats import ElvisError, FormatError, integrate, read, write
 from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.converting import convert
+from elvis.plugins.converting import Settings, convert
 from elvis.plugins.nodal import native_points
 from elvis.plugins.projection.frames import affine_between
 from elvis.plugins.testing import check, positions_at, values_found
@@ -237,6 +237,7 @@ def test_bad_files(tmp_path, solvers):
     assert not Exodus.opens([solvers / "gmsh" / "mixed_o3.msh"])
 
 
+WRITTEN = {"classic.e": write_classic, "other.e": write_hdf5}
 WRITERS = pytest.mark.parametrize("write", [write_classic, write_hdf5])
 
 
@@ -255,13 +256,14 @@ def test_blocks_and_sets_without_entries_hide_no_others(tmp_path, write, counts)
         assert moment.value == pytest.approx(x, abs=1e-13)
 
 
-@WRITERS
-def test_a_block_that_is_declared_and_not_there_is_an_error(tmp_path, write):
-    path = cubes_in_blocks(tmp_path / "row.e", write, (1, 1, 1))
-    damaged = path.read_bytes().replace(b"connect2", b"konnect2")
-    path.write_bytes(damaged)
-    with pytest.raises(FormatError, match="connect2: expected 1 entries, found no variable"):
-        read(path)
+def test_a_block_that_is_declared_and_not_there_is_an_error(tmp_path):
+    classic, other = (cubes_in_blocks(tmp_path / name, write, (1, 1, 1)) for name, write in WRITTEN.items())
+    classic.write_bytes(classic.read_bytes().replace(b"connect2", b"konnect2"))
+    with h5py.File(other, "a") as file:
+        del file["connect2"]
+    for path in (classic, other):
+        with pytest.raises(FormatError, match="connect2: expected 1 entries, found no variable"):
+            read(path)
 
 
 def test_elements_and_sides_that_are_left_out_are_named(tmp_path):
@@ -292,3 +294,20 @@ def test_coordinates_that_were_never_written_are_an_error(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("coordy",))
     with pytest.raises(FormatError, match="expected 96 bytes as declared, found 0 stored"):
         read(path)
+
+
+@WRITERS
+def test_variables_of_some_blocks_are_kept_there(tmp_path, write):
+    """At the orders of the file, at a tolerance, and as a step of a series."""
+    places, nodes = unit_cubes(3)
+    blocks = [ExodusBlock("left", "HEX8", nodes[:2]), ExodusBlock("right", "HEX8", nodes[2:])]
+    own = {"stress": {1: [5.0, 6.0]}, "heat": {2: [7.0]}}
+    path = write(tmp_path / "run.e", blocks, places, None, {"u": places[:, 0]}, own)
+    points = np.array([(0.5, 0.4, 0.3), (1.5, 0.4, 0.3), (2.5, 0.4, 0.3)])
+    wanted = {"u": [0.5, 1.5, 2.5], "stress": [5, 6, np.nan], "heat": [np.nan, np.nan, 7]}
+    done = check(Exodus, [path])
+    adapted = convert(Exodus([path]), Settings(tolerance=1e-9))
+    for dataset in (done.dataset, adapted.dataset, read(path)):
+        for name, values in wanted.items():
+            assert values_found(dataset, name, points) == pytest.approx(values, nan_ok=True)
+    assert integrate(read(path), ["u", "stress", "heat"])[1].value == pytest.approx(11)

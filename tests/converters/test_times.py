@@ -8,6 +8,7 @@ import pytest
 
 from elvis.converters.mfem_files import read_root
 from elvis.converters.vtk_times import time_in
+from elvis.core.moments import Moment
 from elvis.formats import FormatError, open_series, read
 from elvis.plugins.data import Reading
 from elvis.plugins.series.finding import find_steps
@@ -18,11 +19,11 @@ numpy_to_vtk = pytest.importorskip("vtkmodules.util.numpy_support").numpy_to_vtk
 WAYS = [*product(("Ascii", "Binary", "Appended", "Raw"), (True, False), ("UInt32", "UInt64"), ("Little", "Big"))]
 
 
-def square(time, name="TimeValue", kind=float):
-    """A square with u = t x."""
+def square(time, name="TimeValue", kind=float, at=0):
+    """The square [at, at + 1] x [0, 1] with u = t (x - at)."""
     grid, points, corners = vtk.vtkUnstructuredGrid(), vtk.vtkPoints(), vtk.vtkIdList()
     for i, place in enumerate([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]):
-        points.InsertNextPoint(*place)
+        points.InsertNextPoint(at + place[0], *place[1:])
         corners.InsertNextId(i)
     grid.SetPoints(points)
     grid.InsertNextCell(vtk.VTK_QUAD, corners)
@@ -94,9 +95,14 @@ def test_files_without_an_index_have_their_own_times(tmp_path, monkeypatch):
     assert series.times.tolist() == times
     # different times make them steps, not parts of one state, though no step is asked for
     assert find_steps(sorted(tmp_path.glob("*.vtu")), Reading()) is not None
+    # meshes that don't overlap are parts of one state, whatever is asked for; a mesh that comes again is a step
     for number in range(3):
-        written(tmp_path / f"part_{number}.vtu", square(0.5))
-    assert find_steps(sorted(tmp_path.glob("part*.vtu")), Reading()) is None
+        written(tmp_path / f"part_{number}.vtu", square(0.5, at=number))
+        written(tmp_path / f"again_{number}.vtu", square(0.5))
+    for reading in (Reading(), Reading(moment=Moment(wants_series=True))):
+        assert find_steps(sorted(tmp_path.glob("part*.vtu")), reading) is None
+        steps = find_steps(sorted(tmp_path.glob("again*.vtu")), reading).steps
+        assert [step.time for step in steps] == [0, 1, 2]
 
 
 def test_indices_of_mfem_tell_times_and_files(tmp_path):

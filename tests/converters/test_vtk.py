@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from archives import arrays_of
+from vtk_writer import NODES, cube, grid, linear, one, write
 
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
-from elvis.converters.vtk_numbering import upright
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
-from elvis.formats import integrate, open_series, read
+from elvis.formats import open_series, read
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -21,68 +21,10 @@ pytest.importorskip("vtk")
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
 shared = pytest.mark.skipif(not DATA.exists(), reason="needs the shared data")
 
-#: number of nodes of Lagrange and Bezier cells of one order
-NODES = {
-    Shape.SEGMENT: lambda p: p + 1,
-    Shape.TRIANGLE: lambda p: (p + 1) * (p + 2) // 2,
-    Shape.QUADRILATERAL: lambda p: (p + 1) ** 2,
-    Shape.TETRAHEDRON: lambda p: (p + 1) * (p + 2) * (p + 3) // 6,
-    Shape.PRISM: lambda p: (p + 1) ** 2 * (p + 2) // 2,
-    Shape.HEXAHEDRON: lambda p: (p + 1) ** 3,
-}
-
 
 #: nodes of order 5 that lie at (2, 1)/5 and (1, 2, 1)/5 where they are evenly spaced
 BASIX_TRIANGLE = [0.4142052527467741, 0.17158949450645158]
 BASIX_TETRAHEDRON = [0.18579474725322576, 0.44261575824032257, 0.18579474725322576]
-
-
-def grid(points, cells, point_data=None, cell_data=None):
-    """The library's grid of points (n, 3) and cells, pairs of type and nodes, with arrays by name."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-    from vtkmodules.vtkCommonCore import vtkIdList, vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
-
-    result, places = vtkUnstructuredGrid(), vtkPoints()
-    places.SetData(numpy_to_vtk(np.ascontiguousarray(points), deep=True))
-    result.SetPoints(places)
-    for kind, nodes in cells:
-        ids = vtkIdList()
-        for node in nodes:
-            ids.InsertNextId(int(node))
-        result.InsertNextCell(kind, ids)
-    for data, arrays in ((result.GetPointData(), point_data), (result.GetCellData(), cell_data)):
-        for name, values in (arrays or {}).items():
-            array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
-            array.SetName(name)
-            data.AddArray(array)
-    return result
-
-
-def write(path, data):
-    """The file, by the library's writer."""
-    from vtkmodules import vtkIOLegacy, vtkIOXML
-
-    kinds = {".vtk": vtkIOLegacy.vtkUnstructuredGridWriter, ".vtm": vtkIOXML.vtkXMLMultiBlockDataWriter}
-    writer = kinds.get(path.suffix, vtkIOXML.vtkXMLUnstructuredGridWriter)()
-    writer.SetFileName(str(path))
-    writer.SetInputData(data)
-    writer.Write()
-    return path
-
-
-def linear(x):
-    return 1 + x[:, 0] - 2 * x[:, 1] + 0.5 * x[:, 2]
-
-
-def one(kind, nodes, degrees=(0, 0, 0), seed=0, scale=0.03):
-    """A bent cell with a linear function of the coordinates, which its functions reproduce whatever its nodes are."""
-    cell = Cell(Kind(kind, nodes, degrees), "")
-    x = cell.nodes + scale * np.random.default_rng(seed).uniform(-1, 1, cell.nodes.shape)
-    if cell.shape.dimension < 3:
-        x[:, cell.shape.dimension :] = 0
-    cells = {"HigherOrderDegrees": np.array([degrees], float)} if any(degrees) else {}
-    return grid(x, [(kind, range(nodes))], {"u": linear(x), "v": x}, cells)
 
 
 def inside(source, block, count=40):
@@ -183,58 +125,6 @@ def test_hexahedra_of_the_wrong_version_are_renumbered(tmp_path):
         done = convert(Vtk([path], hexahedra=option))
         assert np.abs(values_found(done.dataset, "u", truth["xyz"]) - wanted).max() < 2e-7 * np.ptp(wanted)
     assert "relabelled.vtu: edges of hexahedra are numbered as before version 2.1" in read(path).remarks[1]
-
-
-def parted(path, parts):
-    """An index of parts, each a grid."""
-    lines = ['<VTKFile type="PUnstructuredGrid" version="0.1"><PUnstructuredGrid GhostLevel="0">']
-    for i, part in enumerate(parts):
-        write(path.with_name(f"part_{i}.vtu"), part)
-        lines.append(f'<Piece Source="part_{i}.vtu"/>')
-    path.write_text("\n".join([*lines, "</PUnstructuredGrid></VTKFile>"]))
-    return path
-
-
-def test_each_part_has_its_own_numbering_of_hexahedra(tmp_path):
-    """Three parts, of which one was written by an old version and says that it is new: not a matter of majority."""
-    hexahedron = one(72, 64)
-    places = np.array([hexahedron.GetPoint(i) for i in range(64)])
-    parts = [grid(places + (i, 0, 0), [(72, range(64))], {"u": linear(places + (i, 0, 0))}) for i in range(3)]
-    cell = Cell(Kind(72, 64, (0, 0, 0)), "")
-    first, second = upright(cell)
-    order = np.arange(64)
-    order[first], order[second] = second, first
-    moved = places[order] + (1, 0, 0)
-    parts[1] = grid(moved, [(72, range(64))], {"u": linear(moved)})
-    dataset = read(parted(tmp_path / "all.pvtu", parts))
-    points = places[:8].mean(axis=0) + np.array([(i, 0.3, 0.2) for i in range(3)])
-    assert np.abs(values_found(dataset, "u", points) - linear(points)).max() < 1e-12
-    assert integrate(dataset, "u - (1 + x - 2*y + 0.5*z)")[0].value == pytest.approx(0, abs=1e-13)
-    assert [remark for remark in dataset.remarks if "part_1.vtu: edges of hexahedra" in remark]
-
-
-@pytest.mark.parametrize("marks", [True, False])
-def test_copies_of_cells_in_other_parts_count_once(tmp_path, marks):
-    """Two parts share a cell, which the second one marks as a ghost, or doesn't."""
-    x, cells = cube(order=2)
-    far = x + (1, 0, 0)
-    both = grid(
-        np.concatenate([far, x]),
-        [*cells, *((kind, np.add(nodes, len(x))) for kind, nodes in cells[:1])],
-        {"u": linear(np.concatenate([far, x]))},
-    )
-    if marks:
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-
-        ghosts = numpy_to_vtk(np.array([0] * len(cells) + [1], np.uint8), deep=True)
-        ghosts.SetName("vtkGhostType")
-        both.GetCellData().AddArray(ghosts)
-    path = parted(tmp_path / "all.pvtu", [grid(x, cells, {"u": linear(x)}), both])
-    dataset, whole = read(path), read(write(tmp_path / "one.vtu", grid(x, cells)))
-    twice = 2 * integrate(whole, "volume")[0].value
-    assert integrate(dataset, "volume")[0].value == pytest.approx(twice, rel=1e-12)
-    told = [remark for remark in dataset.remarks if "1 cells that are there twice, each once, were left out" in remark]
-    assert bool(told) is not marks
 
 
 @pytest.mark.parametrize("kind", sorted(FIXED))
@@ -340,17 +230,6 @@ def test_rational_cells_are_projected_with_a_measured_error(tmp_path):
     done = check(Vtk, [path])
     assert 1e-4 < done.report.geometry.max < 0.1
     assert not done.report.geometry.is_exact
-
-
-def cube(kind=71, order=2, shift=0.0):
-    """Points and cells of two bent tetrahedra that share a face."""
-    cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float) + np.array([shift, 0, 0])
-    parts = [corners[list(c)] for c in ((0, 1, 2, 3), (1, 4, 2, 3))]
-    affine = [p[0] + cell.nodes @ (p[1:4] - p[0]) for p in parts]
-    x = np.concatenate(affine)
-    x += 0.05 * np.sin(x[:, [1, 2, 0]])
-    return x, [(kind, np.arange(len(cell.nodes)) + i * len(cell.nodes)) for i in range(2)]
 
 
 @pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".vtm"])

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
-from elvis.converters.gmsh_data import MAGIC, Contents, Scheme, Section, beginning, scan
+from elvis.converters.gmsh_data import MAGIC, Scheme, Section, beginning, scan
+from elvis.converters.gmsh_joining import joined
 from elvis.converters.gmsh_mesh import Functions, Group, Mesh, read_mesh
 from elvis.converters.inputs import STEP, step_number
 from elvis.core.arrays import Floats, Ints
@@ -29,6 +31,59 @@ from elvis.plugins.recognition import found_instead
 _HEAD = 1 << 16
 
 
+#: which nodes of an element have values: none that could be taken, the corners alone, all
+_NOWHERE, _AT_CORNERS, _EVERYWHERE = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Values:
+    """One field at one time, of all its sections: tags (n,) ascending, where their values begin, how many these are.
+
+    table  (sum, components) values
+    """
+
+    name: str
+    section: Section
+    tags: Ints
+    starts: Ints
+    counts: Ints
+    table: Floats
+
+    @classmethod
+    def of(cls, name: str, sections: Sequence[Section]) -> _Values:
+        """Those of sections that are pieces of one field."""
+        parts = [section.read() for section in sections]
+        tags, counts, table = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        starts = np.cumsum(counts) - counts
+        order = np.argsort(tags, kind="stable")
+        return cls(name, sections[0], tags[order], starts[order], counts[order], table)
+
+    def extent(self, group: Group, mesh: Mesh) -> Ints:
+        """(n,) which nodes of the elements of a group have values, for values of elements all or none.
+
+        Corners alone count only if no other nodes have values: fields of lower order than the mesh are written so.
+        """
+        if self.section.kind != "NodeData":
+            return np.where(np.isin(group.tags, self.tags), _EVERYWHERE, _NOWHERE)
+        is_known = np.isin(mesh.tags, self.tags)
+        result = np.where(is_known[group.nodes].all(axis=1), _EVERYWHERE, _NOWHERE)
+        corners = group.nodes[:, group.kind.corners]
+        others = np.setdiff1d(group.nodes, corners)
+        if len(others) and not is_known[others].any():
+            result[is_known[corners].all(axis=1)] = _AT_CORNERS
+        return result
+
+    def places(self, group: Group, mesh: Mesh, is_at_corners: bool) -> tuple[Ints, Ints]:
+        """Where the values of each element of a group begin, (n, nodes or 1), and how many these are."""
+        if self.section.kind == "NodeData":
+            count = len(group.kind.corners) if is_at_corners else group.nodes.shape[1]
+            wanted = mesh.tags[group.nodes[:, :count]]
+        else:
+            wanted = group.tags[:, None]
+        rows = np.searchsorted(self.tags, wanted)
+        return self.starts[rows], self.counts[rows]
+
+
 class Gmsh(NodalConverter):
     """A mesh, with data from the same file or others."""
 
@@ -39,7 +94,6 @@ class Gmsh(NodalConverter):
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
     needs = ("gmsh",)
     options: ClassVar[tuple[Option, ...]] = (STEP,)
-    joins = True
     beside = ()
 
     @classmethod
@@ -58,6 +112,19 @@ class Gmsh(NodalConverter):
         return ""
 
     @classmethod
+    def joins(cls, paths: Sequence[Path]) -> bool:
+        """Whether the meshes are partitions of one, or the data are other fields or lie on other nodes or elements."""
+        first, second = (scan(path) for path in paths[:2])
+        if first.has_mesh and second.has_mesh and first.is_partition and second.is_partition:
+            return True
+        known = {(section.name, section.kind): section for section in first.sections}
+        shared = [section for section in second.sections if (section.name, section.kind) in known]
+        if not shared:
+            return bool(first.sections and second.sections) or first.has_mesh != second.has_mesh
+        own, other = (section.read()[0] for section in (known[shared[0].name, shared[0].kind], shared[0]))
+        return not np.isin(own, other).any()
+
+    @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
         """Those of the field that has most."""
         found: dict[tuple[str, str], set[tuple[float, int]]] = {}
@@ -73,10 +140,19 @@ class Gmsh(NodalConverter):
                 found = self.hint(path) or found_instead(path)
                 raise FormatError(f"expected {MAGIC.decode()} at the beginning, found {found}", file=path)
         contents = [scan(path) for path in paths]
-        self.take_mesh(read_mesh(_with_mesh(contents)))
-        for name, kind, sections in _series([s for each in contents for s in each.sections], number):
-            self._read(name, kind, sections)
-            self.time = sections[0].time if self.time is None else max(self.time, sections[0].time)
+        meshes = [each for each in contents if each.has_mesh]
+        if not meshes:
+            raise FormatError("expected a file with a mesh too, found data alone", file=paths[0])
+        self.take_mesh(joined([read_mesh(each) for each in meshes], [each.path for each in meshes]))
+        series = _series([s for each in contents for s in each.sections], number)
+        read = [_Values.of(name, sections) for name, _, sections in series]
+        for values in read:
+            self._check_tags(values.section, values.tags)
+        self._split(read)
+        for values in read:
+            self._add(values)
+            time = values.section.time
+            self.time = time if self.time is None else max(self.time, time)
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Blocks, boundaries and notes of a mesh."""
@@ -86,38 +162,46 @@ class Gmsh(NodalConverter):
         self.boundaries = [Boundary(name, vertices=sides) for name, sides in mesh.sides.items()]
         self.notes = list(mesh.notes)
         self.declared = Declared(mesh.declared)
-        self.warnings = [f"these are the elements of {mesh.part} alone"] if mesh.part else []
+        self.warnings = [mesh.omission] if mesh.omission else []
 
-    def _read(self, name: str, kind: str, sections: Sequence[Section]) -> None:
-        """The values of one field at one time, which may be in pieces."""
-        parts = [section.read() for section in sections]
-        tags, counts, values = (np.concatenate([part[i] for part in parts]) for i in range(3))
-        starts = np.cumsum(counts) - counts
-        order = np.argsort(tags, kind="stable")
-        tags, starts, counts = tags[order], starts[order], counts[order]
-        self._check_tags(sections[0], tags)
-        found: list[NodalValues | None] = []
+    def _split(self, read: Sequence[_Values]) -> None:
+        """Part groups of elements of which some have values that others lack, so that each field is on whole groups."""
+        groups = []
         for group in self._groups:
-            wanted = self._mesh.tags[group.nodes] if kind == "NodeData" else group.tags[:, None]
-            rows = np.minimum(np.searchsorted(tags, wanted), max(len(tags) - 1, 0))
-            if not len(tags) or not np.array_equal(tags[rows], wanted):
-                found.append(None)
+            columns = [values.extent(group, self._mesh) for values in read]
+            if not columns or all(np.ptp(column) == 0 for column in columns):
+                groups.append(group)
                 continue
-            found.append(self._on_group(group, sections[0], starts[rows], counts[rows], values))
-        self.add_field(name, component_names(name, values.shape[1]), found, kind == "NodeData")
+            _, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
+            for number in range(int(which.max()) + 1):
+                rows = np.flatnonzero(which.reshape(-1) == number)
+                groups.append(replace(group, tags=group.tags[rows], nodes=group.nodes[rows]))
+        self._groups = groups
+        self.blocks = [_block(group, self._mesh) for group in groups]
 
-    def _on_group(self, group: Group, section: Section, starts: Ints, counts: Ints, values: Floats) -> NodalValues:
-        """The values on a group, at (elements, nodes or 1) places ``starts`` of the values."""
+    def _add(self, values: _Values) -> None:
+        """A field on the groups that have it."""
+        found = []
+        for group in self._groups:
+            extent = int(values.extent(group, self._mesh).max(initial=_NOWHERE))
+            on_group = None if extent == _NOWHERE else self._on_group(group, values, extent == _AT_CORNERS)
+            found.append(on_group)
+        labels = component_names(values.name, values.table.shape[1])
+        self.add_field(values.name, labels, found, values.section.kind == "NodeData")
+
+    def _on_group(self, group: Group, values: _Values, is_at_corners: bool) -> NodalValues:
+        """The values on a group whose elements all have them, at all nodes or at corners alone."""
+        section, starts, counts = values.section, *values.places(group, self._mesh, is_at_corners)
         if section.kind == "ElementData":
-            return NodalValues(values[starts], None)
+            return NodalValues(values.table[starts], None)
         if section.kind == "NodeData":
-            functions = self._functions(group, section, group.nodes.shape[1])
-            return NodalValues(values[starts], functions)
+            functions = self._functions(group, section, starts.shape[1])
+            return NodalValues(values.table[starts], functions)
         number = int(counts.max(initial=0))
         if (counts != number).any():
             raise _error(section, "as many values in elements of one type", f"{counts.min()} and {number}")
         functions = self._functions(group, section, number)
-        return NodalValues(values[starts + np.arange(number)], functions)
+        return NodalValues(values.table[starts + np.arange(number)], functions)
 
     def _functions(self, group: Group, section: Section, count: int) -> Functions:
         """The functions that this many values on an element of a group belong to."""
@@ -159,13 +243,6 @@ class Gmsh(NodalConverter):
 def _starts(path: Path) -> bool:
     """Whether a file is Gmsh's, whatever its name."""
     return beginning(leading(path, _HEAD)) >= 0
-
-
-def _with_mesh(contents: Sequence[Contents]) -> Contents:
-    found = [each for each in contents if each.has_mesh]
-    if len(found) != 1:
-        raise FormatError(f"expected one file with a mesh, found {len(found)}", file=contents[0].path)
-    return found[0]
 
 
 def _block(group: Group, mesh: Mesh) -> Elements:

@@ -199,6 +199,7 @@ class Contents:
     The library writes the mesh again with each set of data that it appends.
 
     is_plain  whether the file begins with its format and holds nothing but a mesh
+    is_partition  whether the mesh is divided into partitions
     """
 
     path: Path
@@ -206,6 +207,7 @@ class Contents:
     is_plain: bool
     sections: tuple[Section, ...]
     mesh: tuple[tuple[int, int], ...]
+    is_partition: bool = False
 
 
 def scan(path: Path) -> Contents:
@@ -233,7 +235,9 @@ def scan(path: Path) -> Contents:
                 schemes[name] = own
             elif found[1] in _DATA:
                 sections.append(_section(path, data, found, stop, order, schemes))
-        return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()))
+        return Contents(
+            path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()), b"PartitionedEntities" in kept
+        )
 
 
 def beginning(data: bytes | mmap.mmap) -> int:

@@ -119,6 +119,7 @@ class _Reading:
     others: list[Ints] = field(default_factory=list)
     sides: dict[str, list[Ints]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    ghosts: list[Ints] = field(default_factory=list)
     copies: int = 0
 
     def mesh(self, with_entities: bool) -> dict[str, Any]:
@@ -140,7 +141,8 @@ class _Reading:
                 self._take_lower(kind, names if d == dimension - 1 else [], own, table)
         lower = sum(map(len, self.others))
         groups = self._distinct_groups(tags)
-        total = None if self.counts is None else self.counts.total() - lower - self.copies
+        apart = lower + self.copies + self._foreign_ghosts()
+        total = None if self.counts is None else self.counts.total() - apart
         return {
             "tags": tags,
             "places": places,
@@ -150,7 +152,8 @@ class _Reading:
             "others": np.concatenate([np.zeros(0, np.int64), *self.others]),
             "notes": self.notes,
             "declared": total,
-            "part": self._part(dimension),
+            "partitions": self._partitions(dimension),
+            "partition_count": int(self.gmsh.model.getNumberOfPartitions()),
         }
 
     def _batches(self) -> Iterator[_Batch]:
@@ -159,9 +162,10 @@ class _Reading:
             yield from self._one_by_one()
             return
         for d, entity in self.gmsh.model.getEntities():
-            if self.gmsh.model.getType(d, entity).startswith("Ghost"):
-                continue
             types, numbers, nodes = self.gmsh.model.mesh.getElements(d, entity)
+            if self.gmsh.model.getType(d, entity).startswith("Ghost"):
+                self.ghosts += [np.asarray(tags, np.int64) for tags in numbers]
+                continue
             for kind, tags, flat in zip(map(int, types), numbers, nodes, strict=True):
                 own = np.asarray(tags, np.int64)
                 yield d, entity, kind, own, np.asarray(flat, np.int64).reshape(len(own), -1)
@@ -216,6 +220,12 @@ class _Reading:
                     groups.append([number, region, numbers[mask], nodes[mask]])
         return groups
 
+    def _foreign_ghosts(self) -> int:
+        """Number of ghosts that are elements of no partition in the file, which lists them for that reason."""
+        own = [numbers for pieces in self.parts.values() for numbers, _ in pieces]
+        ghosts = np.unique(np.concatenate([np.zeros(0, np.int64), *self.ghosts]))
+        return int((~np.isin(ghosts, np.concatenate(own))).sum())
+
     def _count_copies(self, region: str, copies: Ints) -> None:
         """Note elements of a group that another one has, too."""
         if len(copies):
@@ -223,17 +233,14 @@ class _Reading:
             self.others.append(copies)
             self.notes.append(f"{len(copies)} elements of {region!r} are of another group, too, and count once")
 
-    def _part(self, dimension: int) -> str:
-        """Which partitions the elements are of, in a file of some partitions of a mesh."""
-        count = int(self.gmsh.model.getNumberOfPartitions())
-        found = set()
+    def _partitions(self, dimension: int) -> list[int]:
+        """The partitions that elements are of; none in a mesh that has no partitions."""
+        found: set[int] = set()
         for d, entity in self.gmsh.model.getEntities(dimension):
             is_own = not self.gmsh.model.getType(d, entity).startswith("Ghost")
             if is_own and len(self.gmsh.model.mesh.getElementTypes(d, entity)):
                 found |= set(map(int, self.gmsh.model.getPartitions(d, entity)))
-        if not 0 < len(found) < count:
-            return ""
-        return f"partition {', '.join(map(str, sorted(found)))} of {count}"
+        return sorted(found)
 
     def _groups(self, dimension: int, entity: int) -> list[str]:
         """Names of the physical groups of an entity."""

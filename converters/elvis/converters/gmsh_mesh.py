@@ -65,7 +65,7 @@ class Mesh:
     """What a file's mesh holds; ``sides`` are numbers of nodes at the corners of elements one dimension lower.
 
     declared  number of the elements of the highest dimension that the file lists, each once; None if it isn't known
-    part      which of how many partitions the elements are of; empty if they are of all
+    partitions, partition_count   of which the elements are, and how many the mesh has
     """
 
     tags: Ints
@@ -75,7 +75,17 @@ class Mesh:
     others: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     notes: list[str] = field(default_factory=list)
     declared: int | None = None
-    part: str = ""
+    partitions: list[int] = field(default_factory=list)
+    partition_count: int = 0
+
+    @property
+    def omission(self) -> str:
+        """A sentence if there are elements of some of the partitions alone."""
+        if not 0 < len(self.partitions) < self.partition_count:
+            return ""
+        return (
+            f"these are partitions {', '.join(map(str, self.partitions))} of {self.partition_count}, without the others"
+        )
 
 
 class Functions(ShapeFunctions):

@@ -19,6 +19,7 @@ from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.mfem_files import (
     check_mesh,
     check_space,
+    header,
     is_field,
     is_mesh,
     is_root,
@@ -27,7 +28,7 @@ from elvis.converters.mfem_files import (
     rounding,
     values_after_header,
 )
-from elvis.converters.mfem_pieces import Piece, is_stream, pieces
+from elvis.converters.mfem_pieces import Piece, is_piece, is_stream, pieces
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -56,7 +57,6 @@ class Mfem(NodalConverter):
     keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
     loses = "hanging nodes make fields discontinuous; complex functions and functions at quadrature points are refused"
     needs = ("mfem",)
-    joins = True
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
@@ -64,6 +64,16 @@ class Mfem(NodalConverter):
         if any(map(is_root, paths)):
             return len(paths) == 1
         return bool(paths) and all(is_mesh(path) or is_field(path) or is_stream(path) for path in paths)
+
+    @classmethod
+    def joins(cls, paths: Sequence[Path]) -> bool:
+        """Whether these are pieces by their names, or functions of different spaces.
+
+        Functions of one space, and meshes, whose names differ in a number are steps.
+        """
+        if all(map(is_piece, paths)):
+            return True
+        return all(map(is_field, paths)) and len({header(path) for path in paths}) == len(paths)
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:

@@ -122,6 +122,12 @@ def header_end(path: Path, text: str) -> int:
     return header[-1].end()
 
 
+def header(path: Path) -> str:
+    """The description of the space of a function in a file; FormatError if there is none."""
+    text = load(path)
+    return text[: header_end(path, text)]
+
+
 def named_attributes(text: str, section: str) -> dict[int, tuple[str, ...]]:
     """Names of attributes: of all sets that hold each, which version 1.3 lists, smaller sets first."""
     words = re.search(rf'(?m)^{section}\s+(\d+)((?:\s+"[^"]*"(?:\s+\d+)+)*)', text)

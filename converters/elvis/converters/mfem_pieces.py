@@ -55,6 +55,11 @@ class Piece:
     functions: Mapping[str, Source]
 
 
+def is_piece(path: Path) -> bool:
+    """Whether a name ends in the number of a process."""
+    return _NUMBERED.fullmatch(path.name) is not None
+
+
 def is_stream(path: Path) -> bool:
     """Whether a file begins as streams do."""
     line = first_line(path)

@@ -6,7 +6,9 @@ rounding; its search for a point in a curved cell is not used, for it follows li
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
-from elvis.converters.vtk_files import Grid, files_by_time, kind_of, other_kind, read
+from elvis.converters.vtk_files import Grid, array_names, files_by_time, kind_of, other_kind, overlap, read
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.converters.vtk_times import time_in
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
@@ -27,6 +29,12 @@ from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, compone
 
 #: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
 _ENOUGH, _OFF = 2000, 1e-5
+
+
+#: the end of the name of a file of one process, as DOLFINx writes it
+_PROCESS = re.compile(r"(?P<stem>.*)_p(?P<number>\d+)_(?P<step>\d{6})(?P<suffix>\.\w+)")
+#: meshes overlap if more than this share of the cells of one lie in the other
+_OVERLAPPING = 0.5
 
 
 class Vtk(NodalConverter):
@@ -44,12 +52,35 @@ class Vtk(NodalConverter):
         ),
         STEP,
     )
-    joins = True
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether all are unstructured grids or lists of them."""
         return bool(paths) and all(kind_of(path) for path in paths)
+
+    @classmethod
+    def whole(cls, path: Path) -> Path:
+        """The name without the number of a process, as DOLFINx writes it."""
+        marks = _PROCESS.fullmatch(path.name)
+        return path if marks is None else path.with_name(f"{marks['stem']}_{marks['step']}{marks['suffix']}")
+
+    @classmethod
+    def joins(cls, paths: Sequence[Path]) -> bool:
+        """Whether meshes don't overlap, or hold different fields; FormatError if some overlap and others don't."""
+        if any(kind_of(path) == "series" for path in paths):
+            return True
+        overlapping: list[bool] = []
+        for other in dict.fromkeys((paths[1], paths[-1])):
+            with suppress(FormatError):  # a file that is damaged is a step that is left out
+                overlapping.append(overlap(paths[0], other) > _OVERLAPPING)
+        if not any(overlapping):
+            return bool(overlapping)
+        if not all(overlapping):
+            raise FormatError("expected parts of one mesh, or steps, found both: give one step", file=paths[0])
+        with suppress(FormatError):
+            names = [array_names(path) for path in paths[:2]]
+            return all(names) and not names[0] & names[1]
+        return False
 
     @classmethod
     def hint(cls, path: Path) -> str:
@@ -74,7 +105,7 @@ class Vtk(NodalConverter):
         step: str | None = None,
     ) -> None:
         self._grids, self.beside = read(paths, step_number(step))
-        self.notes, self.warnings = [], []
+        self.notes, self.warnings = [], _missing_processes(paths)
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
         self._number_wedges(wedges)
@@ -262,6 +293,18 @@ def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
             nodes = grid.nodes[grid.offsets[rows][:, None] + np.arange(count)]
             result.append(Part(grid, cell, nodes, rows, first))
     return result, others
+
+
+def _missing_processes(paths: Sequence[Path]) -> list[str]:
+    """A sentence if parts of other processes lie next to the files that are given."""
+    missing: list[str] = []
+    for path in paths:
+        if _PROCESS.fullmatch(path.name):
+            others = (each for each in path.parent.iterdir() if each != path and Vtk.whole(each) == Vtk.whole(path))
+            missing += [each.name for each in others if each.name not in {given.name for given in paths}]
+    if not missing:
+        return []
+    return [f"a part of a mesh by name: give {', '.join(sorted(set(missing))[:3])} too to see the whole"]
 
 
 def _edges(part: Part) -> tuple[int, int]:

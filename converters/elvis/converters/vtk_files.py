@@ -118,21 +118,40 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
     size = _checked_size(every)
     grids: list[Grid] = []
     with Apart(_WORKER, size) as library:
-        for path, when in [(part, when) for path, when in files for part in _parts(path)]:
-            found = [Grid(str(path), **own) for own in _read_one(library, path, size)]
+        for part, when in [(part, when) for path, when in files for part in _parts(path)]:
+            found = [Grid(str(part), **own) for own in _read_one(library, part, size)]
             for grid in found:
                 grid.time = grid.time if when is None else when
             grids += found
     return grids, every
 
 
+def overlap(path: Path, other: Path) -> float:
+    """The share of some cells of a file whose centres lie in cells of another; FormatError as `read`."""
+    size = _checked_size(_with_pieces([path, other]))
+    with Apart(_WORKER, size) as library:
+        return float(_ask(library, path, size, "overlap", str(path), kind_of(path), str(other), kind_of(other)))
+
+
+def array_names(path: Path) -> frozenset[str]:
+    """The names of the arrays in a file; FormatError as `read`."""
+    size = _checked_size(_with_pieces([path]))
+    with Apart(_WORKER, size) as library:
+        return frozenset(_ask(library, path, size, "arrays", str(path), kind_of(path)))
+
+
 def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
     """What makes the grids of a file, or of the files that it names; FormatError with the library's first complaint."""
+    found: list[dict[str, Any]] = _ask(library, path, size, "grids", str(path), kind_of(path))
+    return found
+
+
+def _ask(library: Apart, path: Path, size: int, method: str, *given: str) -> Any:
+    """What the library finds; FormatError that names ``path`` if it fails."""
     try:
-        found: list[dict[str, Any]] = library.ask("grids", str(path), kind_of(path), size=size)
+        return library.ask(method, *given, size=size)
     except LibraryError as failure:
         raise FormatError(f"expected a whole VTK file, found {failure.reason}", file=path) from failure
-    return found
 
 
 def _parts(path: Path) -> list[Path]:

@@ -20,6 +20,12 @@ _DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhost
 _DUPLICATE, _HIDDEN = 1, 32
 
 
+#: cells of a file that are compared with those of another one
+_SAMPLED = 200
+#: the centre of a cell lies in another one if it is nearer to it than this share of the cell's radius
+_NEAR = 0.1
+
+
 class Library:
     """The library, which reads files."""
 
@@ -38,6 +44,31 @@ class Library:
 
         FormatError with the library's first complaint, and where cells have points that aren't there.
         """
+        return [_grid(path, name, each) for name, each in _leaves(self._read(path, kind), "")]
+
+    def overlap(self, path: str, kind: str, other: str, other_kind: str) -> float:
+        """The share of the cells in a file whose centres lie in the cells of another file."""
+        near = total = 0
+        others = [each for _, each in _leaves(self._read(other, other_kind), "") if each.GetNumberOfCells()]
+        for _, each in _leaves(self._read(path, kind), ""):
+            centres, radii = _centres(each)
+            is_near = np.zeros(len(centres), bool)
+            for grid in others:
+                is_near |= _distances(grid, centres) <= _NEAR * radii
+            near += int(is_near.sum())
+            total += len(centres)
+        return near / max(total, 1)
+
+    def arrays(self, path: str, kind: str) -> list[str]:
+        """The names of the arrays at points and on cells in a file."""
+        names: set[str] = set()
+        for _, each in _leaves(self._read(path, kind), ""):
+            grid = _grid(path, "", each)
+            names |= {*grid["point_data"], *grid["cell_data"]}
+        return sorted(names)
+
+    def _read(self, path: str, kind: str) -> Any:
+        """What the library reads from a file; FormatError with its first complaint."""
         reader = self._readers[kind]()
         if kind == "legacy":
             reader.ReadAllScalarsOn()
@@ -47,7 +78,36 @@ class Library:
         reader.SetFileName(path)
         with _refusing(path):
             reader.Update()
-        return [_grid(path, name, each) for name, each in _leaves(reader.GetOutputDataObject(0), "")]
+        return reader.GetOutputDataObject(0)
+
+
+def _centres(grid: Any) -> tuple[Floats, Floats]:
+    """The means (n, 3) of the nodes of some cells, and half the diameters (n,) of the boxes around these."""
+    count = grid.GetNumberOfCells()
+    centres, radii = [], []
+    for i in np.unique(np.linspace(0, count - 1, _SAMPLED).astype(int)).tolist() if count else ():
+        points = grid.GetCell(i).GetPoints()
+        nodes = np.array([points.GetPoint(k) for k in range(points.GetNumberOfPoints())])
+        centres.append(nodes.mean(axis=0))
+        radii.append(np.linalg.norm(np.ptp(nodes, axis=0)) / 2)
+    return np.array(centres).reshape(-1, 3), np.array(radii)
+
+
+def _distances(grid: Any, places: Floats) -> Floats:
+    """(n,) of places (n, 3) from the cells of a grid, curved ones taken by linear pieces."""
+    from vtkmodules.vtkCommonCore import mutable
+    from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
+
+    locator: Any = vtkStaticCellLocator()
+    locator.SetDataSet(grid)
+    locator.BuildLocator()
+    found = np.empty(len(places))
+    for i, place in enumerate(places.tolist()):
+        closest, cell, part = [0.0] * 3, mutable(0), mutable(0)
+        square: Any = mutable(0.0)
+        locator.FindClosestPoint(place, closest, cell, part, square)
+        found[i] = float(square) ** 0.5
+    return found
 
 
 @contextmanager

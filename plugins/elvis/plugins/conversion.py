@@ -111,6 +111,10 @@ class SourceField:
         """The degree on a block, None where it lacks the field."""
         return self.order if isinstance(self.order, int) else self.order[block]
 
+    def is_on(self, block: int) -> bool:
+        """Whether a block has the field."""
+        return self.order_on(block) is not None
+
 
 @dataclass(frozen=True, eq=False)
 class Boundary:
@@ -146,8 +150,6 @@ class Converter(ABC):
     keeps, loses   what of a file arrives, and what doesn't
     needs    packages to import beyond ElVis's own, brought by the extra ``converters``
     options  choices of the user, keywords of the constructor
-    joins    whether several files of names that differ in a number are parts of one mesh, unless they
-             tell different times, or steps are asked for
 
     Of an object, set by its constructor:
     blocks, fields, boundaries   the data; fields and boundaries may be empty
@@ -171,7 +173,6 @@ class Converter(ABC):
     loses: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[tuple[Option, ...]] = ()
-    joins: ClassVar[bool] = False
 
     blocks: Sequence[Elements] = ()
     fields: Sequence[SourceField] = ()
@@ -199,6 +200,23 @@ class Converter(ABC):
         As ``a Nek5000 mesh (.re2) without a field: give a field file too``; told as quickly as by `opens`.
         """
         return ""
+
+    @classmethod
+    def whole(cls, path: Path) -> Path:
+        """The name of the state that a file is a part of, by the format's own marks in names; else its own name.
+
+        Parts of a state have one such name, steps of a series have names that differ in a number.
+        """
+        return path
+
+    @classmethod
+    def joins(cls, paths: Sequence[Path]) -> bool:
+        """Whether files without such marks, whose names differ in a number, make one state: parts, or other fields.
+
+        Else each is a state of its own.  Asked only for files that don't tell different times, of which some may be
+        damaged.  FormatError if they are neither.
+        """
+        return False
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:

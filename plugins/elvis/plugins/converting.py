@@ -189,6 +189,7 @@ def _modes(
     dimension = block.shape.dimension
     wide = max([2, *(field_modes(block, each) for each in fields), *(each.modes[i] for each, i in fitted)])
     alike = (wide,) * dimension
+    fitted = [(each, i) for each, i in fitted if each.modes[i]]
     own = [each.field.modes[block.number] if each.field.modes else None for each, _ in fitted]
     if not any(own) or block.modes is not None or block.is_collapsed or block.order.any():
         return alike
@@ -202,7 +203,7 @@ def _modes(
 
 
 def _choose_fields(source: Converter, names: tuple[str, ...] | None) -> list[SourceField]:
-    """The fields to convert; ElvisError for unknown, doubled or reserved names, and where some elements lack one."""
+    """The fields to convert that some elements have; ElvisError for unknown, doubled or reserved names."""
     known = [field.name for field in source.fields]
     for name in names or ():
         if name not in known:
@@ -216,21 +217,14 @@ def _choose_fields(source: Converter, names: tuple[str, ...] | None) -> list[Sou
         if field.name in MAP_FIELDS:
             raise ElvisError(f"expected no field {field.name!r}, for the coordinates go by that name")
         _check_field(source, field)
-    return chosen
+    return [field for field in chosen if any(field.is_on(i) and len(b) for i, b in enumerate(source.blocks))]
 
 
 def _check_field(source: Converter, field: SourceField) -> None:
     if not isinstance(field.order, int) and len(field.order) != len(source.blocks):
         raise ElvisError(f"field {field.name}: expected {len(source.blocks)} orders, found {len(field.order)}")
-    for number, block in enumerate(source.blocks):
+    for number in range(len(source.blocks)):
         order = field.order_on(number)
-        if order is None and len(block):
-            missing = sum(len(b) for i, b in enumerate(source.blocks) if field.order_on(i) is None)
-            total = sum(map(len, source.blocks))
-            raise ElvisError(
-                f"field {field.name}: expected values on all {total} elements, found none on {missing}; "
-                "choose the fields to convert"
-            )
         if order is not None and not 0 <= order <= HIGHEST:
             raise ElvisError(f"field {field.name}: expected an order from 0 to {HIGHEST}, found {order}")
 
@@ -295,6 +289,8 @@ def _field(planes: Sequence[FieldFit], blocks: Sequence[NativeBlock], modes: Seq
     """The field with ``modes`` on each block; of several planes where it has Fourier directions."""
     parts, first = [], planes[0]
     for i, (block, many) in enumerate(zip(blocks, modes, strict=True)):
+        if not first.modes[i]:
+            continue
         full = [padded(p.coefficients[i], block.expansion(p.modes[i]), block.expansion(many)) for p in planes]
         expansion = replace(block.expansion(many), homogeneous=first.field.homogeneous)
         stacked = full[0] if len(full) == 1 else np.concatenate(full, axis=1)

@@ -65,7 +65,7 @@ def enrich(blocks: Sequence[NativeBlock], fields: Sequence[SourceField], ids: In
     modes = []
     for block, mark in zip(blocks, marks, strict=True):
         own = np.maximum(block.modes or 0, around[block.vertices].max(axis=1))
-        most = 1 + min(highest, max(_last_order(block, field) for field in fields))
+        most = 1 + min(highest, _highest_order(block, fields))
         modes.append(np.minimum(own + mark, max(most, block.modes or 0)))
     return _by_modes(blocks, modes)
 
@@ -90,6 +90,8 @@ def _ranges(
     for block in blocks:
         for rows, points in sampler.batches(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
             for i, field in enumerate(fields):
+                if not field.is_on(block.number):
+                    continue
                 values = sampler.values(block, rows, field, points)
                 finite = values[np.isfinite(values)]
                 low[i], high[i] = min(low[i], finite.min(initial=np.inf)), max(high[i], finite.max(initial=-np.inf))
@@ -101,19 +103,25 @@ def _needed(
     sampler: Sampler, block: NativeBlock, fields: Sequence[SourceField], bounds: Sequence[float], highest: int
 ) -> Ints:
     """(n,) modes each way that the elements of a block need for every field."""
-    last = min(highest, max(_last_order(block, field) for field in fields))
+    last = min(highest, _highest_order(block, fields))
     modes = np.full(len(block), last + 1)
     left = np.arange(len(block))
     for order in range(1, last):
         part = replace(block.select(left), modes=order + 1)
         good = np.ones(len(left), bool)
         for field, bound in zip(fields, bounds, strict=True):
-            good &= _errors(sampler, part, field) <= _SHARE * bound
+            if field.is_on(block.number):
+                good &= _errors(sampler, part, field) <= _SHARE * bound
         modes[left[good]] = order + 1
         left = left[~good]
         if not len(left):
             break
     return modes
+
+
+def _highest_order(block: NativeBlock, fields: Sequence[SourceField]) -> int:
+    """The order at which nothing is gained any more for any of the fields that a block has."""
+    return max((_last_order(block, field) for field in fields if field.is_on(block.number)), default=1)
 
 
 def _last_order(block: NativeBlock, field: SourceField) -> int:

@@ -28,8 +28,8 @@ _EXTRA = 4
 class FieldFit:
     """A field on native blocks.
 
-    modes         number of modes each way on each block
-    coefficients  (n, m) on each block
+    modes         number of modes each way on each block, 0 on those that lack the field
+    coefficients  (n, m) on each block, (n, 0) on those
     jump          largest difference of coefficients between elements that share an entity, 0 where none was sought
     is_continuous whether elements that share an entity hold the same coefficients
     """
@@ -42,10 +42,9 @@ class FieldFit:
 
 
 def field_modes(block: NativeBlock, field: SourceField) -> int:
-    """Number of modes each way in which a field is projected on a block; at least 2."""
+    """Number of modes each way in which a field is projected on a block: at least 2, or 0 if the block lacks it."""
     order = field.order_on(block.number)
-    assert order is not None
-    return max(2, block.modes or order + 1)
+    return 0 if order is None else max(2, block.modes or order + 1)
 
 
 def operator(block: NativeBlock, field: SourceField, modes: int) -> Operator:
@@ -63,7 +62,8 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
     """The fields on the blocks, each element for itself."""
     modes = [[field_modes(block, field) for block in blocks] for field in fields]
     found = [
-        [np.empty((len(b), mode_count(b.expansion(n)))) for b, n in zip(blocks, own, strict=True)] for own in modes
+        [np.empty((len(b), mode_count(b.expansion(n)) if n else 0)) for b, n in zip(blocks, own, strict=True)]
+        for own in modes
     ]
     for number, rows, points, group in track(list(_work(sampler, blocks, fields)), "projecting"):
         for i, which in group:
@@ -80,6 +80,8 @@ def _work(
     for number, block in enumerate(blocks):
         groups: dict[int, list[tuple[int, Operator]]] = {}
         for i, field in enumerate(fields):
+            if not field.is_on(block.number):
+                continue
             own = operator(block, field, field_modes(block, field))
             groups.setdefault(id(own.points), []).append((i, own))
         for group in groups.values():

@@ -35,6 +35,8 @@ def in_space(
             shifts, jacobians = _shifts(maps, block.ids[rows], own, sampler.positions(block, rows, points))
             weights = jacobians[:, :inside] * (VOLUMES[block.shape] / inside)
             for tally, each in zip(tallies, fitted, strict=True):
+                if not each.modes[i]:
+                    continue
                 values = sampler.values(block, rows, each.field, points)
                 expansion = block.expansion(each.modes[i])
                 ours, gradients = evaluate_with_gradients(expansion, each.coefficients[i][rows], own)

@@ -145,13 +145,13 @@ class _Batch:
     """What a source says of some elements of a block at the points of a check.
 
     places  (k, n, 3) world coordinates
-    values  (k, n) of each field
+    values  (k, n) of each field, None if the block lacks it
     """
 
     block: NativeBlock
     rows: slice | Ints
     places: Floats
-    values: list[Floats]
+    values: list[Floats | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,11 @@ class _Check:
     def sample(self, sampler: Sampler, number: int, rows: slice | Ints, points: Floats) -> _Batch:
         """What the source says of some elements of a block at its points (n, d)."""
         block = self.blocks[number]
-        values = [sampler.values(block, rows, each.field, points) for each in self.fitted]
+        held = [each.modes[number] > 0 for each in self.fitted]
+        values = [
+            sampler.values(block, rows, each.field, points) if is_on else None
+            for each, is_on in zip(self.fitted, held, strict=True)
+        ]
         return _Batch(block, rows, sampler.positions(block, rows, points), values)
 
     def compare(self, number: int, batch: _Batch) -> Findings:
@@ -186,6 +190,8 @@ class _Check:
         own = self.points(block)
         weights = self._compare_map(findings, batch, own)
         for tally, each, values in zip(findings.fields, self.fitted, batch.values, strict=True):
+            if values is None:
+                continue
             ours = evaluate(block.expansion(each.modes[number]), each.coefficients[number][rows], own)
             with np.errstate(invalid="ignore"):
                 tally.add(block.ids[rows], np.abs(ours - values), weights, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -153,37 +153,73 @@ def _converter(paths: Sequence[Path], name: str | None) -> type[Converter]:
 
 
 def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Found | None:
-    """Files whose names differ in a number, each with the others a state of its own."""
-    several = [own for own in map(numbered, groups(paths)) if len(own) > 1]
+    """Files whose names differ in a number, each with the others a state of its own; None if they are one state."""
+    if len(paths) < 2:
+        return None
+    wholes = _wholes(paths, name)
+    several = [own for own in map(numbered, groups(list(wholes))) if len(own) > 1]
     if not several:
         return None
-    listed = {path for own in several for path in own.values()}
-    common = tuple(path for path in paths if path not in listed)
-    numbers = sorted(set().union(*several))
+    listed = {whole for own in several for whole in own.values()}
+    common = tuple(path for whole, files in wholes.items() if whole not in listed for path in files)
     found = Found(common, [])
-    by_number: dict[float, Step] = {}
+    by_number: dict[float, tuple[Path, ...]] = {}
+    times: dict[float, Sequence[float]] = {}
     converter: type[Converter] | None = None
-    for number in numbers:
-        files = tuple(own[number] for own in several if number in own)
+    for number in sorted(set().union(*several)):
+        files = tuple(path for own in several if number in own for path in wholes[own[number]])
         every = (*common, *files)
         try:
             if converter is None or not converter.opens(every):
                 converter = _converter(every, name)
-            times = converter.times(every)
+            times[number] = converter.times(every)
         except ElvisError as error:
             found.remarks.append(f"{error}: the step is left out")
         else:
-            by_number[number] = Step(times[-1] if times else None, files)
-    # parts of one state have one time; a file that is begun has none yet
-    told = [step.time for step in by_number.values()]
-    known = [time for time in told if time is not None]
-    are_steps = reading.moment.is_asked or len(set(known)) == len(known) > 1
-    if converter is None or not by_number or (converter.joins and not are_steps):
+            by_number[number] = files
+    if converter is None or not by_number:
         return None
-    if not converter.joins and _is_one_time(told):
-        by_number = {number: replace(step, time=number) for number, step in by_number.items()}
+    # a file that is begun tells no time yet
+    known = [own[-1] for own in times.values() if own]
+    have_times = len(set(known)) == len(known) > 1
+    if not have_times and _are_joined(converter, wholes, [path for files in by_number.values() for path in files]):
+        return None
+    steps = _steps_by_number(by_number, times)
+    told = [step.time for _, step in steps]
+    if _is_one_time(told):
+        steps = [(number, replace(step, time=number)) for number, step in steps]
         found.remarks.append(_one_time(told))
-    return _with_times(found, by_number, reading)
+    return _with_times(found, steps, reading)
+
+
+def _wholes(paths: Sequence[Path], name: str | None) -> dict[Path, list[Path]]:
+    """Files by the name of the state that they are parts of, by marks of the formats of installed converters."""
+    kinds = [each.converter for each in installed_converters() if each.converter and name in (None, each.name)]
+    found: dict[Path, list[Path]] = {}
+    for path in paths:
+        whole = next((other for kind in kinds if (other := kind.whole(path)) != path), path)
+        found.setdefault(whole, []).append(path)
+    return found
+
+
+def _are_joined(converter: type[Converter], wholes: Mapping[Path, Sequence[Path]], files: Sequence[Path]) -> bool:
+    """Whether files that differ in a number make one state; False if their marks tell what the parts of each are."""
+    is_marked = any(len(parts) > 1 for parts in wholes.values())
+    return not is_marked and converter.joins(files)
+
+
+def _steps_by_number(
+    by_number: Mapping[float, tuple[Path, ...]], times: Mapping[float, Sequence[float]]
+) -> list[tuple[float, Step]]:
+    """The steps in files by number: one for each of several times in a file."""
+    steps = []
+    for number, files in by_number.items():
+        own = times[number]
+        if len(own) > 1:
+            steps += [(number, Step(time, files, i)) for i, time in enumerate(own) if isfinite(time)]
+        else:
+            steps.append((number, Step(own[0] if own else None, files)))
+    return steps
 
 
 def _is_one_time(told: Sequence[float | None]) -> bool:
@@ -196,11 +232,11 @@ def _one_time(told: Sequence[float | None]) -> str:
     return f"all files tell the time {told[0]:.10g}: the numbers in their names stand for it"
 
 
-def _with_times(found: Found, by_number: dict[float, Step], reading: Reading) -> Found:
+def _with_times(found: Found, numbered_steps: Sequence[tuple[float, Step]], reading: Reading) -> Found:
     """Steps without times get those that a whole reading tells, else their numbers."""
-    has_times = any(step.time is not None for step in by_number.values())
+    has_times = any(step.time is not None for _, step in numbered_steps)
     steps: list[Step] = []
-    for number, step in by_number.items():
+    for number, step in numbered_steps:
         time = step.time
         if time is None and (has_times or not steps):
             told = reading.ranks.exchange(_time_of((*found.common, *step.files), reading), f"time of {step.name}")[0]

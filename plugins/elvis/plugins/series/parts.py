@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,11 +18,37 @@ if TYPE_CHECKING:
     from elvis.plugins.data import Reading
 
 
+#: the number of a step at the end of a name
+_STEP_NUMBER = re.compile(r"[._-]*\d+$")
+
+
 def reading_of(step: Step, reading: Reading) -> Reading:
     """How a step of files that are converted is read: one of several in a file by its number."""
     if step.option is None:
         return reading
     return replace(reading, options={**reading.options, "step": str(step.option)})
+
+
+def with_common_names(dataset: Dataset, step: Step) -> Dataset:
+    """The dataset of a step under the names that its fields have in all steps."""
+    names = _common_names([field.name for field in dataset.fields], step)
+    return replace(dataset, fields=tuple(replace(field, name=names[field.name]) for field in dataset.fields))
+
+
+def _common_names(names: Sequence[str], step: Step) -> dict[str, str]:
+    """Names without the number of a step, if they begin as its files do: that of u in u_0003.gf.
+
+    Names that another field has are left as they are.
+    """
+    found = {name: name for name in names}
+    for path in step.files:
+        stem = path.name.removesuffix(path.suffix)
+        short = _STEP_NUMBER.sub("", stem)
+        for name in names:
+            common = short + name.removeprefix(stem)
+            if short and name.startswith(stem) and common not in found.values():
+                found[name] = common
+    return found
 
 
 class StepsByPart:
@@ -53,6 +81,9 @@ class StepsByPart:
             portion, lacking = self._native.read(*step.files, choose=self.reading.choice())
         else:
             portion = part_of_state((*self._found.common, *step.files), reading_of(step, self.reading))
+            names = _common_names(list(portion.blocks), step)
+            blocks = {names[name]: own for name, own in portion.blocks.items()}
+            portion = replace(portion, dataset=with_common_names(portion.dataset, step), blocks=blocks)
         # numbers in the whole alone: arrays go with the dataset
         self._last[step] = replace(portion, dataset=replace(portion.dataset, fields=()))
         return portion.dataset, lacking

@@ -38,7 +38,7 @@ from elvis.plugins.series.between import (
     window,
 )
 from elvis.plugins.series.finding import Found, Step, find_steps
-from elvis.plugins.series.parts import StepsByPart, reading_of
+from elvis.plugins.series.parts import StepsByPart, reading_of, with_common_names
 from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
 
@@ -381,7 +381,8 @@ class Series(Sequence[Dataset]):
     def _read(self, step: Step) -> Dataset:
         found, lacking = self._whole(step) if self._parts is None else self._parts.read(step)
         if not self.is_native:
-            return replace(found, time=step.time)
+            found = replace(found, time=step.time)
+            return with_common_names(found, step) if self._parts is None else found
         found = self._checked(step, found, lacking)
         return found if found.time is not None else replace(found, time=step.time)
 

@@ -99,8 +99,11 @@ def _compare(source: Converter, conversion: Conversion, again: Dataset, number: 
     found = positions_at(conversion, number, rows, places, again)
     _assert_near(conversion.report.geometry, wanted, found, rows)
     for measure, field in zip(conversion.report.fields, _converted_fields(source, conversion), strict=True):
-        samples = source.sample(batch, field, points).reshape(-1)
-        _assert_near(measure, samples, values_at(conversion, field.name, number, rows, places, again), rows)
+        values = values_at(conversion, field.name, number, rows, places, again)
+        if field.is_on(number):
+            _assert_near(measure, source.sample(batch, field, points).reshape(-1), values, rows)
+        else:
+            assert np.isnan(values).all(), f"{field.name}: expected no values on block {number}, found some"
 
 
 def _converted_fields(source: Converter, conversion: Conversion) -> list[Any]:
