@@ -1,6 +1,9 @@
-"""Tokens and lines of code of each slice: comments, docstrings and layout count nothing.
+"""Tokens and lines of code of each slice, and the limits of functions and modules.
 
-python tools/sizes.py       `make lint` prints it; nothing is demanded of the numbers, a reader's eye decides
+python tools/sizes.py       `make lint` prints the table and fails where a limit is exceeded
+
+Comments, docstrings and layout do not count.  A function has at most 400 tokens, a module 4,000; those that were larger
+when the limits came are listed in tools/oversized.txt, which only gets shorter.
 """
 
 from __future__ import annotations
@@ -8,12 +11,17 @@ from __future__ import annotations
 import ast
 import io
 import re
+import sys
 import tokenize
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
+MAX_FUNCTION, MAX_MODULE = 400, 4000
+LISTED = Path(__file__).with_name("oversized.txt")
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,
@@ -27,7 +35,47 @@ SLANG_TOKEN = re.compile(r"[A-Za-z_]\w*|\d[\w.]*|[=!<>]=|&&|\|\||\+\+|--|[^\s\w]
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table; the exit status is 1 where a limit is exceeded."""
+    print_table()
+    faults = list(size_faults(dict(oversized(ROOT)), set(LISTED.read_text(encoding="utf-8").split())))
+    print("\n".join(faults))
+    sys.exit(bool(faults))
+
+
+def size_faults(found: dict[str, int], listed: set[str]) -> Iterator[str]:
+    """A sentence for each function or module that is too large, and for each that is listed for nothing."""
+    for name in sorted(found.keys() - listed):
+        limit = MAX_FUNCTION if ":" in name else MAX_MODULE
+        yield f"{name} has {found[name]} tokens, {limit} are allowed: divide it"
+    for name in sorted(listed - found.keys()):
+        yield f"{name} is within the limits: remove it from {LISTED.name}"
+
+
+def oversized(root: Path) -> Iterator[tuple[str, int]]:
+    """``path`` of modules and ``path:function`` of functions beyond the limits, with their tokens."""
+    for path in sorted(path for area in AREAS for path in (root / area / "elvis").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        name = str(path.relative_to(root))
+        tokens, _ = python_size(text)
+        if tokens > MAX_MODULE:
+            yield name, tokens
+        for function, count in function_sizes(text):
+            if count > MAX_FUNCTION:
+                yield f"{name}:{function}", count
+
+
+def function_sizes(text: str) -> Iterator[tuple[str, int]]:
+    """Names of the functions of a module and their tokens, those of functions inside included."""
+    tree = ast.parse(text)
+    lines = sorted(token.start[0] for token in code_tokens(text))
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            last = node.end_lineno or node.lineno
+            yield node.name, bisect_right(lines, last) - bisect_left(lines, node.lineno)
+
+
+def print_table() -> None:
+    """Print modules, tokens and lines of each slice."""
     sums: dict[tuple[str, str], list[int]] = defaultdict(lambda: [0, 0, 0])
     for path in sorted(path for area in AREAS for path in (ROOT / area / "elvis").rglob("*")):
         if path.suffix not in (".py", ".slang"):
@@ -44,10 +92,15 @@ def main() -> None:
 
 def python_size(text: str) -> tuple[int, int]:
     """Tokens and lines of a module, docstrings aside."""
+    lines = [token.start[0] for token in code_tokens(text)]
+    return len(lines), len(set(lines))
+
+
+def code_tokens(text: str) -> list[tokenize.TokenInfo]:
+    """The tokens of a module without comments, docstrings and layout."""
     silent = docstring_lines(ast.parse(text))
-    tokens = [token for token in tokenize.generate_tokens(io.StringIO(text).readline) if token.type not in LAYOUT]
-    told = [token.start[0] for token in tokens if token.start[0] not in silent]
-    return len(told), len(set(told))
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return [token for token in tokens if token.type not in LAYOUT and token.start[0] not in silent]
 
 
 def docstring_lines(tree: ast.Module) -> set[int]:

@@ -1,12 +1,9 @@
 """Modules and functions stay small enough to be read at one sitting."""
 
 import ast
+import importlib.util
 import re
 
-import pytest
-
-FILE_LINES = 450
-FUNCTION_LINES = 40
 SLANG_LINES = 60
 
 #: what stands before the brace of a function, but also of a loop or condition
@@ -14,20 +11,29 @@ HEAD = re.compile(r"\b(\w+)\s*(?:<[^<>;{}]*>)?\s*\((?:[^(){};]|\([^(){};]*\))*\)
 NO_FUNCTION = ("if", "for", "while", "switch")
 
 
-def test_files_are_short(root, project_files):
-    code = [path for path in project_files if path.suffix in (".py", ".slang")]
-    lengths = {path.relative_to(root): path.read_text(encoding="utf-8").count("\n") for path in code}
-    assert not {path: lines for path, lines in lengths.items() if lines > FILE_LINES}
+def test_functions_and_modules_are_small(root):
+    sizes = loaded(root / "tools" / "sizes.py")
+    listed = set(sizes.LISTED.read_text(encoding="utf-8").split())
+    assert not list(sizes.size_faults(dict(sizes.oversized(root)), listed))
 
 
-def test_functions_are_short(root, modules):
-    long = {
-        f"{path.relative_to(root)}:{node.lineno} {node.name}": body_lines(node)
-        for path, tree in modules.items()
-        for node in ast.walk(tree)
-        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and body_lines(node) > FUNCTION_LINES
-    }
-    assert not long
+def test_size_faults_name_what_is_too_large_and_what_is_listed_for_nothing(root):
+    sizes = loaded(root / "tools" / "sizes.py")
+    faults = list(sizes.size_faults({"a.py:f": 401, "b.py": 4001}, {"b.py", "c.py"}))
+    assert faults == [
+        "a.py:f has 401 tokens, 400 are allowed: divide it",
+        "c.py is within the limits: remove it from oversized.txt",
+    ]
+    text = "def f(x):\n    'doc'\n    # comment\n    def g():\n        return 1\n    return x + g()\n"
+    assert dict(sizes.function_sizes(text)) == {"f": 19, "g": 7}
+
+
+def loaded(path):
+    """A program of the folder tools as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_slang_functions_are_short(project_files):
@@ -49,12 +55,6 @@ def test_no_handler_swallows_everything(root, modules):
         if isinstance(node, ast.ExceptHandler) and is_broad(node) and not answers(node)
     ]
     assert not silent
-
-
-def body_lines(function):
-    """Lines of the body without the docstring."""
-    first = function.body[ast.get_docstring(function) is not None :]
-    return function.end_lineno - first[0].lineno + 1 if first else 1
 
 
 def slang_functions(source):
@@ -79,11 +79,6 @@ def answers(handler):
     """Whether the handler raises, or returns what it was told."""
     named = [n for n in ast.walk(handler) if isinstance(n, ast.Name) and n.id == handler.name]
     return bool(named) or any(isinstance(node, ast.Raise) for node in ast.walk(handler))
-
-
-@pytest.mark.parametrize(("source", "lines"), [("def f():\n  'doc'\n  x = 1\n  return x", 2), ("def f():\n  'doc'", 1)])
-def test_a_docstring_is_no_body(source, lines):
-    assert body_lines(ast.parse(source).body[0]) == lines
 
 
 def test_slang_functions_are_found():
