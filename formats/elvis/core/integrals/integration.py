@@ -125,7 +125,8 @@ def comes_apart(
     levels = [level for name in over if (level := Level.parse(dataset, name)) is not None]
     levels += [] if clip is None else [Level.clip(dataset, clip)]
     is_local = all(each.is_borrowed for each in wanted)
-    is_local = is_local and all(own.expression.is_local and not own.expression.fields for own in levels)
+    parts = [each for own in levels for each in own.expressions]
+    is_local = is_local and all(each.is_local and not each.fields for each in parts)
     return all(ranks.exchange(is_local and has_outer_boundaries(dataset, over), repr((field, over))))
 
 
@@ -175,7 +176,10 @@ def integrate(
     others = [name for name in names if name not in curves]
     levels = {name: level for name in others if (level := Level.parse(dataset, name)) is not None}
     part = None if clip is None else Level.clip(dataset, clip)
-    further = [*_span(dataset), *(level.expression for level in [*levels.values(), *([part] if part else [])])]
+    further = [
+        *_span(dataset),
+        *(each for level in [*levels.values(), *([part] if part else [])] for each in level.expressions),
+    ]
     evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
     task = repr(([each.text for each in wanted], names, error, clip))
     parts = ALONE if dataset.mesh.excerpt is None else ranks

@@ -111,8 +111,11 @@ class LevelBoxes:
             if len(boxes) > _MANY:
                 break
             boxes = boxes._halved()
-        lost = boxes._extent() @ boxes.sizes if len(boxes) else 0.0
-        return replace(joined(found), lost=self.lost + lost)
+        return replace(joined(found), lost=self.lost + boxes.given_up().lost)
+
+    def given_up(self) -> LevelBoxes:
+        """None of the boxes, with what they may amount to as lost."""
+        return replace(self.part(slice(0)), lost=self._extent() @ self.sizes)
 
     def _extent(self) -> Floats:
         """(n,) how large the surface, or the part, in each box may be, as a rule: a power of its diameter."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.level_boxes import LevelBoxes, joined
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.separation import CellBoxes, separated
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.integrals.touching import touched
 from elvis.core.patch import Patch
@@ -20,8 +23,8 @@ from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
-from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import call, fold, jump_name, number
+from elvis.core.quantities.regions import Region, defined_side, of_polynomial, side
+from elvis.core.quantities.tree import Node, call, fold, jump_name, negative, number
 from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
@@ -74,7 +77,143 @@ class LevelPiece:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Where an expression is zero.
+    """A part of space where an expression is less than a value, and the surface where it has the value.
+
+    expression  less than zero there; its zeros are the surface
+    region      the same by signs of polynomials
+    zeros       these polynomials
+    """
+
+    name: str
+    expression: Expression
+    region: Region
+    zeros: tuple[ZeroSet, ...]
+
+    @staticmethod
+    def parse(dataset: Dataset, name: str) -> Level | None:
+        """The surface of a `quadric` or of ``EXPRESSION=VALUE``; None for other names, ElvisError for wrong ones."""
+        known = _surface(dataset, name)
+        if known is None:
+            return None
+        root, value = known
+        return Level._of(name, call("-", root, number(value)), side(root, value, 1))
+
+    @staticmethod
+    def clip(dataset: Dataset, text: str) -> Level:
+        """What ``SURFACE``, or ``outside:SURFACE``, leaves as a level; ElvisError for other texts.
+
+        Surfaces are those of `parse`; inside is where their expression is less.
+        """
+        is_outside = text.startswith(_OUTSIDE)
+        known = _surface(dataset, text.removeprefix(_OUTSIDE))
+        if known is None:
+            forms = "plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE"
+            raise ElvisError(f"--clip: expected {forms}, or outside: and one, found {text!r}")
+        root, value = known
+        height = call("-", root, number(value))
+        sign = 1 if is_outside else -1
+        return Level._of(text, height if is_outside else negative(height), defined_side(root, value, sign))
+
+    @staticmethod
+    def _of(name: str, root: Node, region: Region | None) -> Level:
+        """The level of an expression, which may be a polynomial itself where no region is known."""
+        known = of_polynomial(root) if region is None else region
+        zeros = tuple(ZeroSet(name, Expression(name, node)) for node in known.every_polynomial)
+        return Level(name, Expression(name, root), known, zeros)
+
+    @property
+    def expressions(self) -> tuple[Expression, ...]:
+        """What is evaluated for it."""
+        return (self.expression, *(zero.expression for zero in self.zeros))
+
+    def known(self, evaluator: Evaluator, ranks: Ranks) -> Level:
+        """The same with the sizes of polynomials in the elements of all ranks."""
+        return replace(self, zeros=tuple(zero.known(evaluator, ranks) for zero in self.zeros))
+
+    def boxes(
+        self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
+    ) -> tuple[list[LevelBoxes], Ints]:
+        """The surface in some elements, or the part below it; which of them (m,) are whole below it.
+
+        sizes      (n, e) of e expressions on them
+        parts      (n,) of the sizes in which they are rounded
+        is_filled  whether the part below is wanted
+        ElvisError where it is not that of polynomials.
+        """
+        seen = {zero.expression.root: zero.seen(piece, evaluator) for zero in self.zeros}
+        signs = {node: own.signs for node, own in seen.items()}
+        state = np.broadcast_to(self.region.holds(signs), len(piece))
+        met = np.flatnonzero(state == 0)
+        zeros = [each.of(met) for each in seen.values()]
+        away = np.max([each.away for each in zeros], axis=0, initial=0.0)
+        rounding = sizes[met] * (parts[met] + _MOVED * away)[:, None]
+        found: list[LevelBoxes] = []
+        for cell in range(len(corners(piece.patch.shape))) if len(met) else ():
+            nets = {each.zero.expression.root: each.nets(cell) for each in zeros}
+            found += self._cell(piece, met, cell, nets, (rounding, sizes[met]), is_filled)
+        if not is_filled:
+            for each in zeros:
+                if each.zero.expression.root in self.region.every_surface:
+                    found += [_nothing(piece, each.touched() @ sizes[met], sizes)]
+        return list(_of_degrees(found)), np.flatnonzero(state > 0)
+
+    def _cell(
+        self,
+        piece: Piece,
+        met: Ints,
+        cell: int,
+        nets: Mapping[Node, Floats],
+        sizes: tuple[Floats, Floats],
+        is_filled: bool,
+    ) -> Iterator[LevelBoxes]:
+        """Boxes in one cell of elements that are met."""
+        known = separated(self.region, CellBoxes.whole(nets))
+
+        def boxes(some: CellBoxes, own: Floats) -> LevelBoxes:
+            rounding, size = (each[some.index] for each in sizes)
+            rows = piece.rows[met[some.index]]
+            count = np.full(len(rows), cell)
+            order = np.tile(np.arange(3), (len(rows), 1))
+            lost = np.zeros(size.shape[1])
+            box = (some.low, some.high)
+            return LevelBoxes(piece.patch, rows, count, *box, own, rounding, size, order, lost, is_filled)
+
+        for node, some in known.single:
+            if is_filled or node in self.region.every_surface:
+                yield boxes(some, some.nets[node]).resolved()
+        inside = np.full([1 if size == 1 else 2 for size in next(iter(nets.values())).shape[1:]], -1.0)
+        for some in known.whole if is_filled else ():
+            yield boxes(some, np.broadcast_to(inside, (len(some), *inside.shape)))
+        if len(known.left):
+            yield boxes(known.left, np.broadcast_to(inside, (len(known.left), *inside.shape))).given_up()
+
+
+def _of_degrees(boxes: Sequence[LevelBoxes]) -> Iterator[LevelBoxes]:
+    """Boxes whose polynomials have the same degrees, together."""
+    groups: dict[tuple[int, ...], list[LevelBoxes]] = {}
+    for own in boxes:
+        groups.setdefault(own.nets.shape[1:], []).append(own)
+    yield from map(joined, groups.values())
+
+
+def _surface(dataset: Dataset, name: str) -> tuple[Node, float] | None:
+    """An expression and its value on a surface of a name; None for other names, ElvisError for wrong ones."""
+    surface = quadric(name)
+    if surface is not None:
+        return surface, 0.0
+    text, equals, value = name.rpartition("=")
+    if not equals:
+        return None
+    expression = Expression.of(dataset, text.strip())
+    try:
+        return expression.root, float(value)
+    except ValueError:
+        raise ElvisError(f"{name}: expected a number after =, found {value.strip()!r}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroSet:
+    """Where a polynomial is zero.
 
     size  what it is added up from, at most, in all elements; None where it isn't known yet
     """
@@ -82,39 +221,6 @@ class Level:
     name: str
     expression: Expression
     size: float | None = None
-
-    @staticmethod
-    def parse(dataset: Dataset, name: str) -> Level | None:
-        """What a `quadric` or ``EXPRESSION=VALUE`` mean; None for other names, ElvisError for wrong ones."""
-        surface = quadric(name)
-        if surface is not None:
-            return Level(name, Expression(name, surface))
-        text, equals, value = name.rpartition("=")
-        if not equals:
-            return None
-        expression = Expression.of(dataset, text.strip())
-        try:
-            level = float(value)
-        except ValueError:
-            raise ElvisError(f"{name}: expected a number after =, found {value.strip()!r}") from None
-        same = same_level(expression.root, level)
-        if same is None or same.spurious is not None:
-            return Level(name, Expression(name, call("-", expression.root, number(level))))
-        return Level(name, Expression(name, call("-", same.root, number(same.value))))
-
-    @staticmethod
-    def clip(dataset: Dataset, text: str) -> Level:
-        """What is less than zero where ``SURFACE``, or ``outside:SURFACE``, leaves something; ElvisError for others.
-
-        Surfaces are those of `parse`; inside is where their expression is less.
-        """
-        is_outside = text.startswith(_OUTSIDE)
-        level = Level.parse(dataset, text.removeprefix(_OUTSIDE))
-        if level is None:
-            forms = "plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE"
-            raise ElvisError(f"--clip: expected {forms}, or outside: and one, found {text!r}")
-        root = level.expression.root
-        return Level(text, Expression(text, root if is_outside else call("-", number(0.0), root)))
 
     def _doubt(self, evaluator: Evaluator, patch: Patch, rows: Ints, lattice: Floats) -> _Doubt:
         """How well values on borders of elements (m,) are known, from points (q, d) inside them."""
@@ -141,7 +247,7 @@ class Level:
     def _has_coordinates(self) -> bool:
         return bool(fold(self.expression.root, lambda leaf: leaf.op == "coordinate", lambda _, parts: any(parts)))
 
-    def known(self, evaluator: Evaluator, ranks: Ranks) -> Level:
+    def known(self, evaluator: Evaluator, ranks: Ranks) -> ZeroSet:
         """The same with its size in the elements of all ranks."""
         return replace(self, size=max(ranks.exchange(self._size(evaluator), f"the size of {self.name}")))
 
@@ -157,43 +263,11 @@ class Level:
             sizes.append(float(np.nanmax(size)))
         return max(sizes)
 
-    def boxes(
-        self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
-    ) -> tuple[LevelBoxes, Ints]:
-        """The surface in some elements, or the part below it; which of them (m,) are whole below it.
-
-        sizes      (n, e) of e expressions on them
-        parts      (n,) of the sizes in which they are rounded
-        is_filled  whether the part below is wanted
-        ElvisError where it is not that of a polynomial.
-        """
+    def seen(self, piece: Piece, evaluator: Evaluator) -> Seen:
+        """What is known of the polynomial on elements of a piece; ElvisError where it is none."""
         patch, degree = piece.patch, self._degree(piece, evaluator)
-        d, t = patch.shape.dimension, places_of(degree)
-        lattice = lattice_of(t, d)
-        met, below, doubt = self._met(piece, evaluator, lattice, t)
-        moved = NetsOf(self.expression, evaluator, patch, t, doubt.moves(piece.rows[met], len(patch)))
-        rounding = sizes[met] * (parts[met] + _MOVED * doubt.away)[:, None]
-        found = []
-        for cell in range(len(corners(patch.shape))):
-            reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
-            nets = moved.on(piece.rows[met], reference)
-            if patch.shape is Shape.PYRAMID:
-                nets = without_apex(nets, _AT_APEX * np.maximum(doubt.away, _ROUNDING) * doubt.size)
-            nets = nets.reshape(len(met), *(1,) * (3 - d), *nets.shape[1:])
-            cells = _boxes(patch, piece.rows[met], cell, nets, rounding, sizes[met])
-            found.append(replace(cells, is_filled=is_filled).resolved())
-        boxes = joined(found)
-        if is_filled:
-            return boxes, below
-        areas = touched(piece.part(met), moved.on, t, doubt.within(degree))
-        return replace(boxes, lost=boxes.lost + areas @ sizes[met]), below
-
-    def _met(self, piece: Piece, evaluator: Evaluator, lattice: Floats, t: Floats) -> tuple[Ints, Ints, _Doubt]:
-        """Which elements of a piece the surface may meet, and which are whole below it; what is known in the first.
-
-        lattice  (n^d, d) of places t (n,) in [0, 1] each way
-        """
-        patch, degree = piece.patch, len(t) - 1
+        t = places_of(degree)
+        lattice = lattice_of(t, patch.shape.dimension)
         whole = uncollapse(patch.shape, 2 * lattice - 1)
         nets = NetsOf(self.expression, evaluator, patch, t).on(piece.rows, whole)
         axes = tuple(range(1, nets.ndim))
@@ -201,13 +275,14 @@ class Level:
 
         # how well values are known matters near the surface alone
         far = degree * _FAR * self._size(evaluator)
-        is_below = most < -far
-        near = np.flatnonzero((least <= far) & ~is_below)
+        signs = (least > far).astype(np.int64) - (most < -far)
+        near = np.flatnonzero(signs == 0)
         doubt = self._doubt(evaluator, patch, piece.rows[near], whole)
         within, moved = doubt.within(degree), doubt.away * doubt.size
-        is_below[near] = most[near] + moved < -within
-        is_met = (least[near] + moved <= within) & ~is_below[near]
-        return near[is_met], np.flatnonzero(is_below), _Doubt(doubt.size[is_met], doubt.jump[is_met])
+        signs[near] = (least[near] + moved > within).astype(np.int64) - (most[near] + moved < -within)
+        every = _Doubt(np.zeros(len(piece)), np.zeros(len(piece)))
+        every.size[near], every.jump[near] = doubt.size, doubt.jump
+        return Seen(self, piece, evaluator, degree, signs, every)
 
     def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
         """Of the expression in each direction."""
@@ -271,10 +346,61 @@ class _Doubt:
         found[rows] = self.away * self.size
         return found
 
+    def part(self, chosen: Ints) -> _Doubt:
+        """That of some elements."""
+        return _Doubt(self.size[chosen], self.jump[chosen])
 
-def _boxes(patch: Patch, rows: Ints, cell: int, nets: Floats, rounding: Floats, sizes: Floats) -> LevelBoxes:
-    """Whole cells of elements."""
-    low = np.zeros((len(rows), 3))
-    order = np.tile(np.arange(3), (len(rows), 1))
-    lost = np.zeros(sizes.shape[1])
-    return LevelBoxes(patch, rows, np.full(len(rows), cell), low, low + 1, nets, rounding, sizes, order, lost)
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is known of a polynomial on elements of a piece.
+
+    degree  of the polynomial in each direction
+    signs   (n,) where it has one, else 0
+    """
+
+    zero: ZeroSet
+    piece: Piece
+    evaluator: Evaluator
+    degree: int
+    signs: Ints
+    doubt: _Doubt
+
+    def of(self, chosen: Ints) -> Seen:
+        """That of some of the elements."""
+        return replace(self, piece=self.piece.part(chosen), signs=self.signs[chosen], doubt=self.doubt.part(chosen))
+
+    @property
+    def away(self) -> Floats:
+        """(n,) by how much of its size the polynomial is moved."""
+        return np.where(self.signs == 0, self.doubt.away, 0.0)
+
+    @cached_property
+    def _moved(self) -> NetsOf:
+        patch = self.piece.patch
+        moves = self.doubt.moves(self.piece.rows, len(patch))
+        return NetsOf(self.zero.expression, self.evaluator, patch, places_of(self.degree), moves)
+
+    def nets(self, cell: int) -> Floats:
+        """(n, D, D, D) of the moved polynomial on a cell of the elements."""
+        patch, rows = self.piece.patch, self.piece.rows
+        d = patch.shape.dimension
+        lattice = lattice_of(places_of(self.degree), d)
+        reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
+        found = self._moved.on(rows, reference)
+        if patch.shape is Shape.PYRAMID:
+            found = without_apex(found, _AT_APEX * np.maximum(self.doubt.away, _ROUNDING) * self.doubt.size)
+        return found.reshape(len(rows), *(1,) * (3 - d), *found.shape[1:])
+
+    def touched(self) -> Floats:
+        """(n,) areas of sides of elements on which the moved polynomial may be zero."""
+        return touched(self.piece, self._moved.on, places_of(self.degree), self.doubt.within(self.degree))
+
+
+def _nothing(piece: Piece, lost: Floats, sizes: Floats) -> LevelBoxes:
+    """No boxes, but what may have been lost."""
+    low = np.zeros((0, 3))
+    nets = np.zeros((0, 2, 2, 2) if piece.patch.shape.dimension == 3 else (0, 1, 2, 2))
+    none = np.zeros(0, np.int64)
+    order = np.zeros((0, 3), np.int64)
+    return LevelBoxes(piece.patch, none, none, low, low, nets, sizes[:0], sizes[:0], order, lost)

@@ -262,17 +262,20 @@ class Summation:
     def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[list[_Compared], Ints]:
         """What rules say of expressions on a surface in elements, or below; elements of the piece that are below."""
         sizes, parts = self._sizes(whole.piece, numbers)
-        boxes, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
+        every, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
         counts = (_ON_SURFACES,) * whole.dimension
         enough = self._enough(whole.piece, numbers) if whole.is_filled else None
         if enough is None:
-            return [self._compared(boxes, numbers, counts, False)], below
+            return [self._compared(boxes, numbers, counts, False) for boxes in every], below
 
         # what is a polynomial on elements is one on boxes that are whole, and along lines that end at a root
-        cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, enough=enough)
-        inner = replace(boxes.part(boxes.is_whole), enough=enough)
-        exact = self._known(inner, numbers, (enough,) * whole.dimension)
-        return [exact, self._compared(cut, numbers, counts, False)], below
+        found = []
+        for boxes in every:
+            cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, enough=enough)
+            inner = replace(boxes.part(boxes.is_whole), enough=enough)
+            found += [self._known(inner, numbers, (enough,) * whole.dimension)]
+            found += [self._compared(cut, numbers, counts, False)]
+        return found, below
 
     def _enough(self, piece: Piece, numbers: list[int]) -> int | None:
         """Gauss points in each direction, of cells or of eta, that integrate all expressions exactly; None: no rule."""

@@ -17,14 +17,14 @@ from elvis.core.quantities.tree import LEAVES, ONE, ZERO, Node, call, fold, nega
 
 Fraction = tuple[Node, Node]
 
-#: functions that have each value once at most: where they have it, NaN where they don't
+#: inverses of increasing functions; -inf for values below their range, inf for values above it
 _INVERSES: Mapping[str, Callable[[float], float]] = {
-    "sqrt": lambda v: v * v if v >= 0 else math.nan,
-    "exp": lambda v: math.log(v) if v > 0 else math.nan,
+    "sqrt": lambda v: v * v if v >= 0 else -math.inf,
+    "exp": lambda v: math.log(v) if v > 0 else -math.inf,
     "log": math.exp,
     "sinh": math.asinh,
-    "tanh": lambda v: math.atanh(v) if abs(v) < 1 else math.nan,
-    "atan": lambda v: math.tan(v) if abs(v) < math.pi / 2 else math.nan,
+    "tanh": lambda v: math.atanh(v) if abs(v) < 1 else math.copysign(math.inf, v),
+    "atan": lambda v: math.tan(v) if abs(v) < math.pi / 2 else math.copysign(math.inf, v),
 }
 _MOST_POWER = 16
 #: factors of a product that are compared with those of another
@@ -53,7 +53,7 @@ def same_level(root: Node, value: float) -> Level | None:
     What comes out is made of + - * and whole powers of the leaves.
     """
     try:
-        root, value = _peel(root, value)
+        root, value, _ = peel(root, value)
     except OverflowError:
         return None
     if root.op in _PRODUCTS and math.isfinite(value):
@@ -61,7 +61,7 @@ def same_level(root: Node, value: float) -> Level | None:
         if found is None or root.op != "middle_eigenvalue":
             return found
         return replace(found, matrix=_less(root.operands, value))
-    squares = _square(root) if value > 0 else None
+    squares = square(root) if value > 0 else None
     quotient = fraction(root)
     if quotient is None and squares is not None and squares[1] <= 1:
         quotient, value = fraction(squares[0]), value * value
@@ -102,11 +102,11 @@ def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
     """
     fractions = [fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
     found = [each for each in fractions if each is not None]
-    factors = [_factors(below) for _, below in found]
-    if len(found) < len(entries) or not all(factors):
+    divisors = [factors(below) for _, below in found]
+    if len(found) < len(entries) or not all(divisors):
         return ()
-    common = reduce(or_, factors)
-    return tuple(call("*", above, _product(common - own)) for (above, _), own in zip(found, factors, strict=True))
+    common = reduce(or_, divisors)
+    return tuple(call("*", above, _product(common - own)) for (above, _), own in zip(found, divisors, strict=True))
 
 
 def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node, value: float) -> tuple[Node, Node]:
@@ -114,6 +114,12 @@ def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Nod
 
     Where one eigenvalue is zero, the sum of the principal minors is the product of the others.
     """
+    return minors_of((xx, yy, zz, xy, xz, yz), value)[:2]
+
+
+def minors_of(entries: Sequence[Node], value: float) -> tuple[Node, Node, Node]:
+    """Determinant, sum of the principal minors, and trace of a symmetric matrix less a value."""
+    xx, yy, zz, xy, xz, yz = entries
     a, b, c = (_minus(each, number(value)) for each in (xx, yy, zz))
     minors = [_minus(call("*", p, q), call("*", r, r)) for p, q, r in ((b, c, yz), (a, c, xz), (a, b, xy))]
     by_row = (
@@ -121,7 +127,7 @@ def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Nod
         call("*", xy, _minus(call("*", xz, yz), call("*", xy, c))),
         call("*", xz, _minus(call("*", xy, yz), call("*", xz, b))),
     )
-    return _total(*by_row), _total(*minors)
+    return _total(*by_row), _total(*minors), _total(a, b, c)
 
 
 def _imaginary_root(a: Node, b: Node, value: float) -> tuple[Node, Node] | None:
@@ -156,23 +162,31 @@ _PRODUCTS: Mapping[str, Callable[..., tuple[Node, Node] | None]] = {
 }
 
 
-def _peel(node: Node, value: float) -> tuple[Node, float]:
-    """What is left without functions that have each value once, and without constants around it."""
+def peel(node: Node, value: float) -> tuple[Node, float, int]:
+    """What is left without increasing functions and constants around it, its value there, and a sign.
+
+    sign  -1 where what is left is greater than its value if the whole is less than its own, else 1
+    """
+    sign = 1
     while node.op not in LEAVES:
         first, last = node.operands[0], node.operands[-1]
         if node.op in _INVERSES:
-            node, value = first, _INVERSES[node.op](value)
+            value = _INVERSES[node.op](value) if math.isfinite(value) else value
+            node = first
         elif first.op == "number" and node.op in ("+", "-"):
+            sign = -sign if node.op == "-" else sign
             node, value = last, value - first.value if node.op == "+" else first.value - value
         elif last.op == "number" and node.op in ("+", "-"):
             node, value = first, value - last.value if node.op == "+" else value + last.value
         elif first.op == "number" and node.op == "*" and first.value:
+            sign = -sign if first.value < 0 else sign
             node, value = last, value / first.value
         elif last.op == "number" and node.op in ("*", "/") and last.value:
+            sign = -sign if last.value < 0 else sign
             node, value = first, value / last.value if node.op == "*" else value * last.value
         else:
             break
-    return node, value
+    return node, value, sign
 
 
 def fraction(root: Node) -> Fraction | None:
@@ -208,11 +222,11 @@ def _common(one: Node, two: Node) -> Counter[Node]:
     """How often products have factors in common, numbers left aside; none where one has more than are looked at."""
     if one is ONE or two is ONE:
         return Counter()
-    both = _factors(one) & _factors(two)
+    both = factors(one) & factors(two)
     return Counter({node: times for node, times in both.items() if node.op != "number"})
 
 
-def _factors(node: Node) -> Counter[Node]:
+def factors(node: Node) -> Counter[Node]:
     """How often each factor is in a product, as it is written; empty where they are too many."""
     found: Counter[Node] = Counter()
     waiting = [(node, 1)]
@@ -230,15 +244,15 @@ def _factors(node: Node) -> Counter[Node]:
     return found
 
 
-def _without(node: Node, factors: Counter[Node]) -> Node:
+def _without(node: Node, left_out: Counter[Node]) -> Node:
     """A product without some of its factors."""
-    if not factors:
+    if not left_out:
         return node
-    return _product(_factors(node) - factors)
+    return _product(factors(node) - left_out)
 
 
-def _product(factors: Counter[Node]) -> Node:
-    powers = [base if times == 1 else call("^", base, number(times)) for base, times in factors.items()]
+def _product(bases: Counter[Node]) -> Node:
+    powers = [base if times == 1 else call("^", base, number(times)) for base, times in bases.items()]
     return reduce(partial(call, "*"), powers, ONE)
 
 
@@ -252,12 +266,12 @@ def _power(node: Node, base: Fraction) -> Fraction | None:
     return (above, below) if exponent >= 0 else (below, above)
 
 
-def _square(root: Node) -> tuple[Node, int] | None:
+def square(root: Node) -> tuple[Node, int] | None:
     """The square of what is nowhere negative, and how many of the roots in it may be of what is negative somewhere."""
 
     def inner(node: Node, parts: list[tuple[Node, int] | None]) -> tuple[Node, int] | None:
         if node.op == "sqrt":
-            return node.operands[0], int(not _is_positive(node.operands[0]))
+            return node.operands[0], int(not is_positive(node.operands[0]))
         if node.op == "abs":
             return call("*", node.operands[0], node.operands[0]), 0
         one, two = parts[0], parts[-1]
@@ -271,7 +285,7 @@ def _square(root: Node) -> tuple[Node, int] | None:
     return fold(root, leaf, inner)
 
 
-def _is_positive(root: Node) -> bool:
+def is_positive(root: Node) -> bool:
     """Whether an expression is nowhere negative, by its form."""
 
     def inner(node: Node, parts: list[bool]) -> bool:

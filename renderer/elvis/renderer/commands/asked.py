@@ -61,10 +61,10 @@ class Asked:
         from elvis.core.integrals.levels_of_elements import Level
         from elvis.core.mapping.inverse import Status
 
-        # less than zero where something is left
+        # at most zero where something is left, no number where the expression has no value
         level = Level.clip(source.dataset, self.clip).expression
         found = dict(source.probe(places, [*wanted, level], self.every, self.ranks))
-        is_gone = np.asarray(found.pop(level.text), np.float64) > 0
+        is_gone = ~(np.asarray(found.pop(level.text), np.float64) <= 0)
         nothing = {"element": -1, "status": int(Status.OUTSIDE), **{each.text: np.nan for each in wanted}}
         for name, value in nothing.items():
             found[name] = np.where(is_gone, value, found[name]).astype(found[name].dtype)

@@ -1,0 +1,116 @@
+"""Subdivision of boxes until at most one polynomial changes its sign in each, for regions by signs of several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.polynomials.boxnets import halves
+from elvis.core.quantities.regions import Region
+from elvis.core.quantities.tree import Node
+
+#: halvings of boxes in which several polynomials change their signs, and how many such boxes may be halved
+_DEPTH = 16
+_MOST = 1 << 10
+
+
+@dataclass(frozen=True, eq=False)
+class CellBoxes:
+    """Boxes in cells of elements.
+
+    index      (n,)          numbers of elements
+    low, high  (n, 3)        corners in the cell's coordinates in [0, 1]^3
+    nets       (n, D, D, D)  of each polynomial on the boxes
+    """
+
+    index: Ints
+    low: Floats
+    high: Floats
+    nets: Mapping[Node, Floats]
+
+    @staticmethod
+    def whole(nets: Mapping[Node, Floats]) -> CellBoxes:
+        """Whole cells of as many elements as nets are of."""
+        count = len(next(iter(nets.values())))
+        low = np.zeros((count, 3))
+        return CellBoxes(np.arange(count), low, low + 1, nets)
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def part(self, chosen: Ints | Bools) -> CellBoxes:
+        """Some of the boxes."""
+        nets = {node: own[chosen] for node, own in self.nets.items()}
+        return CellBoxes(self.index[chosen], self.low[chosen], self.high[chosen], nets)
+
+    def halved(self) -> CellBoxes:
+        """Both halves in every direction that polynomials depend on."""
+        boxes = self
+        for axis in range(3):
+            if all(own.shape[1 + axis] == 1 for own in boxes.nets.values()):
+                continue
+            nets = {node: np.concatenate(halves(own, axis)) for node, own in boxes.nets.items()}
+            middle = (boxes.low[:, axis] + boxes.high[:, axis]) / 2
+            boxes = boxes.part(np.tile(np.arange(len(boxes)), 2))
+            boxes.low[len(middle) :, axis] = middle
+            boxes.high[: len(middle), axis] = middle
+            boxes = replace(boxes, nets=nets)
+        return boxes
+
+    def signs(self) -> dict[Node, Ints]:
+        """(n,) of each polynomial: 1, -1, or 0 where its net has both."""
+        found = {}
+        for node, own in self.nets.items():
+            axes = tuple(range(1, own.ndim))
+            found[node] = (own.min(axis=axes) > 0).astype(np.int64) - (own.max(axis=axes) < 0)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Separated:
+    """Boxes inside a region and at its border.
+
+    single  a polynomial and boxes with its net alone, which is negative inside
+    whole   boxes inside
+    left    boxes in which several polynomials may be zero
+    """
+
+    single: tuple[tuple[Node, CellBoxes], ...]
+    whole: tuple[CellBoxes, ...]
+    left: CellBoxes
+
+
+def separated(region: Region, boxes: CellBoxes) -> Separated:
+    """Boxes halved until one polynomial at most changes its sign in each, or they are too many."""
+    single: list[tuple[Node, CellBoxes]] = []
+    whole: list[CellBoxes] = []
+    for depth in range(_DEPTH + 1):
+        signs = boxes.signs()
+        state = np.broadcast_to(region.holds(signs), len(boxes))
+        unknown = np.sum([own == 0 for own in signs.values()], axis=0)
+        is_single = (state == 0) & (unknown == 1)
+        whole.append(boxes.part(state > 0))
+        turning, same = _oriented(region, boxes.part(is_single))
+        single += turning
+        whole += same
+        boxes = boxes.part((state == 0) & ~is_single)
+        if not len(boxes) or depth == _DEPTH or len(boxes) > _MOST:
+            break
+        boxes = boxes.halved()
+    return Separated(tuple(single), tuple(whole), boxes)
+
+
+def _oriented(region: Region, boxes: CellBoxes) -> tuple[list[tuple[Node, CellBoxes]], list[CellBoxes]]:
+    """Boxes by the only polynomial of unknown sign, with nets that are negative inside; boxes inside for both signs."""
+    signs, turning, same = boxes.signs(), [], []
+    for node, own in signs.items():
+        if_less, if_greater = (region.holds({**signs, node: np.where(own == 0, sign, own)}) for sign in (-1, 1))
+        same.append(boxes.part((own == 0) & (if_less > 0) & (if_greater > 0)))
+        for sign in (1, -1):
+            part = boxes.part((own == 0) & (if_less == sign) & (if_greater == -sign))
+            if len(part):
+                turning.append((node, replace(part, nets={node: sign * part.nets[node]})))
+    return turning, same
