@@ -1,6 +1,7 @@
 """Compiled kernels that are kept: found again, checked, shared by processes, and never in the way of a picture."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -146,8 +147,17 @@ def test_without_a_temporary_folder_kernels_are_in_memory(process, compose, tmp_
         assert compose() == (
             0,
             0,
-            ["compiled kernels are in memory alone: there is no temporary folder to write to"],
+            ["compiled kernels are in memory alone: there is no temporary folder with room for them"],
         )
+
+
+def test_kernels_are_in_memory_where_the_temporary_folder_is_nearly_full(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=kernel_cache.DATABASE_SIZE))
+    cache = kernel_cache.KernelCache(tmp_path / "kept")
+    assert cache.private is None
+    assert cache.remarks == ["compiled kernels are in memory alone: there is no temporary folder with room for them"]
+    cache.close()
 
 
 @pytest.mark.own_devices

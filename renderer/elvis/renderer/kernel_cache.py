@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -18,10 +19,13 @@ from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.files.scratch import scratch
 from elvis.core.memory import release_free_memory
 from elvis.renderer.compiled_modules import CompiledModules
+from elvis.renderer.kernel_database import SIZE as DATABASE_SIZE
 from elvis.renderer.kernel_database import DatabaseError, content, fill
 
 #: most bytes of kernels that are kept: those that were not used for longest go
 MOST_BYTES = 48 << 20
+#: free bytes of the temporary folder below which no database is made there
+_ROOM = 2 * DATABASE_SIZE
 
 
 class KernelCache:
@@ -43,7 +47,7 @@ class KernelCache:
             self.remarks.append("compiled kernels are not kept: there is no home folder, and no XDG_CACHE_HOME")
         self.private = self._private_folder()
         if self.private is None:
-            self.remarks.append("compiled kernels are in memory alone: there is no temporary folder to write to")
+            self.remarks.append("compiled kernels are in memory alone: there is no temporary folder with room for them")
         else:
             self._fill(self.private)
 
@@ -79,9 +83,11 @@ class KernelCache:
         try:
             folder = self._until_exit.enter_context(scratch(Path(tempfile.gettempdir()))) / "new"
             (folder / "rhi").mkdir()
+            # slangpy maps a sparse file: where the disk fills up under it the system ends the process (SIGBUS)
+            has_room = shutil.disk_usage(folder).free > _ROOM
         except OSError:
             return None
-        return folder
+        return folder if has_room else None
 
     def _fill(self, folder: Path) -> None:
         """Bring what was kept to a database."""

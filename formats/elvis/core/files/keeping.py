@@ -37,7 +37,8 @@ def cache_folder(name: str) -> Path | None:
 
 def make_private(folder: Path) -> None:
     """Make a folder, and those above it that are missing, for its owner alone; OSError where that can't be."""
-    for own in (*reversed(folder.parents), folder):
+    missing = [own for own in (folder, *folder.parents) if not own.exists()]
+    for own in reversed(missing):
         own.mkdir(mode=0o700, exist_ok=True)
 
 
