@@ -20,12 +20,15 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
+from elvis.plugins.projection.naming import local_sides
 from elvis.plugins.projection.vertices import clusters
 
 #: the end of the name of a file: the number of a mesh in a sequence of meshes, then how many processes wrote the files
 #: of a state, and which of them wrote this one
 _MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?")
 
+#: sides of a shell that are its faces, before its edges
+FACES_OF_SHELLS = 2
 #: nodes of several files that are as near as this, as a share of the largest coordinate, are one
 _TOGETHER = 1e-10
 
@@ -81,7 +84,7 @@ class Exodus(NodalConverter):
         dimension = max((block.shape.dimension for *_, block in read), default=0)
         kept = [each for each in read if each[2].shape.dimension == dimension]
         self._owners = [(piece, number) for piece, number, _ in kept]
-        self.blocks = [block for *_, block in kept]
+        self.blocks = _joined_by_place([block for *_, block in kept])
         lower = sum(piece.lower for piece in self._pieces) + sum(len(block) for *_, block in read)
         lower -= sum(map(len, self.blocks))
         copies = sum(int((~piece.is_first).sum()) for piece in self._pieces)
@@ -124,7 +127,7 @@ class Exodus(NodalConverter):
 
     def _side_sets(self) -> list[Boundary]:
         """The side sets that have sides, whose numbers are declared."""
-        found: dict[tuple[int, str], list[Ints]] = {}
+        found: dict[tuple[int, str], Boundary] = {}
         counts: dict[str, int] = {}
         for piece in self._pieces:
             label = _labels(piece.file, "ss", "sides")
@@ -134,24 +137,38 @@ class Exodus(NodalConverter):
                 elements, sides = piece.sides(number)
                 name = label(number)
                 counts[name] = counts.get(name, 0) + len(elements)
-                found.setdefault((number, name), []).extend(self._sides(piece, elements, sides))
+                own = found.setdefault((number, name), Boundary(name))
+                found[number, name] = Boundary(
+                    name,
+                    [*own.vertices, *self._faces_of_shells(piece, elements, sides)],
+                    [*own.sides, *self._sides(piece, elements, sides)],
+                )
         self.declared = replace(self.declared, sides=counts)
-        return [Boundary(name, vertices=vertices) for (_, name), vertices in found.items()]
+        return list(found.values())
 
-    def _sides(self, piece: _Piece, elements: Ints, sides: Ints) -> Iterator[Ints]:
-        """Vertices of sides (n,) of elements (n,) of a file."""
-        for (owner, number), block in zip(self._owners, self.blocks, strict=True):
-            nodes = self.nodal(block).geometry.nodes
-            if owner is not piece or nodes is None or not len(block):
+    def _sides(self, piece: _Piece, elements: Ints, sides: Ints) -> Iterator[tuple[int, Ints, Ints]]:
+        """Blocks, elements and their local sides: those of sides (n,) of elements (n,) of a file."""
+        for at, ((owner, number), block) in enumerate(zip(self._owners, self.blocks, strict=True)):
+            if owner is not piece or not len(block):
                 continue
-            rows = elements - piece.starts[number]
-            own = piece.rows[number]
-            place = np.minimum(np.searchsorted(own, rows), len(own) - 1)
-            here = own[place] == rows
-            for side, corners in enumerate(SIDES[block.shape]):
-                vertices = nodes[place[here & (sides == side)]][:, list(corners)]
+            here, rows = piece.members(number, elements)
+            # in space the first two sides of a plane element are its faces
+            first = FACES_OF_SHELLS if block.shape.dimension == 2 and piece.places.shape[1] == 3 else 0
+            local = _local_sides(block.shape)
+            is_side = (sides[here] >= first) & (sides[here] < first + len(local))
+            if is_side.any():
+                yield at, rows[is_side], local[sides[here][is_side] - first]
+
+    def _faces_of_shells(self, piece: _Piece, elements: Ints, sides: Ints) -> Iterator[Ints]:
+        """Vertices of the faces of shells on a mesh of volumes, of which they are sides."""
+        if not any(block.shape.dimension == 3 for block in self.blocks):
+            return
+        for number, block in piece.blocks.items():
+            if block.shape.dimension == 2 and block.vertices is not None:
+                here, rows = piece.members(number, elements)
+                vertices = block.vertices[rows[sides[here] < FACES_OF_SHELLS]]
                 if len(vertices):
-                    yield piece.numbers[vertices]
+                    yield vertices
 
     def _read_variables(self, number: int) -> None:
         for piece in self._pieces:
@@ -243,6 +260,15 @@ class _Piece:
         is_copy = is_known & ~self.is_first[np.where(is_known, elements, 0)]
         return elements[~is_copy], sides[~is_copy]
 
+    def members(self, number: int, elements: Ints) -> tuple[Ints, Ints]:
+        """Which of some elements (n,) of the file are in a block, and their rows there."""
+        own, wanted = self.rows[number], elements - self.starts[number]
+        if not len(own):
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        place = np.minimum(np.searchsorted(own, wanted), len(own) - 1)
+        here = np.flatnonzero(own[place] == wanted)
+        return here, place[here]
+
     def nodal(self, variable: str) -> Floats | None:
         """(n,) values of a variable at all nodes; None if the file doesn't have it."""
         names = self.file.texts("name_nod_var")
@@ -267,6 +293,25 @@ class _Piece:
             expected = f"values on {count} elements"
             raise FormatError(f"expected {expected}, found {len(found)}", file=self.file.path, place=name)
         return NodalValues(found[self.rows[number], None, None], None)
+
+
+def _local_sides(shape: Shape) -> Ints:
+    """The local sides of elements of a shape in the order of the sides of the file."""
+    own = UNIT[shape].corners
+    known = [{int(own[corner]) for corner in side} for side in local_sides(shape)]
+    return np.array([known.index(set(corners)) for corners in SIDES[shape]])
+
+
+def _joined_by_place(blocks: Sequence[Elements]) -> list[Elements]:
+    """The blocks, without numbers of vertices where every element has nodes of its own.
+
+    Programs write discontinuous fields so; elements that lie together are neighbours nonetheless.
+    """
+    corners = [block.vertices.reshape(-1) for block in blocks if block.vertices is not None]
+    every = np.concatenate([np.empty(0, np.int64), *corners])
+    if sum(map(len, blocks)) < 2 or len(np.unique(every)) < len(every):
+        return list(blocks)
+    return [replace(block, vertices=None) for block in blocks]
 
 
 def _marks(path: Path) -> re.Match[str]:
