@@ -26,6 +26,9 @@ from elvis.core.validity.validity import ValidityStatus, validity
 REGULAR = 0.99
 #: the determinant of a straight simplex, in parts of the product of its edges, that is more than rounding
 ROUNDING = 1e-13
+#: bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero: as on hexahedra that are
+#: collapsed, which stand for pyramids
+TOUCHING = 4
 #: elements that are looked at together, and the numbers of determinants' nets that are proved at most
 TOGETHER = 1 << 11
 PROVED_NUMBERS = 1 << 23
@@ -38,7 +41,7 @@ class Folded:
     """Elements whose Jacobian is not positive all over.
 
     wrong      (n,) ids of elements where it is proved not to be positive somewhere
-    undecided  (m,) ids of those where that could not be decided
+    undecided  (m,) ids of those where that could not be decided; no elements where it is not negative for certain
     """
 
     wrong: Ints
@@ -134,7 +137,8 @@ def _of_suspects(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> tuple[Int
         own = GeometryBlock(block.expansion, block.element_ids[:count], block.coefficients[:count])
         found = validity(dataset, [own])
         wrong.append(found.element_ids[found.status == ValidityStatus.NOT_POSITIVE])
-        undecided.append(found.element_ids[found.status == ValidityStatus.UNDECIDED])
+        is_nonnegative = found.lower >= -TOUCHING * found.error
+        undecided.append(found.element_ids[(found.status == ValidityStatus.UNDECIDED) & ~is_nonnegative])
         undecided.append(block.element_ids[count:])
     return np.concatenate(wrong), np.concatenate(undecided)
 
