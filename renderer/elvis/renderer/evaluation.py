@@ -114,6 +114,8 @@ class Evaluation:
         clip: str | None = None,
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
+        reached: Callable[[float], object] | None = None,
+        best_effort: bool = False,
     ) -> Integrals:
         """Integrals over the domain, outer faces and boundaries, by rules that are refined until they agree."""
         if is_idle(ranks):

@@ -1,11 +1,16 @@
 import csv
+import json
 from dataclasses import replace
 
 import pytest
 from archives import arrays_of
+from click.testing import CliRunner
 
 from elvis.core.testing import grid, with_field
 from elvis.formats import Dataset, ElvisError, Shape, integrate, read, write
+from elvis.plugins.command import elvis as group
+
+KEYS = ["over", "integrand", "value", "error", "measure", "exact", "kind", "finished"]
 
 
 @pytest.fixture
@@ -16,7 +21,7 @@ def channel(nektar):
 
 def test_the_contract_of_scripts(channel, elvis_json):
     found = elvis_json("integrate", *channel, "--field", "u", "--field", "volume")
-    assert [list(row) for row in found] == [["over", "integrand", "value", "error", "measure", "exact"]] * 2
+    assert [list(row) for row in found] == [KEYS] * 2
     assert [row["value"] for row in found] == pytest.approx([16 / 3, 8], rel=1e-13)
     assert [row["exact"] for row in found] == [True, True]
     assert all(0 < row["error"] < 1e-12 for row in found)
@@ -37,7 +42,7 @@ def test_files_of_both_kinds(channel, elvis, tmp_path):
     with (tmp_path / "found.csv").open() as file:
         (row,) = csv.DictReader(file)
     archive = arrays_of(tmp_path / "found.npz")
-    assert list(row) == list(archive) == ["over", "integrand", "value", "error", "measure", "exact"]
+    assert list(row) == list(archive) == KEYS
     assert (row["over"], row["integrand"], row["exact"]) == ("domain", "min(u, v)", "0")
     assert float(row["value"]) == archive["value"][0]
 
@@ -99,3 +104,49 @@ def test_a_histogram_by_volume(channel, elvis, elvis_json, tmp_path):
     assert (tmp_path / "shares.svg").read_text().startswith("<?xml")
     with pytest.raises(Exception, match="--histogram: expected --field"):
         elvis("integrate", *channel, "--field", "x", "--histogram", "8", "--over", "all")
+
+
+def interrupted_round(monkeypatch, number):
+    """Ctrl-C while boxes are refined, in a round."""
+    from elvis.core.integrals.refinement import Summation
+
+    refine, rounds = Summation._round, []
+
+    def stopped(self, *arguments):
+        rounds.append(None)
+        if len(rounds) == number:
+            raise KeyboardInterrupt
+        return refine(self, *arguments)
+
+    monkeypatch.setattr(Summation, "_round", stopped)
+
+
+def test_an_interrupt_ends_with_what_is_known_if_that_is_wanted(channel, monkeypatch):
+    asked = ["integrate", *map(str, channel), "--field", "abs(x - 0.1*y)", "--error", "1e-9"]
+    with monkeypatch.context() as patch:
+        interrupted_round(patch, 3)
+        outcome = CliRunner().invoke(group, [*asked, "--best-effort", "--json"], standalone_mode=False)
+    assert outcome.exit_code == 130
+    (row,) = json.loads(outcome.stdout)
+    assert row["finished"] is False
+    assert row["kind"] == "bound"
+    (truth,) = integrate(read(*channel), "abs(x - 0.1*y)", error=1e-4)
+    assert abs(row["value"] - truth.value) <= row["error"] + truth.error
+    with monkeypatch.context() as patch:
+        interrupted_round(patch, 3)
+        with pytest.raises(KeyboardInterrupt):
+            integrate(read(*channel), "abs(x - 0.1*y)", error=1e-9)
+
+
+def test_the_error_reached_is_reported_while_it_takes_long(channel, monkeypatch):
+    from elvis.renderer.commands import integrate as command
+
+    lines, reached = [], []
+    monkeypatch.setattr("elvis.core.terminal.announce", lines.append)
+    integrate(read(*channel), "abs(x - 0.1*y)", error=1e-3, reached=reached.append)
+    assert reached[-1] <= 1e-3 < reached[0]
+    monkeypatch.setattr(command, "REPORT_AFTER", 0.0)
+    report = command.reporter()
+    for error in reached:
+        report(error)
+    assert lines[0] == f"error reached so far: {reached[0]:.2g} of the integral of the absolute value"

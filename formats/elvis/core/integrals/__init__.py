@@ -2,7 +2,10 @@
 
 reference_cells  elements and their sides as pieces of reference elements: points, measures, what is constant on them
 degrees          of what polynomial an integrand is, with the map's derivatives
-refinement       sums over the pieces: one rule where that is exact, else rules that are compared, and halved boxes
+refinement       sums over the pieces: one rule where that is exact, else rules with bounded errors, and halved boxes
+groups           boxes with what rules say on them, and by how much that may be off
+eta_boxes        boxes in elements and their sides, with Gauss points
+box_discs        what expressions attain on complex neighbourhoods of boxes; analytic_error: bounds of rules from it
 levels_of_elements  planes and isosurfaces in elements; level_boxes, graphs, subcells: rules on them
 touching         where surfaces lie so near sides of elements that rounding decides between these
 targets          what is integrated over, from its name

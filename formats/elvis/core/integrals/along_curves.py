@@ -24,7 +24,7 @@ from elvis.core.quantities.expression import Expression
 #: Gauss points of the rules that are compared, halvings, and intervals in each part of a curve at first
 _COUNTS, _DEPTH, _FIRST = (7, 8, 10), 40, 16
 #: how much more than differences the error is, and rounding in parts of the sum of magnitudes
-_SAFETY, _ROUNDING = 2.0, 64 * float(np.finfo(np.float64).eps)
+_SAFETY, _ROUNDING = 8.0, 64 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,6 +65,14 @@ class DegreeRules:
         powers = COLLAPSE[self.piece.shape]
         return tuple((degree + power) // 2 + 1 for degree, power in zip(total, powers, strict=True))
 
+    def measure_is_exact(self, counts: Sequence[int]) -> bool:
+        """Whether the measure is a polynomial, which Gauss rules of so many points integrate exactly."""
+        total = self._with_measure(Form(self._none)) if self.is_valid else None
+        if total is None:
+            return False
+        degrees = _plus(total, COLLAPSE[self.piece.shape])
+        return all(degree < 2 * count for degree, count in zip(degrees, counts, strict=True))
+
     def _with_measure(self, form: Form) -> Degrees | None:
         """Degrees of an integrand times the measure; None where that is no polynomial."""
         if not self.piece.is_side:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import overload
 
@@ -13,9 +13,10 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.integrals.coefficients import Coefficients
 from elvis.core.integrals.curves import KINDS, Curve
+from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
-from elvis.core.integrals.refinement import Summation, Sums
+from elvis.core.integrals.refinement import Summation
 from elvis.core.integrals.targets import DOMAIN, ELEMENT, Places, Targets, has_outer_boundaries, overlap
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
@@ -24,7 +25,11 @@ from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress
 
 #: error that is asked for where nothing else is, in parts of the integral of the absolute value
-ERROR = 1e-10
+ERROR = 1e-6
+#: what the error of an integral is: that of rounding, a bound derived over whole elements, or an estimate
+EXACT = "exact"
+BOUND = "bound"
+ESTIMATE = "estimate"
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,9 @@ class Integral:
     error      by which the value may differ from the truth
     measure    length, area or volume of what it goes over, as far as all fields are there
     exact      whether the rule is exact for the integrand, so that the error is that of rounding
+    kind       of the error: ``exact`` for rounding, ``bound`` if derived over whole elements, ``estimate`` if rules are
+               compared
+    finished   False for a refinement that was interrupted, whose error is larger than requested
     """
 
     over: str
@@ -45,6 +53,8 @@ class Integral:
     error: float
     measure: float
     exact: bool
+    kind: str = ESTIMATE
+    finished: bool = True
 
     def __float__(self) -> float:
         return self.value
@@ -76,7 +86,16 @@ class Integrals(Sequence[Integral]):
 
     @property
     def value(self) -> float:
-        """The value of the last row: the only one, or the total of the last quantity."""
+        """The value of the only quantity, over several targets their total.
+
+        Raises
+        ------
+        ElvisError
+            If there are several quantities, such as the components of a force: see `of`.
+        """
+        names = list(dict.fromkeys(row.integrand for row in self))
+        if len(names) > 1:
+            raise ElvisError(f"expected one quantity, found {', '.join(names)}; take one by of({names[0]!r}).value")
         return self._rows[-1].value
 
     def __float__(self) -> float:
@@ -84,7 +103,9 @@ class Integrals(Sequence[Integral]):
 
     def columns(self) -> Columns:
         """A column of each fact, for files."""
-        return {name: np.array([getattr(row, name) for row in self]) for name in (*HEADERS, "exact")}
+        return {
+            name: np.array([getattr(row, name) for row in self]) for name in (*HEADERS, "exact", "kind", "finished")
+        }
 
     def cells(self) -> list[tuple[str, ...]]:
         """The cells of a table: over, integrand, value, error, measure."""
@@ -102,7 +123,10 @@ HEADERS = ("over", "integrand", "value", "error", "measure")
 
 
 def _error(row: Integral) -> str:
-    return f"{row.error:.2g}" + (" (rounding)" if row.exact else "")
+    """The error with a word where it isn't a bound that was worked down to what was asked for."""
+    words = {EXACT: ["rounding"], BOUND: [], ESTIMATE: ["estimate"]}[row.kind]
+    words = words if row.finished else [*words, "unfinished"]
+    return f"{row.error:.2g}" + (f" ({', '.join(words)})" if words else "")
 
 
 def comes_apart(
@@ -146,6 +170,8 @@ def integrate(
     clip: str | None = None,
     progress: Progress | None = None,
     ranks: Ranks = ALONE,
+    reached: Callable[[float], object] | None = None,
+    best_effort: bool = False,
 ) -> Integrals:
     """Integrals of quantities over the domain, regions and boundaries of a dataset.
 
@@ -155,13 +181,15 @@ def integrate(
            ``element:ID``, the faces of an element,
            ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``, ``EXPRESSION=VALUE`` (an
            isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``
-    error  asked for where an integrand is no polynomial, in parts of the integral of its absolute value
+    error  requested if no rule is exact for an integrand, relative to the integral of its absolute value
     coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
            outside
     progress  is told how many points have been taken, and how many are planned
     ranks  share the elements, or have parts of them, of which `comes_apart` is true; so sums differ by rounding, and
            errors asked for are those of each share; all ranks but the first have no rows in the end
+    reached  receives the largest relative error while boxes are refined
+    best_effort  whether an interrupt ends the refinement and returns what is known, with ``finished`` False
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
@@ -186,10 +214,12 @@ def integrate(
     levels = {name: level.known(evaluator, parts) for name, level in levels.items()}
     part = part and part.known(evaluator, parts)
     places = Places(dataset, evaluator.patches, levels, curves, parts)
-    summation = Summation(dataset, evaluator, [each.expression for each in wanted], error, progress=progress)
+    expressions = [each.expression for each in wanted]
+    summation = Summation(dataset, evaluator, expressions, error, (), None, progress, reached, best_effort)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
     rows = list(_sums(targets, places, wanted, summation, ranks, task))
-    found = [each for name, sums in rows for each in _rows(name, wanted, sums)]
+    is_finished = not any(ranks.exchange(summation.is_unfinished, "finished")) if best_effort else True
+    found = [each for name, sums in rows for each in _rows(name, wanted, sums, is_finished)]
     return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error)])
 
 
@@ -223,12 +253,14 @@ def _sums(
         yield from zip((target.name for target in every), sums, strict=True)
 
 
-def _rows(name: str, wanted: Sequence[Integrand], sums: Sums) -> Iterator[Integral]:
+def _rows(name: str, wanted: Sequence[Integrand], sums: Sums, is_finished: bool) -> Iterator[Integral]:
     for number, each in enumerate(wanted):
         value, error, measure = (float(column[number]) for column in (sums.value, sums.error, sums.measure))
         if each.is_average:
             value, error = (value / measure, error / measure) if measure else (np.nan, np.nan)
-        yield Integral(name, each.text, value, error, measure, bool(sums.is_exact[number]))
+        exact = bool(sums.is_exact[number])
+        kind = EXACT if exact else BOUND if sums.is_bound[number] else ESTIMATE
+        yield Integral(name, each.text, value, error, measure, exact, kind, exact or is_finished)
 
 
 def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
@@ -250,7 +282,8 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
             elif place is not None:
                 yield f"{each.text} has no value in {name} at {where}, so its integral has none"
             elif sums.error[number] - sums.rounding[number] > 2 * error * sums.magnitude[number]:
-                yield f"{each.text} over {name} is known {_precision(sums, number)} only, {error:g} was asked for"
+                word = "is known" if sums.is_bound[number] else "is estimated to be known"
+                yield f"{each.text} over {name} {word} {_precision(sums, number)} only, {error:g} was asked for"
 
 
 def _precision(sums: Sums, number: int) -> str:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import GeometryBlock
 from elvis.core.mapping import pointwise, tangents
@@ -97,6 +97,8 @@ class Piece:
 
     def along(self, jacobians: Floats) -> Floats:
         """(n, 3, k) tangents of the part, from Jacobians (n, 3, D) of elements."""
+        if self.number is None:
+            return jacobians
         own = self.patch.shape.dimension
         _, axes = self._frame
         return np.concatenate([jacobians[:, :, :own] @ axes / 2, jacobians[:, :, own:]], axis=2)
@@ -172,11 +174,12 @@ def _sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
     return shape.edges if shape.dimension == 2 else shape.faces
 
 
+@lru_cache(maxsize=256)
 def box_rule(counts: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Points (n, k) and weights (n,) of the product of Gauss rules on [-1, 1]^k."""
+    """Points (n, k) and weights (n,) of the product of Gauss rules on [-1, 1]^k; read-only."""
     lines = [gauss(count) for count in counts]
     points = np.stack(np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij"), axis=-1).reshape(-1, len(counts))
     weights = np.ones(1)
     for _, line in lines:
         weights = np.multiply.outer(weights, line).reshape(-1)
-    return points, weights
+    return frozen_floats(points), frozen_floats(weights)

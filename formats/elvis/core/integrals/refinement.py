@@ -1,15 +1,18 @@
-"""Sums over pieces: one rule where that is exact, else rules whose differences are the error, on halved boxes.
+"""Sums over pieces: one rule where that is exact, else rules whose errors are bounded, on halved boxes.
 
-Where an integrand is no polynomial each box of eta is integrated by three Gauss rules.  Errors of one may vanish by
-chance, of poles and kinks nearby; twice the greater difference from the best rule bounds its error, as a rule by far.
-Boxes with the largest differences get better rules, then are halved in every direction, until all differences together
-are less than the error asked for, or as many points have been taken as may be.
+If an integrand is not a polynomial, each box of eta has one Gauss rule.  Its error is bounded from what the integrand
+attains on complex neighbourhoods of the box (`analytic_error`).  At kinks, jumps and poles the least and the greatest
+value on the box bound it.  Boxes with the largest bounds get better rules, or are halved in the directions with the
+largest share, until the sum of all bounds is below the requested error, or the points are used up.
+
+Some integrands have no bounds, such as distances and fields with Fourier directions.  There three rules are compared,
+and their differences make an estimate of the error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -18,24 +21,34 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.integrals.along_curves import CurvePiece, along_curve
+from elvis.core.integrals.analytic_error import FURTHER, Bounds, bounds
+from elvis.core.integrals.box_discs import BoxDiscs, is_bounded
 from elvis.core.integrals.degrees import DegreeRules
+from elvis.core.integrals.eta_boxes import EtaBoxes, lattice_counts
+from elvis.core.integrals.groups import Bounded, Boxes, BoxIntegrals, Compared, Counts, Group, Sums, compared_counts
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.levels_of_elements import LevelPiece
-from elvis.core.integrals.reference_cells import Piece, box_rule
+from elvis.core.integrals.reference_cells import Piece
 from elvis.core.patch import Patch
-from elvis.core.polynomials.boxnets import all_half_boxes
-from elvis.core.quantities.element_points import ElementPoints, Lattice
+from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import other_of
 from elvis.core.terminal import Progress
 from elvis.core.threads import results
 
-#: points at once, and how many may be taken to bring an error down
-_BATCH, _MOST = 1 << 16, 1 << 22
-#: Gauss points in a direction where rules are compared: at most at first, by which others have more, by which all are
-#: raised before boxes are halved, and how much more than the differences the error is
-_MOST_COUNTS, _FURTHER, _RAISED, _SAFETY = 12, (1, 2), 3, 2.0
+#: points at once, and boxes of which bounds are made at once
+_BATCH = 1 << 16
+_BOUNDED_AT_ONCE = 1 << 11
+#: points that may be taken to bring errors down
+_MOST = 1 << 22
+#: Gauss points in a direction where rules are compared: at most at first, and by how many all are raised once
+_MOST_COUNTS = 12
+_RAISED = 3
+#: how much more than the differences of rules an estimate is
+_SAFETY = 8.0
+#: an estimate of the error on boxes where nothing is bounded, in parts of the integral of the absolute value there
+_UNBOUNDED = 8.0
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a sum, in parts of its magnitude, and of measures for each unit of a map's condition
 _ROUNDING, _LENGTHS = 8 * _EPS, _EPS
@@ -45,154 +58,13 @@ _LOCATED = 16.0
 _ON_SURFACES = 3
 
 
-@dataclass
-class Sums:
-    """Integrals of k expressions, and what is known of them.
+class _Batch(NamedTuple):
+    """Integrals over some boxes, places where expressions have no value, and, where they are asked for, bounds."""
 
-    value      (k,)
-    error      (k,)  by which they may differ from the truth
-    rounding   (k,)  the part of it that is rounding
-    magnitude  (k,)  integrals of the absolute values
-    measure    (k,)  length, area or volume of the elements that have all fields of the expression
-    beyond     (k,)  that of where another dataset, which the expression names, has nothing: not part of ``measure``
-    is_exact   (k,)  whether all rules are exact, so that the error is that of rounding alone
-    places     where an expression has no value, or another dataset has nothing, by the expression's number
-    """
-
-    value: Floats
-    error: Floats
-    rounding: Floats
-    magnitude: Floats
-    measure: Floats
-    beyond: Floats
-    is_exact: Bools
-    places: dict[int, Floats] = field(default_factory=dict)
-
-    @staticmethod
-    def none(count: int) -> Sums:
-        """Of nothing."""
-        value, error, rounding, magnitude, measure, beyond = np.zeros((6, count))
-        return Sums(value, error, rounding, magnitude, measure, beyond, np.ones(count, bool))
-
-    def __add__(self, other: Sums) -> Sums:
-        return Sums(
-            self.value + other.value,
-            self.error + other.error,
-            self.rounding + other.rounding,
-            self.magnitude + other.magnitude,
-            self.measure + other.measure,
-            self.beyond + other.beyond,
-            self.is_exact & other.is_exact,
-            {**other.places, **self.places},
-        )
-
-
-class _Integrals(NamedTuple):
-    """Of k expressions over n boxes, (n, k) each.
-
-    magnitude  integrals of the absolute values
-    measure    of where there are values
-    beyond     of where another dataset has nothing
-    """
-
-    value: Floats
-    magnitude: Floats
-    measure: Floats
-    beyond: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class _Boxes:
-    """Boxes of eta in elements of a piece.
-
-    rows       (n,)    of the patch
-    rounding   (n, e)  of e expressions on the element
-    low, high  (n, k)  corners
-    """
-
-    piece: Piece
-    rows: Ints
-    rounding: Floats
-    low: Floats
-    high: Floats
-
-    def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
-        """Points in each box, their shares of its measure (n,), and the box of each (n,)."""
-        nodes, weights = box_rule(counts)
-        size = self.high - self.low
-        eta = (self.low[:, None] + size[:, None] * (1 + nodes) / 2).reshape(-1, nodes.shape[1])
-        box = np.repeat(np.arange(len(self)), len(nodes))
-        if (size == 2).all():
-            places: ElementPoints = Lattice(self.piece.patch, self.rows, self.piece.points(nodes))
-        else:
-            places = ElementPoints(self.piece.patch, self.rows[box], self.piece.points(eta))
-        volumes = (size / 2).prod(axis=1)
-        shares = self.piece.measures(places.jacobians, eta) * np.outer(volumes, weights).reshape(-1)
-        return places, shares, box
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def part(self, chosen: Ints | Bools | slice) -> _Boxes:
-        """Some of the boxes."""
-        return _Boxes(self.piece, self.rows[chosen], self.rounding[chosen], self.low[chosen], self.high[chosen])
-
-    def halves(self) -> _Boxes:
-        """Both halves in every direction: 2^k boxes for each."""
-        low, high = all_half_boxes(self.low, self.high)
-        copies = len(low) // len(self)
-        return _Boxes(self.piece, np.tile(self.rows, copies), np.tile(self.rounding, (copies, 1)), low, high)
-
-
-#: what integrals are compared on
-Boxes = _Boxes | LevelBoxes
-
-
-@dataclass(frozen=True, eq=False)
-class _Compared:
-    """Boxes with what several rules say of the same expressions.
-
-    numbers    of the expressions
-    counts     of points in each direction, of the least rule
-    is_raised  whether these are more than at first
-    integrals  by the best rule
-    error      (n, k)  from the differences of the others, 0 where that is rounding
-    """
-
-    boxes: Boxes
-    numbers: list[int]
-    counts: tuple[int, ...]
-    is_raised: bool
-    integrals: _Integrals
-    error: Floats
-
-    def part(self, chosen: Bools) -> _Compared:
-        """Some of the boxes."""
-        own = _Integrals(*(column[chosen] for column in self.integrals))
-        boxes = self.boxes.part(chosen)
-        return _Compared(boxes, self.numbers, self.counts, self.is_raised, own, self.error[chosen])
-
-    @property
-    def cost(self) -> int:
-        """Points that are taken for a box to get better."""
-        points = sum(map(np.prod, _compared_counts(self.counts)))
-        return int(points * (2 ** len(self.counts) if self.is_raised else 3))
-
-    def sums(self, count: int) -> Sums:
-        """All boxes together, of ``count`` expressions."""
-        total = Sums.none(count)
-        for name, column in self.integrals._asdict().items():
-            getattr(total, name)[self.numbers] = column.sum(axis=0)
-        total.rounding[self.numbers] = (self.integrals.measure * self.boxes.rounding).sum(axis=0)
-        total.error[self.numbers] = self.error.sum(axis=0) + total.rounding[self.numbers]
-        total.is_exact[self.numbers] = False
-        return total
-
-    def scores(self, goals: Floats) -> Floats:
-        """(n,) the errors of boxes in parts of what all together may have, the greatest of the expressions."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            parts = self.error / goals[self.numbers]
-        return np.asarray(np.where(np.isfinite(parts), parts, 0.0).max(axis=1))
+    integrals: BoxIntegrals
+    missing: dict[int, Floats]
+    bounds: Bounds | None = None
+    gains: Floats | None = None
 
 
 class Summation:
@@ -202,6 +74,8 @@ class Summation:
     precision  by how much less than the terms that they are added up from expressions are rounded, 1 where not given
     most       points that may be taken to bring errors down
     progress   is told how many points have been taken, and how many are planned
+    reached    is told the greatest error reached, in parts of the integral of the absolute value
+    best_effort  whether an interrupt ends the refinement with what is known
     """
 
     def __init__(
@@ -213,8 +87,13 @@ class Summation:
         precision: Sequence[float] = (),
         most: int | None = None,
         progress: Progress | None = None,
+        reached: Callable[[float], object] | None = None,
+        best_effort: bool = False,
     ) -> None:
         self._progress, self._done, self._planned = progress, 0, 0
+        self._reached, self._best_effort = reached, best_effort
+        #: whether refinement was interrupted
+        self.is_unfinished = False
         self._most = _MOST if most is None else most
         self._dataset, self._evaluator, self._error = dataset, evaluator, error
         self._expressions = tuple(expressions)
@@ -228,7 +107,7 @@ class Summation:
         """The integrals over some pieces together."""
         self._places, self._lost = {}, np.zeros(len(self._expressions))
         total = Sums.none(len(self._expressions))
-        rough: list[_Compared] = []
+        rough: list[Group] = []
         for whole in pieces:
             if isinstance(whole, CurvePiece):
                 total += self._along(whole)
@@ -241,15 +120,19 @@ class Summation:
                     continue
                 whole = whole.piece.part(below)
             for piece, rules in self._alike(whole) if held else ():
-                counts = [rules.counts(self._expressions[number]) for number in held]
-                for own in dict.fromkeys(counts):
-                    numbers = [number for number, other in zip(held, counts, strict=True) if other == own]
-                    if own is None:
-                        rough.append(self._compared(self._whole(piece, numbers), numbers, _rough_counts(piece), False))
+                for numbers, counts in self._by_counts(held, rules):
+                    if counts is None:
+                        rough += self._rough(piece, rules, numbers)
                     else:
-                        total += self._exact(piece, numbers, own)
+                        total += self._exact(piece, numbers, counts)
         total += self._refined(rough, total.magnitude)
         return replace(total, error=total.error + self._lost, places=self._places)
+
+    def _by_counts(self, held: list[int], rules: DegreeRules) -> Iterator[tuple[list[int], Counts | None]]:
+        """Numbers of expressions that have the same exact rule, or none, and its points in each direction."""
+        counts = [rules.counts(self._expressions[number]) for number in held]
+        for own in dict.fromkeys(counts):
+            yield [number for number, other in zip(held, counts, strict=True) if other == own], own
 
     def _along(self, whole: CurvePiece) -> Sums:
         """The integrals along a curve."""
@@ -257,9 +140,9 @@ class Summation:
         if found.place is not None:
             self._places.update({number: found.place for number in range(count) if found.beyond[number] > 0})
         columns = (found.value, found.error, found.rounding, found.magnitude, found.measure, found.beyond)
-        return Sums(*columns, is_exact=np.zeros(count, bool))
+        return Sums(*columns, is_exact=np.zeros(count, bool), is_bound=np.zeros(count, bool))
 
-    def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[list[_Compared], Ints]:
+    def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[list[Group], Ints]:
         """What rules say of expressions on a surface in elements, or below; elements of the piece that are below."""
         sizes, parts = self._sizes(whole.piece, numbers)
         every, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
@@ -302,11 +185,10 @@ class Summation:
             if len(part):
                 yield part, DegreeRules(part, names, is_affine, is_flat, is_valid)
 
-    def _whole(self, piece: Piece, numbers: list[int]) -> _Boxes:
+    def _whole(self, piece: Piece, numbers: list[int]) -> EtaBoxes:
         """All of a piece, for some expressions."""
-        low = np.full((len(piece), piece.dimension), -1.0)
         sizes, parts = self._sizes(piece, numbers)
-        return _Boxes(piece, piece.rows, sizes * parts[:, None], low, -low)
+        return EtaBoxes.whole(piece, sizes * parts[:, None])
 
     def _sizes(self, piece: Piece, numbers: list[int]) -> tuple[Floats, Floats]:
         """Magnitudes (n, e) of expressions in the middles of a piece's elements, and in what parts they are rounded."""
@@ -317,88 +199,166 @@ class Summation:
             middle.jacobians
         )
 
-    def _exact(self, piece: Piece, numbers: list[int], counts: tuple[int, ...]) -> Sums:
+    def _exact(self, piece: Piece, numbers: list[int], counts: Counts) -> Sums:
         """The integrals by a rule that is exact."""
         boxes = self._whole(piece, numbers)
         total = self._known(boxes, numbers, counts).sums(len(self._expressions))
         total.is_exact[:] = True
         return total
 
-    def _known(self, boxes: Boxes, numbers: list[int], counts: tuple[int, ...]) -> _Compared:
+    def _known(self, boxes: Boxes, numbers: list[int], counts: Counts) -> Group:
         """What a rule says that is exact."""
         self._planned += _points(boxes, [counts])
         found = self._integrate(boxes, numbers, counts)
-        return _Compared(boxes, numbers, counts, False, found, np.zeros_like(found.value))
+        nothing = np.zeros_like(found.value)
+        return Group(boxes, numbers, counts, found, nothing, nothing == 0)
 
-    def _compared(self, boxes: Boxes, numbers: list[int], counts: tuple[int, ...], is_raised: bool) -> _Compared:
+    def _rough(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
+        """What is known of expressions without an exact rule on a piece, apart those whose error can be bounded."""
+        are_bounded = [is_bounded(self._expressions[number].root, rules) for number in numbers]
+        for own in dict.fromkeys(are_bounded):
+            some = [number for number, other in zip(numbers, are_bounded, strict=True) if other == own]
+            boxes = self._whole(piece, some)
+            yield (
+                self._bounded(boxes, rules, some) if own else self._compared(boxes, some, _rough_counts(piece), False)
+            )
+
+    def _bounded(self, boxes: EtaBoxes, rules: DegreeRules, numbers: list[int]) -> Bounded:
+        """What one rule says of expressions on boxes, with bounds of its error and of those of better rules."""
+        counts = lattice_counts(boxes.piece)
+        self._planned += _points(boxes, [counts])
+        size = min(_BOUNDED_AT_ONCE, max(1, _BATCH // int(np.prod(counts))))
+        found = list(self._batches(boxes, size, numbers, counts, rules))
+        integrals = BoxIntegrals.joined([own.integrals for own in found])
+        known = Bounds.joined([own.bounds for own in found if own.bounds is not None])
+        gains = np.concatenate([own.gains for own in found if own.gains is not None])
+        steps = (0,) * len(counts)
+        error, is_bound = _error(known, integrals, steps)
+        return Bounded(boxes, numbers, counts, integrals, error, is_bound, rules, steps, known, gains)
+
+    def _raised(self, old: Bounded, steps: tuple[int, ...]) -> Bounded:
+        """The same boxes by rules with more points."""
+        counts = tuple(count + FURTHER[step] for count, step in zip(old.least, steps, strict=True))
+        self._planned += _points(old.boxes, [counts])
+        integrals = self._integrate(old.boxes, old.numbers, counts)
+        error, is_bound = _error(old.bounds, integrals, steps)
+        return replace(old, counts=counts, steps=steps, integrals=integrals, error=error, is_bound=is_bound)
+
+    def _compared(self, boxes: Boxes, numbers: list[int], counts: Counts, is_raised: bool) -> Compared:
         """What several rules say of expressions on boxes."""
         if isinstance(boxes, LevelBoxes):
             self._lost[numbers] += boxes.lost
-        every = _compared_counts(counts)
+        every = compared_counts(counts)
         self._planned += _points(boxes, every)
         *lesser, best = (self._integrate(boxes, numbers, own) for own in every)
         error = np.asarray(_SAFETY * np.max([np.abs(best.value - own.value) for own in lesser], axis=0), np.float64)
         error[~(error > boxes.rounding * best.measure)] = 0.0
-        return _Compared(boxes, numbers, counts, is_raised, best, error)
+        return Compared(boxes, numbers, counts, best, error, np.zeros(error.shape, bool), is_raised)
 
-    def _improved(self, old: _Compared) -> _Compared:
-        """The same by better rules, or on smaller boxes."""
+    def _improved(self, old: Group, allowed: Floats) -> list[Group]:
+        """Groups with better rules or smaller boxes, so that errors become less than allowed (k,) where possible."""
+        if isinstance(old, Bounded):
+            return [*self._improved_bounds(old, allowed[old.numbers])]
+        assert isinstance(old, Compared)
         if old.is_raised:
-            return self._compared(old.boxes.halves(), old.numbers, old.counts, True)
-        return self._compared(old.boxes, old.numbers, tuple(count + _RAISED for count in old.counts), True)
+            return [self._compared(old.boxes.halves(), old.numbers, old.counts, True)]
+        return [self._compared(old.boxes, old.numbers, tuple(count + _RAISED for count in old.counts), True)]
 
-    def _refined(self, groups: list[_Compared], magnitude: Floats) -> Sums:
-        """The integrals over boxes where expressions are no polynomials, of which some are halved again and again.
+    def _improved_bounds(self, old: Bounded, allowed: Floats) -> Iterator[Bounded]:
+        steps, is_raised = old.wanted_steps(allowed)
+        for own in np.unique(steps[is_raised], axis=0):
+            yield self._raised(old.part(is_raised & (steps == own).all(axis=1)), tuple(own.tolist()))
+        rest = old.part(~is_raised)
+        directions = rest.halving(allowed)
+        is_halved = directions.any(axis=1)
+        if is_halved.any():
+            halves = rest.boxes.part(is_halved).halved(directions[is_halved])
+            yield self._bounded(halves, old.rules, old.numbers)
+        if not is_halved.all():
+            stuck = rest.part(~is_halved)
+            yield replace(stuck, is_final=True)
+
+    def _refined(self, groups: list[Group], magnitude: Floats) -> Sums:
+        """The integrals over boxes where expressions have no exact rule, of which some are halved again and again.
 
         magnitude  (k,) of what is integrated besides
         """
         count, taken = len(self._expressions), 0
         total = sum((group.sums(count) for group in groups), Sums.none(count))
-        while groups:
+        while groups and not self.is_unfinished:
             goals = self._error * (magnitude + total.magnitude)
+            self._tell(total, magnitude)
             scores = [group.scores(goals) for group in groups]
             costs = np.repeat([group.cost for group in groups], list(map(len, scores)))
             every = np.concatenate(scores)
             least = max(_threshold(every), _affordable(every, costs, self._most - taken))
-            if not (every >= least).any():
+            wanted = int((every >= least).sum())
+            if not wanted:
                 break
             taken += int(costs[every >= least].sum())
-            chosen = [own >= least for own in scores]
-            parted = [(group.part(~own), group.part(own)) for own, group in zip(chosen, groups, strict=True)]
-            groups = [rest for rest, _ in parted if len(rest.boxes)]
-            groups += [self._improved(old) for _, old in parted if len(old.boxes)]
+            try:
+                groups = self._round(groups, [own >= least for own in scores], goals / (2 * wanted))
+            except KeyboardInterrupt:
+                if not self._best_effort:
+                    raise
+                self.is_unfinished = True
             total = sum((group.sums(count) for group in groups), Sums.none(count))
         return total
 
-    def _integrate(self, boxes: Boxes, numbers: Sequence[int], counts: tuple[int, ...]) -> _Integrals:
+    def _round(self, groups: list[Group], chosen: list[Bools], allowed: Floats) -> list[Group]:
+        """The groups with chosen boxes improved, whose errors may be so much (k,) each."""
+        parted = [(group.part(~own), group.part(own)) for own, group in zip(chosen, groups, strict=True)]
+        found = [rest for rest, _ in parted if len(rest)]
+        for _, old in parted:
+            found += self._improved(old, allowed) if len(old) else []
+        return [*(own for own in found if not isinstance(own, Bounded)), *_joined(found)]
+
+    def _tell(self, total: Sums, magnitude: Floats) -> None:
+        """Tell the greatest error reached."""
+        if self._reached is None:
+            return
+        with np.errstate(all="ignore"):
+            parts = (total.error - total.rounding) / (magnitude + total.magnitude)
+        self._reached(float(np.nanmax(np.append(parts, 0.0))))
+
+    def _integrate(self, boxes: Boxes, numbers: Sequence[int], counts: Counts) -> BoxIntegrals:
         """Integrals over each box by one rule."""
-        step = max(1, _BATCH // int(np.prod(counts)))
-        parts = [boxes.part(slice(first, first + step)) for first in range(0, max(len(boxes), 1), step)]
-        found = []
-        jobs = (partial(self._batch, part, numbers, counts) for part in parts)
-        for part, (own, missing) in zip(parts, results(jobs), strict=True):
-            self._places = {**missing, **self._places}
+        size = max(1, _BATCH // int(np.prod(counts)))
+        return BoxIntegrals.joined([own.integrals for own in self._batches(boxes, size, numbers, counts)])
+
+    def _batches(
+        self, boxes: Boxes, size: int, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None = None
+    ) -> Iterator[_Batch]:
+        """What a rule says of some boxes at a time; with bounds where the rules of a piece are given."""
+        parts = [boxes.part(slice(first, first + size)) for first in range(0, max(len(boxes), 1), size)]
+        jobs = (partial(self._batch, part, numbers, counts, rules) for part in parts)
+        for part, own in zip(parts, results(jobs), strict=True):
+            self._places = {**own.missing, **self._places}
             self._done += _points(part, [counts])
             if self._progress is not None:
                 self._progress(self._done, self._planned)
-            found.append(own)
-        return _Integrals(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
+            yield own
 
-    def _batch(
-        self, boxes: Boxes, numbers: Sequence[int], counts: tuple[int, ...]
-    ) -> tuple[_Integrals, dict[int, Floats]]:
-        """Integrals over some boxes, and a place for each expression that has no value somewhere."""
-        found, missing = _Integrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
+    def _batch(self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None) -> _Batch:
+        """What a rule says of boxes at once."""
+        found, missing = BoxIntegrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
         if not len(boxes):
-            return found, missing
+            return _Batch(found, missing)
         places, shares, box = boxes.quadrature(counts)
+        gains = []
         for column, values in enumerate(self._values(numbers, places, missing)):
             is_beyond = np.isnan(values) & self._names_others[numbers[column]]
             terms = np.where(is_beyond, 0.0, values * shares)
             parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, shares), np.where(is_beyond, shares, 0.0))
             for part, sums in zip(parts, found, strict=True):
                 sums[:, column] = np.bincount(box, part, len(boxes))
-        return found, missing
+            gains.append(_gains(values, counts) if rules is not None else np.empty(0))
+        if rules is None:
+            return _Batch(found, missing)
+        assert isinstance(boxes, EtaBoxes)
+        discs = BoxDiscs(boxes, rules, self._evaluator.names, self._evaluator.attributes, places, counts)
+        roots = [self._expressions[number].root for number in numbers]
+        return _Batch(found, missing, bounds(discs, roots, found.measure[:, 0]), np.sum(gains, axis=0))
 
     def _values(self, numbers: Sequence[int], places: ElementPoints, noted: dict[int, Floats]) -> Iterator[Floats]:
         """(n,) some expressions at points; NaN where they have no value, of which a place is noted."""
@@ -412,12 +372,49 @@ class Summation:
             yield values
 
 
-def _compared_counts(counts: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Points in each direction of the rules that are compared, the least of which has ``counts``."""
-    return [tuple(count + further for count in counts) for further in (0, *_FURTHER)]
+def _error(known: Bounds, integrals: BoxIntegrals, steps: tuple[int, ...]) -> tuple[Floats, Bools]:
+    """(n, k) by how much integrals may be off, and whether that is a bound; values that are none have no error."""
+    error = known.error(integrals.value, steps)
+    is_bound = np.isfinite(error) | np.isnan(integrals.value)
+    error = np.where(np.isfinite(error), error, _UNBOUNDED * integrals.magnitude)
+    return np.where(np.isnan(integrals.value), 0.0, error), is_bound
 
 
-def _points(boxes: Boxes, rules: Sequence[tuple[int, ...]]) -> int:
+def _gains(values: Floats, counts: Counts) -> Floats:
+    """(n, d) how much less the range of values (n q,) at points of boxes is, on average, in halves of each direction.
+
+    In parts of the range, at most a half; what intervals know of an integral gets better by so much, about.
+    """
+    lattice = values.reshape(-1, *counts)
+    found = np.zeros((len(lattice), len(counts)))
+    with np.errstate(all="ignore"):
+        whole = _range(lattice)
+        for axis, count in enumerate(counts):
+            lower, upper = (np.take(lattice, part, axis=1 + axis) for part in _halves(count))
+            found[:, axis] = 1 - (_range(lower) + _range(upper)) / (2 * whole)
+    return np.nan_to_num(found)
+
+
+def _halves(count: int) -> tuple[Ints, Ints]:
+    """The points in the lower and in the upper half of a direction, one in the middle in both."""
+    return np.arange((count + 1) // 2), np.arange(count // 2, count)
+
+
+def _range(lattice: Floats) -> Floats:
+    """(n,) greatest less least value of lattices (n, ...)."""
+    return np.asarray(np.ptp(lattice.reshape(len(lattice), -1), axis=1))
+
+
+def _joined(groups: Sequence[Group]) -> Iterator[Bounded]:
+    """Groups that have bounds, those with the same rules together."""
+    known: dict[tuple[object, ...], list[Bounded]] = {}
+    for group in groups:
+        if isinstance(group, Bounded):
+            known.setdefault(group.key, []).append(group)
+    yield from map(Bounded.joined, known.values())
+
+
+def _points(boxes: Boxes, rules: Sequence[Counts]) -> int:
     """How many points rules with such counts take, where boxes have no breaks."""
     return len(boxes) * int(sum(map(np.prod, rules)))
 

@@ -45,9 +45,11 @@ def minus(a: Disc, b: Disc) -> Disc:
 
 def times(a: Disc, b: Disc) -> Disc:
     """a b: (m + s)(n + t) = m n + (m + s) t + n s; zero times anything is zero, as in a branch that isn't taken."""
-    middle, radius = rounded(a[0] * b[0], (np.abs(a[0]) + a[1]) * b[1] + np.abs(b[0]) * a[1])
-    is_zero = (np.equal(a[0], 0) & np.equal(a[1], 0)) | (np.equal(b[0], 0) & np.equal(b[1], 0))
-    return np.where(is_zero, 0.0, middle), np.where(is_zero, 0.0, radius)
+    no_a, no_b = np.equal(a[0], 0), np.equal(b[0], 0)
+    middle = np.where(no_a | no_b, 0.0, a[0] * b[0])
+    middle, radius = rounded(middle, (np.abs(a[0]) + a[1]) * b[1] + np.abs(b[0]) * a[1])
+    is_zero = (no_a & np.equal(a[1], 0)) | (no_b & np.equal(b[1], 0))
+    return middle, np.where(is_zero, 0.0, radius)
 
 
 def over(a: Disc, b: Disc) -> Disc:
@@ -179,6 +181,35 @@ def angle(y: Disc, x: Disc) -> Disc:
     return rounded(np.arctan2(y[0], x[0]), radius)
 
 
+def root_above(a: Disc, low: Any) -> Disc:
+    """The square root where Re z >= low > 0: |z - m| / |sqrt z + sqrt m|, with Re sqrt z >= sqrt(Re z)."""
+    middle = np.sqrt(a[0])
+    return rounded(middle, a[1] / (np.sqrt(low) + middle), low > 0)
+
+
+def logarithm_above(a: Disc, low: Any) -> Disc:
+    """The logarithm there: its slope on the way from m to z is 1/low at most."""
+    return rounded(np.log(a[0]), a[1] / np.minimum(low, a[0]), low > 0)
+
+
+def over_above(a: Disc, b: Disc, low: Any) -> Disc:
+    """a / b where Re b >= low > 0, as in `over`."""
+    middle = a[0] / b[0]
+    return rounded(middle, (a[1] + np.abs(middle) * b[1]) / low, low > 0)
+
+
+def square_above(a: Disc, imaginary: Any) -> Any:
+    """A lower bound of Re z^2 on a disc, where |Im z| is known, too.
+
+    It is (Re z)^2 - (Im z)^2.  For z = m + r e^(i t) that is m^2 - r^2 + 2 m r cos t + 2 r^2 cos^2 t, which is least at
+    an end or at cos t = -m/(2 r).
+    """
+    size, radius = np.abs(a[0]), a[1]
+    by_parts = np.maximum(size - radius, 0.0) ** 2 - imaginary**2
+    by_angle = np.where(size < 2 * radius, size * size / 2 - radius * radius, (size - radius) ** 2)
+    return np.maximum(by_parts, by_angle)
+
+
 def _is_decided(a: Disc) -> Any:
     """Whether the real part of all of the disc has the sign of the middle."""
     return np.abs(a[0]) > a[1]
@@ -235,7 +266,7 @@ def imaginary_root(value: Callable[..., Any]) -> Callable[[Disc, Disc], Disc]:
         found = root(plus(a, times(number(0.75), times(real, real))))
         is_complex = (discriminant[0] > 0) & _is_decided(discriminant)
         radius = np.where(is_real, 0.0, np.where(is_complex, found[1], np.inf))
-        return np.where(is_real, 0.0, found[0]), radius
+        return np.where(discriminant[0] < 0, 0.0, found[0]), radius
 
     return bounded
 

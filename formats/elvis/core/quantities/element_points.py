@@ -73,12 +73,15 @@ class ElementPoints:
         return np.asarray(np.einsum("nm,nm->n", coefficients[self.rows], self._table(expansion)))
 
     def _gradients(self, field: int) -> Floats:
+        own = self.reference_gradients(field)
+        return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
+
+    def reference_gradients(self, field: int) -> Floats:
+        """(n, d) derivatives of a field that the patch has in the reference coordinates that it depends on."""
         expansion, coefficients = self._own(field)
         if is_small(expansion, self.points):
-            own = np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_table(expansion))
-        else:
-            own = pointwise.reference_gradients(self.patch, field, self.rows, self.points)
-        return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
+            return np.asarray(np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_table(expansion)))
+        return pointwise.reference_gradients(self.patch, field, self.rows, self.points)
 
     def _own(self, field: int) -> tuple[Expansion, Floats]:
         """The expansion and the coefficients (e, m) of a field that the patch has."""
@@ -153,9 +156,9 @@ class Lattice(ElementPoints):
         points = self._lattice[:, : dimension(expansion)]
         return evaluate(expansion, coefficients[self._elements], points).reshape(-1)
 
-    def _gradients(self, field: int) -> Floats:
+    def reference_gradients(self, field: int) -> Floats:
+        """As in `ElementPoints`."""
         expansion, coefficients = self._own(field)
         points = self._lattice[:, : dimension(expansion)]
         own = evaluate_with_gradients(expansion, coefficients[self._elements], points)[1]
-        own = own.reshape(len(self), -1)
-        return np.asarray(np.einsum("nci,ni->nc", self.duals[:, :, : own.shape[1]], own))
+        return own.reshape(len(self), -1)

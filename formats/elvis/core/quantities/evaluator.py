@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, fold, target_of
+from elvis.core.quantities.tree import Node, fold, target_of, whole_exponent
 from elvis.core.sampling import Samples
 
 #: points at once
 _BATCH = 1 << 15
+#: radius of a disc, in parts of the size of its middle, at which functions are linear
+_SLOPE = 2.0**-40
 
 
 class Evaluator:
@@ -51,17 +54,18 @@ class Evaluator:
         """(n,) magnitudes of what expressions are added up from at points: in proportion to these they are rounded."""
         leaf = _leaves(self.names, self.attributes, places)
 
-        def size(node: Node) -> Floats | float:
+        def sized(node: Node) -> _Sized:
+            value = leaf(node)
             # parts of a unit normal are right to its length
             if node.name in SIDES:
-                return 1.0
+                return value, 1.0
             # a distance is one between coordinates, near the surface also
             is_distance = node.op == "attribute" and target_of(node.name) is not None
             farthest = np.abs(places.positions).max(axis=1) if is_distance else 0.0
-            return np.abs(leaf(node)) + farthest
+            return value, np.abs(value) + farthest
 
         with np.errstate(all="ignore"):
-            yield from (fold(expression.root, size, _sized) for expression in expressions)
+            yield from (fold(expression.root, sized, _sized)[1] for expression in expressions)
 
     def at(self, expression: Expression, element_ids: Ints, reference: Floats) -> Floats:
         """(n,) values in elements with these ids (n,) at reference points (n, 3); those of the element come first."""
@@ -126,8 +130,23 @@ def _evaluated(node: Node, parts: list[Floats | float]) -> Floats | float:
     return found
 
 
-def _sized(node: Node, parts: list[Floats | float]) -> Floats | float:
-    return parts[0] + parts[1] if node.op in ("+", "-") else np.abs(_evaluated(node, parts))
+#: values, and magnitudes of what they are added up from
+_Sized = tuple[Any, Any]
+
+
+def _sized(node: Node, parts: list[_Sized]) -> _Sized:
+    """The value of an operation and its size: what it makes of sizes, for functions by their slope."""
+    values, sizes = zip(*parts, strict=True)
+    value = _evaluated(node, list(values))
+    if node.op in ("+", "-"):
+        return value, sizes[0] + sizes[1]
+    if node.op == "*" or whole_exponent(node) is not None:
+        return value, np.abs(_evaluated(node, list(sizes)))
+
+    # the radius of a disc is the slope's share where it is small, and infinite at kinks and poles
+    radius = function(node).disc(*((own, _SLOPE * size) for own, size in parts))[1]
+    known = np.abs(value) + radius / _SLOPE
+    return value, np.where(np.isfinite(known), known, np.abs(_evaluated(node, list(sizes))))
 
 
 def _leaves(names: Sequence[str], attributes: Attributes, places: ElementPoints) -> Callable[[Node], Floats | float]:

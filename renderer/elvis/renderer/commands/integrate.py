@@ -49,9 +49,14 @@ Examples:
 @click.option(
     "--error",
     type=float,
-    default=1e-10,
+    default=1e-6,
     show_default=True,
-    help="Error asked for where a quantity is no polynomial, in parts of the integral of its absolute value.",
+    help="Error requested if no rule is exact, relative to the integral of the absolute value.",
+)
+@click.option(
+    "--best-effort",
+    is_flag=True,
+    help="Let Ctrl-C end the computation with what is known, marked unfinished; the exit status is 130.",
 )
 @click.option(
     "--coefficients",
@@ -91,6 +96,7 @@ def integrate(
     quantities: tuple[str, ...],
     over: tuple[str, ...],
     error: float,
+    best_effort: bool,
     coefficients: str | None,
     clip: str | None,
     bins: int | None,
@@ -103,8 +109,8 @@ def integrate(
     """Integrate quantities over the domain, regions, boundaries, surfaces and curves, on the elements' own map.
 
     Where a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx does on curved
-    faces and a divergence in curved elements, the rule is exact. Else three rules are compared, and elements halved
-    until the error asked for holds. Each value comes with its error. nx, ny, nz are the normal: of boundaries outwards,
+    faces and a divergence in curved elements, the rule is exact. Otherwise elements are halved until a bound of the
+    error is below --error. Each value comes with its error. nx, ny, nz are the normal: of boundaries outwards,
     of planes as given, of isosurfaces towards greater values. In addition to quantities there are area, volume, length,
     average(EXPR), and the vectors force, pressure_force, viscous_force and moment, of all of which 2D data have those
     of a unit span.
@@ -127,7 +133,7 @@ def integrate(
 
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
         own = ALONE if times is not None and isinstance(source, NativeSource) and source.portion is None else ranks
-        return source.integrate(quantities, over, error, coefficients, clip, progress, own)
+        return source.integrate(quantities, over, error, coefficients, clip, progress, own, reporter(), best_effort)
 
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)
@@ -145,6 +151,38 @@ def integrate(
         found = or_alone(ranks, lambda own: _of_series(data, wanted, times, integrals, own, is_sum))
     if found is not None and not ranks.rank:
         _show(found, plot, output, as_json)
+        if not _is_finished(found):
+            raise SystemExit(INTERRUPTED)
+
+
+#: seconds after which a line reports the error reached, and between two such lines
+REPORT_AFTER = 10.0
+
+
+def reporter() -> Callable[[float], None]:
+    """A function that receives relative errors and reports them on a terminal, the first after some seconds."""
+    from time import monotonic
+
+    from elvis.core.terminal import announce
+
+    last = monotonic()
+
+    def report(reached: float) -> None:
+        nonlocal last
+        if monotonic() - last >= REPORT_AFTER:
+            last = monotonic()
+            announce(f"error reached so far: {reached:.2g} of the integral of the absolute value")
+
+    return report
+
+
+#: exit status of a shell's command that Ctrl-C ended
+INTERRUPTED = 130
+
+
+def _is_finished(found: _Moments) -> bool:
+    """Whether no integral was interrupted."""
+    return all(row.finished for _, own in found for row in own)
 
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
@@ -157,6 +195,8 @@ def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool
 
     for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
         warn(remark)
+    if not _is_finished(found):
+        warn("interrupted: the errors are those reached so far")
     if plot is not None:
         _plot(plot, found)
     if output is not None:
@@ -265,7 +305,11 @@ def _of_series(
     is_sum: Callable[[Dataset], bool],
 ) -> _Moments:
     series, moments = data.moments(times, "integrating", wanted, ranks, is_sum)
-    found: _Moments = [({"time": time}, integrals(source)) for time, source in moments]
+    found: _Moments = []
+    for time, source in moments:
+        found.append(({"time": time}, integrals(source)))
+        if not _is_finished(found):
+            break
     data.tell_of(series, [own["time"] for own, _ in found])
     return found
 

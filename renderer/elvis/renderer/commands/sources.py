@@ -330,12 +330,15 @@ class NativeSource:
         clip: str | None = None,
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
+        reached: Callable[[float], object] | None = None,
+        best_effort: bool = False,
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import evaluated, integrate
 
         expressions = [] if self.portion is None else evaluated(self.dataset, texts, coefficients)
-        return integrate(self._surrounded(expressions), texts, over, error, coefficients, clip, progress, ranks)
+        dataset, report = self._surrounded(expressions), (progress, ranks, reached, best_effort)
+        return integrate(dataset, texts, over, error, coefficients, clip, *report)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""

@@ -1,0 +1,101 @@
+"""Bounds of the error of Gauss rules on boxes of eta, from what integrands attain on complex neighbourhoods.
+
+An analytic F with |F| <= M inside the Bernstein ellipse of parameter rho, whose foci are -1 and 1 and whose half axes
+add up to rho, has Chebyshev coefficients |a_k| <= 2 M rho^-k.  A Gauss rule of n points is exact to degree 2 n - 1, its
+error of an odd T_k is 0, of an even one 2 + 2/(k^2 - 1) at most.  So it is off by at most
+
+    4 (1 + 1/(4 n^2 - 1)) M rho^-2n / (1 - rho^-2)
+
+(Petras 2002, Self-validating integration and approximation of piecewise analytic functions; Trefethen 2008, Is Gauss
+quadrature better than Clenshaw-Curtis?).  A polynomial of degree 2 n - 1 may be subtracted from F first.  The product
+of rules in d directions is off by at most the sum of the errors in each direction, with real values in all others.
+
+M comes from discs (`box_discs`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.integrals.box_discs import RHOS, BoxDiscs
+from elvis.core.quantities import discs
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.tree import Node
+
+#: points that a rule may have more than at first in a direction, of which bounds are known
+FURTHER = (0, 2, 5, 9)
+
+
+def gauss_factors(counts: Sequence[int]) -> Floats:
+    """(counts, rhos) what M is multiplied by to bound the error of a Gauss rule on [-1, 1]."""
+    n = np.asarray(counts, np.float64)[:, None]
+    return np.asarray(4 * (1 + 1 / (4 * n * n - 1)) * RHOS ** (-2 * n) / (1 - RHOS**-2))
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What is known of the integrals of e expressions over n boxes, whatever rules say.
+
+    errors     (n, e, d, s) the part of a direction in the error of rules with FURTHER[s] points more; inf: unknown
+    low, high  (n, e) what the integrals lie between
+    """
+
+    errors: Floats
+    low: Floats
+    high: Floats
+
+    def part(self, chosen: Ints | Bools | slice) -> Bounds:
+        """Those of some boxes."""
+        return Bounds(self.errors[chosen], self.low[chosen], self.high[chosen])
+
+    @staticmethod
+    def joined(several: Sequence[Bounds]) -> Bounds:
+        """Those of several sets of boxes together."""
+        columns = [(own.errors, own.low, own.high) for own in several]
+        return Bounds(*(np.concatenate(parts) for parts in zip(*columns, strict=True)))
+
+    def error(self, value: Floats, steps: Sequence[int]) -> Floats:
+        """(n, e) bounds of the errors of values (n, e) by rules with FURTHER[step] points more in each direction."""
+        analytic = sum(self.errors[:, :, axis, step] for axis, step in enumerate(steps))
+        within = np.maximum(self.high - value, value - self.low)
+        return np.asarray(np.fmin(analytic, np.maximum(within, 0.0)))
+
+
+def bounds(found: BoxDiscs, roots: Sequence[Node], measures: Floats) -> Bounds:
+    """Bounds of the integrals of expressions over boxes with measures (n,) by the rule of `BoxDiscs.counts`."""
+    is_exact = found.rules.measure_is_exact(found.counts)
+    factors = np.stack([gauss_factors([count + more for more in FURTHER]) for count in found.counts])
+    with np.errstate(all="ignore"):
+        errors = [_analytic(found, root, is_exact, factors, found.boxes.volumes) for root in roots]
+        ends = [_enclosure(found, root, is_exact, found.boxes.volumes, measures) for root in roots]
+    low, high = (np.stack(column, axis=1) for column in zip(*ends, strict=True))
+    return Bounds(np.stack(errors, axis=1), low, high)
+
+
+def _analytic(found: BoxDiscs, root: Node, is_exact: bool, factors: Floats, volumes: Floats) -> Floats:
+    """(n, d, s) what each direction has in the error of f D, with D the measure.
+
+    Where rules integrate D exactly they do so for c D too, so that |f - c| |D| bounds what is left.
+    """
+    d, own, measure = len(found.counts), found.disc(root), found.measure
+    most = own[1] * (np.abs(measure[0]) + measure[1]) if is_exact else discs.times(own, measure)[1]
+    on_ellipses = most[:, 1:].reshape(-1, d, 1, len(RHOS))
+    errors = np.where(np.isfinite(on_ellipses), on_ellipses * factors, np.inf)
+    return np.asarray(errors.min(axis=3) * (2.0 ** (d - 1) * volumes)[:, None, None])
+
+
+def _enclosure(found: BoxDiscs, root: Node, is_exact: bool, volumes: Floats, measures: Floats) -> Interval:
+    """Least and greatest value (n,) of integrals, from those of the integrand on real boxes."""
+    low, high = found.interval(root)
+    if is_exact:
+        least, most = measures, measures
+    else:
+        volume = 2.0 ** len(found.counts) * volumes
+        middle, radius = (np.broadcast_to(part, (len(low), part.shape[1]))[:, 0] for part in found.measure)
+        least, most = volume * np.maximum(middle - radius, 0.0), volume * (np.abs(middle) + radius)
+    ends = low * np.where(low < 0, most, least), high * np.where(high > 0, most, least)
+    return np.where(np.isnan(ends[0]), -np.inf, ends[0]), np.where(np.isnan(ends[1]), np.inf, ends[1])

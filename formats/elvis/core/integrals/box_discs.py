@@ -1,0 +1,360 @@
+"""Discs that hold the values of expressions on complex neighbourhoods of boxes of eta: Bernstein ellipses.
+
+Leaves are polynomials of eta.  Their first Legendre coefficient is the middle, the sum of |c_k| P_k((rho + 1/rho)/2)
+over the others the radius, since |P_k| is greatest at the end of the ellipse.  Only the coordinate of one direction is
+complex; all others are in [-1, 1], where |P_k| <= 1.  Functions of leaves follow by `elvis.core.quantities.discs`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, reduce
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.integrals.degrees import DegreeRules
+from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
+from elvis.core.polynomials.collapse import collapse_jacobian
+from elvis.core.polynomials.jacobi import jacobi
+from elvis.core.quantities import discs
+from elvis.core.quantities.attributes import Attributes, is_constant
+from elvis.core.quantities.discs import Disc
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent
+from elvis.core.shapes import Shape
+
+#: parameters of the ellipses of which the best is taken: singularities from 0.02 to 10 half lengths of a box away
+RHOS = frozen_floats(1.25 * 1.6 ** np.arange(7))
+#: rounding of values of leaves, and of their Legendre coefficients, in parts of the greatest
+_ROUNDING = 64 * float(np.finfo(np.float64).eps)
+#: steps in which the enclosure of a gradient in a bent element is made smaller
+_STEPS = 2
+_NORMALS = SIDES[:3]
+
+
+def is_bounded(root: Node, rules: DegreeRules) -> bool:
+    """Whether discs are known of all leaves of an expression on a piece."""
+    piece = rules.piece
+    patch, d = piece.patch, piece.patch.shape.dimension
+
+    def leaf(node: Node) -> bool:
+        if node.op == "attribute":
+            return is_constant(node.name) or (piece.is_side and node.name in _NORMALS)
+        if len(node.axes) < 2 or node.op != "field":
+            return not (node.op == "field" and node.axes) or rules.is_affine or (patch.is_flat and d > 1)
+        return rules.is_affine and patch.is_flat and patch.shape is not Shape.PYRAMID
+
+    return patch.homogeneous is None and fold(root, leaf, lambda _, parts: all(parts))
+
+
+@dataclass(frozen=True, eq=False)
+class BoxDiscs:
+    """Discs of expressions on the ellipses of boxes.
+
+    A disc has a column for the real box, then one for each direction's ellipse of each parameter.
+
+    rules   of the piece that the boxes are in
+    names   of the patch's fields
+    places  Gauss points of the boxes, so many as determine leaves
+    counts  of these in each direction
+    """
+
+    boxes: EtaBoxes
+    rules: DegreeRules
+    names: Sequence[str]
+    attributes: Attributes
+    places: ElementPoints
+    counts: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of boxes."""
+        return len(self.boxes)
+
+    @cached_property
+    def eta(self) -> Floats:
+        """(n q, k) of the points."""
+        return self.boxes.eta(self.counts)
+
+    def disc(self, root: Node) -> Disc:
+        """Middles (n, 1) and radii (n, 1 + k rhos) of an expression."""
+        found: dict[Node, Disc] = {}
+
+        def leaf(node: Node) -> Disc:
+            found[node] = self._leaf(node)
+            return found[node]
+
+        def inner(node: Node, parts: list[Disc]) -> Disc:
+            found[node] = function(node).disc(*parts)
+            if node.op in ("sqrt", "log", "/"):
+                found[node] = self._above(node, parts, found)
+            return found[node]
+
+        middle, radius = fold(_without_roots(root), leaf, inner)
+        columns = 1 + len(self.counts) * len(RHOS)
+        return np.broadcast_to(middle, (self.count, 1)), np.broadcast_to(radius, (self.count, columns))
+
+    def _above(self, node: Node, parts: list[Disc], found: Mapping[Node, Disc]) -> Disc:
+        """The disc of a function with a singularity at 0, also by a lower bound of the real part of its operand."""
+        middle, radius = found[node]
+        low = self._low(node.operands[-1], found)
+        other = _ABOVE[node.op](*parts, low)[1]
+        return middle, np.fmin(radius, other)
+
+    def _low(self, node: Node, found: Mapping[Node, Disc]) -> Any:
+        """A lower bound of the real part: of squares and their sums, more than the disc has."""
+        middle, radius = found[node]
+        low = middle - radius
+        first, last = (node.operands[0], node.operands[-1]) if node.operands else (node, node)
+        if node.op == "+":
+            low = np.fmax(low, self._low(first, found) + self._low(last, found))
+        elif node.op == "*" and first.op == "number" and first.value > 0:
+            low = np.fmax(low, first.value * self._low(last, found))
+        elif (node.op == "*" and first is last) or whole_exponent(node) == 2:
+            imaginary = self._imaginary.get(first, found[first][1])
+            low = np.fmax(low, discs.square_above(found[first], imaginary))
+        return low - _ROUNDING * (np.abs(middle) + np.where(np.isfinite(radius), radius, 0.0))
+
+    def interval(self, root: Node) -> Interval:
+        """Least and greatest value (n,) of an expression on the real boxes; infinite where nothing is known."""
+
+        def leaf(node: Node) -> Interval:
+            middle, radius = self._leaf(node)
+            if np.ndim(middle) == 0:
+                return middle, middle
+            return middle[:, 0] - radius[:, 0], middle[:, 0] + radius[:, 0]
+
+        low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
+        low, high = (np.broadcast_to(end, self.count) for end in (low, high))
+        is_known = ~np.isnan(low) & ~np.isnan(high)
+        return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)
+
+    @cached_property
+    def measure(self) -> Disc:
+        """The measure for each unit of eta."""
+        if self.rules.is_affine:
+            return self._of(self.boxes.density(self.places, self.eta))
+        fold_ = self._of(collapse_jacobian(self.rules.piece.shape, self.eta))
+        if self._is_solid and not self.rules.piece.is_side:
+            return discs.times(discs.absolute(self._determinant), fold_)
+        return discs.times(self._stretch, fold_)
+
+    @property
+    def _is_solid(self) -> bool:
+        return self.rules.piece.patch.is_flat and self.rules.piece.patch.shape.dimension > 1
+
+    def _of(self, values: Floats) -> Disc:
+        """The disc of a polynomial with values (n q,) at the points."""
+        return self._several(values[:, None])[0]
+
+    def _several(self, values: Floats) -> list[Disc]:
+        """Discs of polynomials with values (n q, m) at the points."""
+        middles, sizes, rounding = self._sizes(values)
+        real = sizes[0].sum(axis=1)[..., None]
+        on_ellipses = [np.tensordot(own, _growths(own.shape[1])[0], (1, 0)) for own in sizes]
+        radii = np.concatenate([real, *on_ellipses], axis=2) + rounding[..., None]
+        return [(middles[:, k, None], radii[:, k]) for k in range(values.shape[1])]
+
+    def _sizes(self, values: Floats) -> tuple[Floats, list[Floats], Floats]:
+        """Legendre coefficients of polynomials with values (n q, m): the first (n, m), sizes of the others, rounding.
+
+        For each direction the sizes (n, k, m) are sums over all coefficients that have a degree in it.
+        """
+        m, axes = values.shape[1], range(1, 1 + len(self.counts))
+        coefficients = values.reshape(self.count, *self.counts, m)
+        for axis, count in zip(axes, self.counts, strict=True):
+            coefficients = np.moveaxis(np.tensordot(to_legendre(count), coefficients, (1, axis)), 0, axis)
+        coefficients = np.ascontiguousarray(coefficients)
+        middles, sizes = coefficients.reshape(self.count, -1, m)[:, 0].copy(), np.abs(coefficients)
+        rounding = _ROUNDING * np.abs(values).reshape(self.count, -1, m).max(axis=1)
+        sizes.reshape(self.count, -1, m)[:, 0] = 0.0
+        return middles, [sizes.sum(axis=tuple(other for other in axes if other != axis)) for axis in axes], rounding
+
+    def _polynomial(self, node: Node, values: Floats) -> Disc:
+        """The disc of a leaf that is a polynomial with values (n q,) at the points; its imaginary part is noted."""
+        middles, sizes, rounding = self._sizes(values[:, None])
+        parts = [np.tensordot(own, _growths(own.shape[1]), (1, 1)) for own in sizes]
+        real, imaginary = (np.concatenate([part[:, 0, kind] for part in parts], axis=1) for kind in (0, 1))
+        radii = np.concatenate([sizes[0].sum(axis=1), real], axis=1) + rounding
+        self._imaginary[node] = np.concatenate([0 * rounding, imaginary], axis=1) + rounding
+        return middles, radii
+
+    def _leaf(self, node: Node) -> Disc:
+        """Middle and radius of a leaf."""
+        if node.op == "number":
+            return discs.number(node.value)
+        if node not in self._known:
+            self._known[node] = self._found(node)
+        return self._known[node]
+
+    @cached_property
+    def _imaginary(self) -> dict[Node, Floats]:
+        """Bounds (n, 1 + k rhos) of the imaginary parts of leaves that are polynomials."""
+        return {}
+
+    @cached_property
+    def _known(self) -> dict[Node, Disc]:
+        """Discs of leaves that were asked for."""
+        return {}
+
+    def _found(self, node: Node) -> Disc:
+        if node.op == "coordinate":
+            return self._polynomial(node, self.places.positions[:, node.axes[0]])
+        if node.op == "attribute":
+            return self._attribute(node.name)
+        field = self.names.index(node.name)
+        if not node.axes:
+            return self._polynomial(node, self.places.derivative(field, 0))
+        if self.rules.is_affine:
+            return self._polynomial(node, self.places.derivative(field, len(node.axes)).T[node.axes[::-1]])
+        gradient = self._gradient(field)
+        return gradient[node.axes[0]] if node.axes[0] < len(gradient) else discs.number(0.0)
+
+    def _attribute(self, name: str) -> Disc:
+        values = self.attributes.at(name, self.places.patch, self.places.rows, self.places.points)
+        if is_constant(name) or self.rules.is_affine or self.rules.is_flat:
+            return self._of(values)
+        axis = _NORMALS.index(name)
+        found = discs.over(self._normal[axis], self._stretch)
+        one = slice(None, None, int(np.prod(self.counts)))
+        is_turned = values[one] * self._normal_values[one, axis] < 0
+        return np.where(is_turned[:, None], -found[0], found[0]), found[1]
+
+    @cached_property
+    def _frame(self) -> tuple[Floats, Floats, list[list[Disc]]]:
+        """A = J0^-T and det J0 of a mean Jacobian J0 of each box, and discs of R = A J^T - 1."""
+        d = self.rules.piece.patch.shape.dimension
+        jacobians = self.places.jacobians[:, :d, :d].reshape(self.count, -1, d, d)
+        mean = jacobians.mean(axis=1)
+        determinant = np.linalg.det(mean)
+        inverse = np.linalg.inv(np.where(determinant[:, None, None] == 0, np.nan, mean)).transpose(0, 2, 1)
+        rest = np.einsum("nij,nqkj->nqik", inverse, jacobians) - np.eye(d)
+        found = self._several(rest.reshape(-1, d * d))
+        return inverse, determinant, [found[row * d : (row + 1) * d] for row in range(d)]
+
+    @cached_property
+    def _determinant(self) -> Disc:
+        """That of 1 + R, of which most is on the diagonal, times det J0."""
+        _, mean, rest = self._frame
+        one = discs.number(1.0)
+        near = [[discs.plus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(rest)]
+        return discs.times((mean[:, None], np.zeros((len(mean), 1))), _expanded(near))
+
+    def _gradient(self, field: int) -> list[Disc]:
+        """The gradient of a field: from J^T g = s with g0 = A s, g = g0 - R g (Neumaier 1990, section 4.2).
+
+        |g| <= |g0| / (1 - |R|) in the norm of the greatest; so 1 + R is regular on all of the ellipses.
+        """
+        if field not in self._gradients:
+            inverse, _, rest = self._frame
+            own = self.places.reference_gradients(field).reshape(self.count, -1, len(rest))
+            first = self._several(np.einsum("nij,nqj->nqi", inverse, own).reshape(-1, len(rest)))
+            norm = _greatest([sum(np.abs(entry[0]) + entry[1] for entry in row) for row in rest])
+            size = _greatest([np.abs(entry[0]) + entry[1] for entry in first])
+            radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+            found: list[Disc] = [(0.0 * entry[0], radius) for entry in first]
+            for _ in range(_STEPS):
+                found = [_less(first[i], rest[i], found) for i in range(len(rest))]
+            self._gradients[field] = found
+        return self._gradients[field]
+
+    @cached_property
+    def _gradients(self) -> dict[int, list[Disc]]:
+        """Gradients that were asked for."""
+        return {}
+
+    @cached_property
+    def _tangents(self) -> Floats:
+        """(n q, 3, k) of the piece at the points."""
+        return self.rules.piece.along(self.places.jacobians)
+
+    @cached_property
+    def _normal_values(self) -> Floats:
+        """(n q, 3) vectors across a side at the points: tangents' product, on an edge its tangent turned."""
+        along = self._tangents
+        if along.shape[2] == 2:
+            return np.cross(along[:, :, 0], along[:, :, 1])
+        return np.stack([along[:, 1, 0], -along[:, 0, 0], 0 * along[:, 0, 0]], axis=1)
+
+    @cached_property
+    def _normal(self) -> list[Disc]:
+        """Discs of these."""
+        along = self._tangents
+        if along.shape[2] == 1:
+            return self._several(self._normal_values)
+        one, two = self._several(along[:, :, 0]), self._several(along[:, :, 1])
+        return [_minor(one[i], one[k], two[i], two[k]) for i, k in ((1, 2), (2, 0), (0, 1))]
+
+    @cached_property
+    def _stretch(self) -> Disc:
+        """Length or area of tangents."""
+        is_edge = self._tangents.shape[2] == 1
+        parts = self._several(self._tangents[:, :, 0]) if is_edge else self._normal
+        squares = [discs.times(part, part) for part in parts]
+        return discs.root(reduce(discs.plus, squares))
+
+
+def _greatest(arrays: Sequence[Floats]) -> Floats:
+    return reduce(np.maximum, arrays)
+
+
+def _less(first: Disc, row: Sequence[Disc], found: Sequence[Disc]) -> Disc:
+    """An entry of g0 - R g."""
+    return reduce(discs.minus, (discs.times(*pair) for pair in zip(row, found, strict=True)), first)
+
+
+def _minor(a: Disc, b: Disc, c: Disc, d: Disc) -> Disc:
+    """a d - b c."""
+    return discs.minus(discs.times(a, d), discs.times(b, c))
+
+
+def _expanded(t: list[list[Disc]]) -> Disc:
+    """The determinant of a matrix of discs, along its first row."""
+    if len(t) == 2:
+        return _minor(t[0][0], t[0][1], t[1][0], t[1][1])
+    others = [[[row[a], row[b]] for row in t[1:]] for a, b in ((1, 2), (2, 0), (0, 1))]
+    return reduce(discs.plus, (discs.times(t[0][k], _expanded(others[k])) for k in range(3)))
+
+
+@lru_cache(maxsize=64)
+def _growths(count: int) -> Floats:
+    """(2, count, rhos) the greatest that |P_k| and |Im P_k| are inside of the ellipses, or more.
+
+    |P_k| at their real ends; with P_k = sum a_j T_j, where no a_j is negative, |Im P_k| <= sum a_j (rho^j - rho^-j)/2.
+    """
+    real = jacobi(count - 1, 0, 0, (RHOS + 1 / RHOS) / 2)
+
+    # a_j for j > 0 by the Gauss-Chebyshev rule, which is exact
+    angles = (np.arange(count) + 0.5) * np.pi / count
+    j = np.arange(1, count)[:, None]
+    chebyshev = jacobi(count - 1, 0, 0, np.cos(angles)) @ np.cos(j * angles).T * 2 / count
+    rounded_up = np.maximum(chebyshev, 0.0) + _ROUNDING
+    return frozen_floats(np.stack([real, rounded_up @ ((RHOS**j - RHOS**-j) / 2)]))
+
+
+def _without_roots(root: Node) -> Node:
+    """An expression with a in place of the squares of sqrt(a), and a^2 in place of those of abs(a)."""
+
+    def inner(node: Node, parts: list[Node]) -> Node:
+        base, exponent = parts[0], whole_exponent(node)
+        if node.op == "*" and parts[0] is parts[1]:
+            exponent = 2
+        if exponent is None or exponent % 2 or base.op not in ("sqrt", "abs"):
+            return call(node.op, *parts)
+        return call("^", base.operands[0], number(exponent / 2 if base.op == "sqrt" else exponent))
+
+    return fold(root, lambda leaf: leaf, inner)
+
+
+#: discs of functions with a singularity at 0, from a lower bound of the real part of their last operand
+_ABOVE: Mapping[str, Callable[..., Disc]] = {
+    "sqrt": discs.root_above,
+    "log": discs.logarithm_above,
+    "/": discs.over_above,
+}

@@ -1,0 +1,272 @@
+"""Boxes with what rules say of the integrals of some expressions on them, and by how much these may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.integrals.analytic_error import FURTHER, Bounds
+from elvis.core.integrals.degrees import DegreeRules
+from elvis.core.integrals.eta_boxes import EtaBoxes
+from elvis.core.integrals.level_boxes import LevelBoxes
+
+#: Gauss points in a direction by which further rules have more that are compared
+COMPARED = (1, 2)
+#: parts of the side of an element below which boxes are not halved: points in them are not told apart
+_LEAST_SIDE = 2.0**-43
+#: boxes are halved in directions that have this part of the greatest share of the error
+_ALIKE = 0.25
+#: or, where only intervals bound it, that reduce it by this part of the greatest reduction
+_AS_GOOD = 0.5
+#: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
+_NEW = 2.0
+
+#: the greatest score of a box, of which many add up to a number
+_HOPELESS = 1e200
+
+Counts = tuple[int, ...]
+#: what integrals are taken over
+Boxes = EtaBoxes | LevelBoxes
+
+
+@dataclass
+class Sums:
+    """Integrals of k expressions, and what is known of them.
+
+    value      (k,)
+    error      (k,)  by which they may differ from the truth
+    rounding   (k,)  the part of it that is rounding
+    magnitude  (k,)  integrals of the absolute values
+    measure    (k,)  length, area or volume of the elements that have all fields of the expression
+    beyond     (k,)  that of where another dataset, which the expression names, has nothing: not part of ``measure``
+    is_exact   (k,)  whether all rules are exact, so that the error is that of rounding alone
+    is_bound   (k,)  whether the error is a bound, derived over whole boxes; else it is an estimate
+    places     where an expression has no value, or another dataset has nothing, by the expression's number
+    """
+
+    value: Floats
+    error: Floats
+    rounding: Floats
+    magnitude: Floats
+    measure: Floats
+    beyond: Floats
+    is_exact: Bools
+    is_bound: Bools
+    places: dict[int, Floats] = field(default_factory=dict)
+
+    @staticmethod
+    def none(count: int) -> Sums:
+        """Integrals over nothing."""
+        value, error, rounding, magnitude, measure, beyond = np.zeros((6, count))
+        every = np.ones(count, bool)
+        return Sums(value, error, rounding, magnitude, measure, beyond, every, every.copy())
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(
+            self.value + other.value,
+            self.error + other.error,
+            self.rounding + other.rounding,
+            self.magnitude + other.magnitude,
+            self.measure + other.measure,
+            self.beyond + other.beyond,
+            self.is_exact & other.is_exact,
+            self.is_bound & other.is_bound,
+            {**other.places, **self.places},
+        )
+
+
+class BoxIntegrals(NamedTuple):
+    """Integrals of k expressions over n boxes, (n, k) each.
+
+    magnitude  integrals of the absolute values
+    measure    of where there are values
+    beyond     of where another dataset has nothing
+    """
+
+    value: Floats
+    magnitude: Floats
+    measure: Floats
+    beyond: Floats
+
+    def part(self, chosen: Bools) -> BoxIntegrals:
+        """Those over some boxes."""
+        return BoxIntegrals(*(column[chosen] for column in self))
+
+    @staticmethod
+    def joined(several: Sequence[BoxIntegrals]) -> BoxIntegrals:
+        """Those over several sets of boxes together."""
+        return BoxIntegrals(*(np.concatenate(columns) for columns in zip(*several, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Boxes with integrals by one rule.
+
+    numbers    of the expressions
+    counts     of points in each direction; the least, where several rules are compared
+    integrals  by the best rule
+    error      (n, k) by which these may be off, rounding left aside
+    is_bound   (n, k) whether the error is a bound
+    """
+
+    boxes: Boxes
+    numbers: list[int]
+    counts: Counts
+    integrals: BoxIntegrals
+    error: Floats
+    is_bound: Bools
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    @property
+    def cost(self) -> int:
+        """Points that it takes to improve a box."""
+        return 0
+
+    def part(self, chosen: Bools) -> Group:
+        """Some of the boxes."""
+        return replace(
+            self,
+            boxes=self.boxes.part(chosen),
+            integrals=self.integrals.part(chosen),
+            error=self.error[chosen],
+            is_bound=self.is_bound[chosen],
+        )
+
+    def sums(self, count: int) -> Sums:
+        """All boxes together, for ``count`` expressions."""
+        total = Sums.none(count)
+        for name, column in self.integrals._asdict().items():
+            getattr(total, name)[self.numbers] = column.sum(axis=0)
+        total.rounding[self.numbers] = self._rounding.sum(axis=0)
+        total.error[self.numbers] = self.error.sum(axis=0) + total.rounding[self.numbers]
+        total.is_exact[self.numbers] = False
+        total.is_bound[self.numbers] = self.is_bound.all(axis=0)
+        return total
+
+    @property
+    def _rounding(self) -> Floats:
+        """(n, k) by which rounding moves integrals."""
+        return np.asarray(self.integrals.measure * self.boxes.rounding)
+
+    def scores(self, goals: Floats) -> Floats:
+        """(n,) the errors of boxes in parts of what all together may have, the greatest of the expressions.
+
+        What is less than rounding can't be improved.
+        """
+        error = np.where(self.error > self._rounding, self.error, 0.0)
+        with np.errstate(all="ignore"):
+            parts = np.nan_to_num(error / goals[self.numbers], nan=0.0, posinf=_HOPELESS)
+        return np.asarray(np.minimum(parts, _HOPELESS).max(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Compared(Group):
+    """Boxes on which several rules are compared: their differences make an estimate of the error.
+
+    is_raised  whether rules have more points than at first
+    """
+
+    is_raised: bool = False
+
+    @property
+    def cost(self) -> int:
+        """Points that it takes to improve a box."""
+        points = sum(map(np.prod, compared_counts(self.counts)))
+        return int(points * (2 ** len(self.counts) if self.is_raised else 3))
+
+
+def compared_counts(counts: Counts) -> list[Counts]:
+    """Points in each direction of the rules that are compared, the least of which has ``counts``."""
+    return [tuple(count + further for count in counts) for further in (0, *COMPARED)]
+
+
+@dataclass(frozen=True, eq=False)
+class Bounded(Group):
+    """Boxes on which the error is a bound.
+
+    rules      of the piece that they are in
+    steps      numbers of FURTHER in each direction: by how many points ``counts`` exceed those of the least rule
+    bounds     of all rules that are considered
+    gains      (n, d) by how much halving each direction reduces what intervals leave open, as points tell
+    is_final   whether boxes are too small to be halved
+    """
+
+    boxes: EtaBoxes
+    rules: DegreeRules
+    steps: tuple[int, ...]
+    bounds: Bounds
+    gains: Floats
+    is_final: bool = False
+
+    def part(self, chosen: Bools) -> Bounded:
+        """Some of the boxes."""
+        own = super().part(chosen)
+        assert isinstance(own, Bounded)
+        return replace(own, bounds=self.bounds.part(chosen), gains=self.gains[chosen])
+
+    @property
+    def least(self) -> Counts:
+        """Points in each direction of the least rule."""
+        return tuple(count - FURTHER[step] for count, step in zip(self.counts, self.steps, strict=True))
+
+    @property
+    def cost(self) -> int:
+        """Points that it takes to improve a box, about."""
+        return int(2 * np.prod(self.least))
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for groups that can be joined."""
+        return id(self.rules), *self.numbers, self.steps, self.is_final
+
+    def scores(self, goals: Floats) -> Floats:
+        """As in `Group`; none of boxes that can't be halved."""
+        return np.zeros(len(self)) if self.is_final else super().scores(goals)
+
+    @staticmethod
+    def joined(several: Sequence[Bounded]) -> Bounded:
+        """Groups with equal keys together."""
+        if len(several) == 1:
+            return several[0]
+        return replace(
+            several[0],
+            boxes=EtaBoxes.joined([own.boxes for own in several]),
+            integrals=BoxIntegrals.joined([own.integrals for own in several]),
+            error=np.concatenate([own.error for own in several]),
+            is_bound=np.concatenate([own.is_bound for own in several]),
+            bounds=Bounds.joined([own.bounds for own in several]),
+            gains=np.concatenate([own.gains for own in several]),
+        )
+
+    def wanted_steps(self, allowed: Floats) -> tuple[Ints, Bools]:
+        """Steps (n, d) of rules whose errors are less than allowed (k,), and whether (n,) they are worth their points.
+
+        Halving a direction divides its bound by about 2^(2 n), and takes new boxes.
+        """
+        d, least = len(self.counts), np.array(self.least)
+        is_enough = (self.bounds.errors <= (allowed / d)[:, None, None]).all(axis=1)
+        steps = is_enough.argmax(axis=2)
+        points = (least + np.array(FURTHER)[steps]).prod(axis=1)
+        with np.errstate(all="ignore"):
+            excess = np.log2(self.bounds.errors[..., 0] * d / allowed[:, None]).max(axis=1)
+        halvings = np.ceil(np.maximum(excess, 0.0) / (2 * least)).sum(axis=1)
+        is_worth = points <= _NEW * least.prod() * 2.0 ** np.maximum(halvings, 1.0)
+        is_new = (steps != np.array(self.steps)).any(axis=1)
+        return steps, is_enough.any(axis=2).all(axis=1) & is_worth & is_new
+
+    def halving(self, allowed: Floats) -> Bools:
+        """(n, d) the directions in which boxes are best halved, none of them too small ones."""
+        with np.errstate(all="ignore"):
+            shares = (self.bounds.errors[..., 1] / allowed[:, None]).max(axis=1)
+        is_known = np.isfinite(shares).all(axis=1) & (shares > 0).any(axis=1)
+        shares = np.where(is_known[:, None], np.log2(np.maximum(shares, 1e-300)), 0.0)
+        behind = shares >= shares.max(axis=1, keepdims=True) + np.log2(_ALIKE)
+        varied = self.gains >= _AS_GOOD * self.gains.max(axis=1, keepdims=True)
+        is_large = self.boxes.high - self.boxes.low > 2 * _LEAST_SIDE
+        return np.asarray(np.where(is_known[:, None], behind, varied) & is_large)
