@@ -15,7 +15,6 @@ import pytest
 
 from elvis.converters import apart, copies
 from elvis.converters.apart import Apart, LibraryError, receive, send
-from elvis.converters.cgns import Cgns
 from elvis.converters.gmsh import Gmsh
 from elvis.converters.mfem import Mfem
 from elvis.converters.ngsolve import NGSolve
@@ -244,7 +243,6 @@ def test_objects_are_not_sent():
 #: files of each library, and its modules that read them
 READ = {
     Gmsh: (["gmsh/mixed_o2_v22.msh"], ["gmsh"]),
-    Cgns: (["cgns/gmsh_mixed_o2.cgns"], ["gmsh"]),
     Vtk: (["vtk/dealii_shell_p4.vtu"], ["vtkmodules.vtkIOXML", "vtkmodules.vtkIOLegacy"]),
     Mfem: (["mfem/pipe_nurbs.mesh", "mfem/pipe_nurbs.u.gf"], ["mfem.ser"]),
     NGSolve: (["ngsolve/ballbox_p4.vol"], ["ngsolve"]),
@@ -284,11 +282,11 @@ def test_a_library_that_dies_of_a_question_later_is_told(solvers):
 def test_nothing_in_the_working_folder_is_run(tmp_path, monkeypatch, name):
     (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
     (tmp_path / "a.vtu").write_text('<VTKFile type="UnstructuredGrid">')
-    (tmp_path / "a.cgns").write_text("@(#)ADF Database Version A02011>")
+    (tmp_path / "a.msh").write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
     monkeypatch.chdir(tmp_path)
-    for converter in (Vtk, Cgns):
+    for converter, file in ((Vtk, "a.vtu"), (Gmsh, "a.msh")):
         with pytest.raises(FormatError, match="expected"):
-            converter([tmp_path / ("a.vtu" if converter is Vtk else "a.cgns")])
+            converter([tmp_path / file])
     assert not (tmp_path / "run").exists()
 
 

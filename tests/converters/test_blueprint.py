@@ -217,3 +217,70 @@ def test_what_has_no_topologies():
     for given, found in (({"a": 1}, "a"), (3, "int")):
         with pytest.raises(ElvisError, match=f"expected a mesh of Conduit's Blueprint .* found {found}"):
             from_blueprint(given)
+
+
+#: values that no place of a mesh expects
+ODD = (
+    *(None, "", "x", -1, 2**70, 1e308, float("nan"), True, [], {}, "hex", "mixed", "H1_2D_P1000000", "a\nvertices\n9"),
+    *("y" * 100_000, np.array(["a"]), object(), b"bytes", 1 + 2j, [1e400], [None], {"x": {"y": {}}}, np.array(5.0)),
+)
+
+
+def paths_in(node, above=()):
+    """The places of all that nested dictionaries hold."""
+    for key, value in node.items():
+        yield (*above, key)
+        if isinstance(value, dict):
+            yield from paths_in(value, (*above, key))
+
+
+def bad_node(number):
+    """A mesh of two squares with its edges, damaged at one place by its number."""
+    x, y = [0.0, 1, 1, 0, 2, 2], [0.0, 0, 1, 1, 0, 1]
+    elements = {"shape": "quad", "connectivity": [0, 1, 2, 3, 1, 4, 5, 2]}
+    outer = {"shape": "line", "connectivity": [0, 1, 1, 4]}
+    main = {"type": "unstructured", "coordset": "coords", "boundary_topology": "edge", "elements": elements}
+    node = {
+        "state": {"time": 0.5},
+        "coordsets": {"coords": {"type": "explicit", "values": {"x": x, "y": y}}},
+        "topologies": {"main": main, "edge": {"type": "unstructured", "coordset": "coords", "elements": outer}},
+        "fields": {
+            "u": {"topology": "main", "basis": "L2_2D_P1", "values": [0.0, 1, 2, 3, 4, 5, 6, 7]},
+            "c": {"topology": "main", "association": "element", "values": [1.0, 2.0]},
+            "main_attribute": {"topology": "main", "association": "element", "values": [1, 2]},
+        },
+    }
+    places = list(paths_in(node))
+    *above, last = places[number % len(places)]
+    owner = node
+    for key in above:
+        owner = owner[key]
+    odd = number // len(places)
+    if odd < len(ODD):
+        owner[last] = ODD[odd]
+    elif odd == len(ODD):
+        owner[7] = owner.pop(last)
+    else:
+        owner[f"{last}/b\n"] = owner.pop(last)
+    return node
+
+
+@pytest.mark.parametrize("start", range(4))
+def test_damaged_meshes_are_read_or_refused_with_a_sentence(start):
+    sentences = []
+    for number in range(start, 29 * (len(ODD) + 2), 23):
+        try:
+            from_blueprint(bad_node(number))
+        except ElvisError as error:
+            sentences.append(str(error))
+    assert len(sentences) > 5
+    assert not [text for text in sentences if "\n" in text or len(text) > 1000]
+
+
+def test_domains_with_other_fields_are_refused():
+    node = bad_node(0)
+    node["state"] = {"time": 0.0}
+    other = bad_node(0)
+    del other["fields"]["c"]
+    with pytest.raises(ElvisError, match="domain 2: expected the fields c, u as in the first, found u"):
+        from_blueprint({"domain_000000": node, "domain_000001": other})

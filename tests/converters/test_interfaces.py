@@ -5,10 +5,25 @@ import itertools
 import h5py
 import numpy as np
 import pytest
+from click.testing import CliRunner
+
+from elvis.plugins.command import elvis as group
 
 UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=3)))[:, ::-1]
 #: corners of a hexahedron in the order of VTK, Gmsh and Exodus, among those with x fastest
 AROUND = [0, 1, 3, 2, 4, 5, 7, 6]
+
+
+@pytest.fixture
+def run_elvis():
+    """Run a command in this process and return its warnings and notes as one line."""
+
+    def run(*arguments):
+        outcome = CliRunner().invoke(group, [str(argument) for argument in arguments])
+        assert outcome.exit_code == 0, outcome.stderr
+        return " ".join(outcome.stderr.split())
+
+    return run
 
 
 def box(low, high):
@@ -410,3 +425,32 @@ def test_sides_of_quadratic_pyramids_keep_their_names(elvis_json, tmp_path):
     wanted = {"boundary5": 1, "boundary4": 0.5, "boundary3": 0.5**0.5, "boundary2": 0.5**0.5, "boundary1": 0.5}
     assert found.pop("total") == pytest.approx(sum(wanted.values()), rel=1e-13)
     assert found == pytest.approx(wanted, rel=1e-13)
+
+
+@pytest.mark.parametrize(("shift", "wanted"), [(0.5, 2), (1.0, 0)])
+def test_faces_that_lie_on_others_in_part_are_named_in_every_command(run_elvis, tmp_path, shift, wanted):
+    # two cubes side by side, one of them shifted along the common plane; at last they share an edge alone
+    one, other = cells((0, 0, 0), (1, 1, 1), (1, 1, 1)), cells((1, shift, 0), (2, 1 + shift, 1), (1, 1, 1))
+    file = write_gmsh(tmp_path / "shifted.msh", [(5, turned(own[:, AROUND])) for own in (one, other)])
+    for command in (["norms"], ["integrate", "--over", "all", "--field", "1"]):
+        warnings = run_elvis(command[0], file, *command[1:])
+        assert (f"{wanted} faces may lie on faces of other elements" in warnings) is (wanted > 0)
+
+
+def test_gaps_next_to_small_sides_are_named(run_elvis, tmp_path):
+    one, other = squares((0, 0), (1, 1), (1, 1)), squares((1, 0), (2, 1), (1, 2))
+    other[:, :, 0] += 0.02 * ((other[:, :, 0] == 1) & (other[:, :, 1] == 0.5))
+    file = write_vtk(tmp_path / "gap.vtk", np.concatenate([one, other]))
+    assert "3 edges may lie on edges of other elements, in part or within 0.02" in run_elvis("norms", file)
+
+
+def test_named_faces_of_a_slit_stay_outer_ones(elvis_json, tmp_path):
+    # both faces of the common side have names: a slit, which lines don't cross
+    lines = ["MFEM mesh v1.0", "dimension", "2", "elements", "2", "1 3 0 1 2 3", "1 3 4 5 6 7", "boundary", "8"]
+    lines += ["1 1 0 1", "9 1 1 2", "1 1 2 3", "1 1 3 0", "1 1 4 5", "1 1 5 6", "1 1 6 7", "8 1 7 4", "vertices", "8"]
+    lines += ["2", "0 0", "1 0", "1 1", "0 1", "1 0", "2 0", "2 1", "1 1"]
+    file = tmp_path / "slit.mesh"
+    file.write_text("\n".join(lines) + "\n")
+    assert areas(elvis_json, file) == pytest.approx({"boundary1": 6, "boundary8": 1, "boundary9": 1, "total": 8})
+    file.write_text("\n".join(lines).replace("9 1 1 2\n", "").replace("boundary\n8", "boundary\n7") + "\n")
+    assert areas(elvis_json, file) == pytest.approx({"all": 6})

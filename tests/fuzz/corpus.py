@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -91,6 +92,7 @@ def subjects(folder, readers):
         native: ("native XML", "native HDF5"),
         volumes: ("fourier", "nurbs"),
         converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
+        cgns: ("cgns",),
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
@@ -184,6 +186,40 @@ def converted(folder):
     yield Subject("vtk", (folder / "tiny.vtk",), ("converted",))
     (folder / "tet.mesh").write_text(MFEM)
     yield Subject("mfem", (folder / "tet.mesh",), ("converted",))
+
+
+def cgns(folder):
+    """Tiny CGNS files in both containers: a structured zone, and elements of two types in a section of many."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+    import cgns_writing as writing
+
+    points = writing.grid(3, 3, 2)
+    names = writing.node("FlowSolutionPointers", "DataArray_t", ["A", "B"])
+    steps = writing.node("ZoneIterativeData", "ZoneIterativeData_t", None, names)
+    flows = [writing.solution(name, None, {"u": points @ [1.0, 2, 3]}) for name in "AB"]
+    wall = writing.condition("wall", "PointRange", [(1, 1, 1), (1, 3, 2)], None, "Wall")
+    box = writing.structured("Box", points, *flows, steps, writing.conditions(wall))
+    times = writing.node("TimeValues", "DataArray_t", np.array([0.5, 1.5]))
+    iterative = writing.node("Steps", "BaseIterativeData_t", np.array([2], np.int32), times)
+    structured = [writing.base(iterative, writing.node("Wall", "Family_t"), box)]
+    corners = writing.grid(2, 2, 2).reshape(-1, 3)
+    table = [[0, 4, 6, 2, 1, 5, 7, 3]]
+    cells = writing.mixed("Cells", 1, [(17, table), (7, [[0, 2, 6, 4]])], True)
+    floor = writing.condition("floor", "PointList", [[2]], "FaceCenter")
+    way = writing.node("InterpolationType", "InterpolationType_t", "ParametricMonomialsPascal")
+    family = writing.node(
+        "F", "Family_t", None, writing.node("Way", "SolutionInterpolation_t", np.array([17, 1, 0], np.int32), way)
+    )
+    degrees = writing.node("InterpolationDegrees", "IndexArray_t", np.array([1, 0], np.int32))
+    high = writing.solution("High", "InterpolationPoints", {"u": np.arange(4.0)}, None, degrees)
+    unstructured = [
+        writing.base(family, writing.unstructured("Zone", corners, 1, cells, writing.conditions(floor), high))
+    ]
+    for name, tree in (("structured", structured), ("unstructured", unstructured)):
+        yield Subject("cgns", (writing.write_hdf5(folder / f"{name}.cgns", tree, 4.2),), ("converted",))
+        for order in "<>":
+            path = folder / f"{name}_{'AB'[order == '<']}.adf"
+            yield Subject("cgns", (writing.write_adf(path, tree, 3.3, order == ">", order),), ("converted",))
 
 
 def exported_vtu(whole, path):

@@ -26,10 +26,10 @@ import work
 
 #: cases of each reader, of a thousand
 SHARES = {
-    "native XML": 190, "native HDF5": 100, "messages": 20,
+    "native XML": 176, "native HDF5": 100, "messages": 20,
     "scene toml": 60, "scene yaml": 60, "scene json": 60, "palette": 60,
     "triangles": 80, "points": 40, "record": 60, "fourier": 60, "nurbs": 60, "elvisdat": 31, "nek": 15, "gmf": 15,
-    "exodus": 15, "hopr": 12, "pyfr": 12, "ngsolve": 8, "gmsh": 15, "vtk": 15, "mfem": 6, "cgns": 6,
+    "exodus": 15, "hopr": 12, "pyfr": 12, "ngsolve": 8, "gmsh": 15, "vtk": 15, "mfem": 6, "cgns": 20,
 }  # fmt: skip
 
 #: seconds without a word after which a process is ended

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_pieces import Piece, Source
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.terminal import one_line
 from elvis.plugins.arrays import host_array
 from elvis.plugins.converting import converted_object
 
@@ -35,6 +37,8 @@ _SHAPES = {
     "pyramid": (7, 3, 5),
 }
 _AXES = ("x", "y", "z")
+#: whole numbers that floating-point numbers may stand for
+_LARGEST = 2.0**53
 _BASIS = re.compile(r"[A-Za-z0-9_@]+")
 
 
@@ -50,133 +54,203 @@ def from_blueprint(mesh: Any, *, time: float | None = None) -> Dataset:
     ``u_x``, ``u_y``, ``u_z``; remarks of the dataset tell the measured error.  ElvisError where something is missing,
     or is not what it should be.
     """
-    source = Mfem.of([_piece(domain) for domain in _domains(mesh)])
+    pieces = [_piece(domain) for domain in _domains(mesh)]
+    _check_same_fields(pieces)
+    source = Mfem.of(pieces)
     source.time = _time(mesh) if time is None else time
     return converted_object(source, "a mesh of Conduit's Blueprint")
 
 
-def _names(node: Any) -> list[str]:
+def _children(node: Any) -> dict[str, Any]:
     """What a node holds, by name; nothing where it is a value."""
     if isinstance(node, Mapping):
-        return [str(name) for name in node]
+        return {str(name): child for name, child in node.items()}
     names = getattr(node, "child_names", None)
-    return list(names()) if callable(names) else []
+    return {name: node[name] for name in names()} if callable(names) else {}
 
 
 def _at(node: Any, path: str) -> Any:
     """What is at a path below a node; None where that is not there."""
     for name in path.split("/"):
-        if name not in _names(node):
-            return None
-        node = node[name]
+        node = _children(node).get(name)
     return node
 
 
 def _needed(node: Any, path: str, what: str) -> Any:
     found = _at(node, path)
     if found is None:
-        raise ElvisError(f"Blueprint: expected {what} at {path}, found {', '.join(_names(node)) or 'nothing'}")
+        names = _shown(", ".join(_children(node)) or "nothing")
+        raise ElvisError(f"Blueprint: expected {what} at {_shown(path)}, found {names}")
     return found
+
+
+def _name_at(node: Any, path: str, what: str) -> str:
+    """A name at a path below a node; ElvisError for other values, and where there is none."""
+    found = _needed(node, path, what)
+    if not isinstance(found, str):
+        raise ElvisError(f"Blueprint: expected {what} at {_shown(path)}, found {_shown(found)}")
+    return found
+
+
+def _whole_numbers(name: str, given: Any) -> Ints:
+    """(n,) whole numbers of an array; ElvisError for others."""
+    found = _numbers(name, given)
+    if found.dtype.kind not in "iu":
+        is_whole = np.isfinite(found) & (found == np.rint(found)) & (np.abs(found) < _LARGEST)
+        if not is_whole.all():
+            raise _fault(f"{name}", f"expected whole numbers, found {_shown(found[~is_whole][0])}")
+    return found.astype(np.int64)
+
+
+def _real_numbers(name: str, given: Any) -> Floats:
+    """(n,) numbers of an array; ElvisError for others."""
+    return _numbers(name, given).astype(np.float64)
+
+
+def _numbers(name: str, given: Any) -> NDArray[Any]:
+    """(n,) real numbers of an array of any type."""
+    try:
+        found = np.ravel(np.asarray(host_array(name, given)))
+    except (ValueError, TypeError, OverflowError) as error:
+        raise _fault(f"{name}", f"expected numbers, found: {_shown(error)}") from None
+    if found.dtype.kind not in "iufb":
+        raise ElvisError(f"Blueprint: {_shown(name)}: expected numbers, found {found.dtype}")
+    return found
+
+
+def _fault(place: str, sentence: str) -> ElvisError:
+    """An error at a place of the mesh."""
+    return ElvisError(f"Blueprint: {_shown(place)}: {sentence}")
+
+
+def _shown(value: Any) -> str:
+    """A value in a sentence: on one line, and not long."""
+    return one_line(f"{value!s:.60}")
 
 
 def _domains(mesh: Any) -> list[Any]:
     """The mesh, or its domains; ElvisError where there is neither."""
-    if "topologies" in _names(mesh):
+    if "topologies" in _children(mesh):
         return [mesh]
-    found = [mesh[name] for name in _names(mesh) if "topologies" in _names(mesh[name])]
+    found = [child for child in _children(mesh).values() if "topologies" in _children(child)]
     if not found:
-        named = ", ".join(_names(mesh)) or type(mesh).__name__
-        raise ElvisError(f"expected a mesh of Conduit's Blueprint with coordsets and topologies, found {named:.60}")
+        named = _shown(", ".join(_children(mesh)) or type(mesh).__name__)
+        raise ElvisError(f"expected a mesh of Conduit's Blueprint with coordsets and topologies, found {named}")
     return found
+
+
+def _check_same_fields(pieces: Sequence[Piece]) -> None:
+    """Raise ElvisError where a domain has other fields than the first one."""
+    expected = sorted(pieces[0].functions)
+    for number, piece in enumerate(pieces[1:], 2):
+        found = sorted(piece.functions)
+        if found != expected:
+            one, other = (_shown(", ".join(own) or "none") for own in (expected, found))
+            raise ElvisError(f"Blueprint: domain {number}: expected the fields {one} as in the first, found {other}")
 
 
 def _time(mesh: Any) -> float | None:
     found = _at(_domains(mesh)[0], "state/time")
-    return None if found is None else float(np.ravel(found)[0])
+    if found is None:
+        return None
+    numbers = _real_numbers("state/time", found)
+    if len(numbers) != 1 or not np.isfinite(numbers[0]):
+        raise ElvisError(f"Blueprint: state/time: expected a finite number, found {_shown(found)}")
+    return float(numbers[0])
 
 
 def _piece(domain: Any) -> Piece:
     """A domain as texts of MFEM."""
     name = _main_topology(domain)
-    topology = domain["topologies"][name]
+    topology = _at(domain, f"topologies/{name}")
     dimension = max((_SHAPES[shape][1] for shape, _ in _elements(topology, name)), default=0)
     points = _coordinates(domain, topology)
-    nodes = _at(topology, "grid_function")
-    text = _mesh_text(domain, name, dimension, points, None if nodes is None else str(nodes))
+    has_nodes = _at(topology, "grid_function") is not None
+    nodes = _name_at(topology, "grid_function", "the name of a field") if has_nodes else None
+    text = _mesh_text(domain, name, dimension, points, nodes)
     functions = {}
-    for field in _names(_at(domain, "fields")):
-        if field != nodes and not field.endswith("_attribute") and _at(domain, f"fields/{field}/topology") == name:
+    for field in _children(_at(domain, "fields")):
+        if field != nodes and not field.endswith("_attribute") and _topology_of(domain, field) == name:
             own = _field_text(domain, field, dimension)
             functions[field] = Source(Path(field), own, False)
     return Piece(Source(Path("Blueprint"), text, False), functions)
 
 
+def _topology_of(domain: Any, field: str) -> str | None:
+    """The name of the topology of a field; None where that is no name."""
+    found = _at(_at(domain, "fields"), f"{field}/topology") if "/" not in field else None
+    return found if isinstance(found, str) else None
+
+
 def _main_topology(domain: Any) -> str:
     """The topology that is no boundary of another."""
-    names = _names(domain["topologies"])
-    boundaries = {_at(domain, f"topologies/{name}/boundary_topology") for name in names}
-    found = [name for name in names if name not in boundaries]
+    topologies = _children(_at(domain, "topologies"))
+    boundaries = [_at(own, "boundary_topology") for own in topologies.values()]
+    names = {own for own in boundaries if isinstance(own, str)}
+    found = [name for name in topologies if name not in names and "/" not in name]
     if not found:
         raise ElvisError("Blueprint: expected a topology, found none")
-    kind = _needed(domain, f"topologies/{found[0]}/type", "unstructured")
+    kind = _name_at(domain, f"topologies/{found[0]}/type", "unstructured")
     if kind != "unstructured":
-        raise ElvisError(f"Blueprint: topology {found[0]}: expected the type unstructured, found {kind}")
+        name = _shown(found[0])
+        raise _fault(f"topology {name}", f"expected the type unstructured, found {_shown(kind)}")
     return found[0]
 
 
 def _elements(topology: Any, name: str) -> Iterator[tuple[str, Ints]]:
     """Shape and vertices of each element, in order; ElvisError for shapes that there are not, and loose ends."""
     given = _needed(topology, "elements/connectivity", "vertices of elements")
-    vertices: Ints = np.asarray(host_array(f"{name}: connectivity", given), np.int64).ravel()
-    shape = str(_needed(topology, "elements/shape", "a shape"))
+    vertices = _whole_numbers(f"{name}: connectivity", given)
+    shape = _name_at(topology, "elements/shape", "a shape")
     if shape == "mixed":
-        numbers = _at(topology, "elements/shape_map")
-        shapes = {int(np.ravel(numbers[each])[0]): each for each in _names(numbers)}
-        kinds = np.ravel(_needed(topology, "elements/shapes", "the shapes of elements")).tolist()
-        labels = [shapes.get(int(kind), str(kind)) for kind in kinds]
+        numbers = _children(_at(topology, "elements/shape_map"))
+        shapes = {int(kind): each for each, own in numbers.items() for kind in _whole_numbers("shape_map", own)}
+        kinds = _whole_numbers("shapes", _needed(topology, "elements/shapes", "the shapes of elements"))
+        labels = [shapes.get(kind, str(kind)) for kind in kinds.tolist()]
     else:
         corners = _SHAPES.get(shape, (0, 0, 1))[2]
         if len(vertices) % corners:
             expected = f"expected {corners} for each {shape}"
-            raise ElvisError(f"Blueprint: topology {name}: connectivity: {expected}, found {len(vertices)} in all")
+            raise _fault(f"topology {name}", f"connectivity: {expected}, found {len(vertices)} in all")
         labels = [shape] * (len(vertices) // corners)
     for label in sorted(set(labels)):
         if label not in _SHAPES:
-            raise ElvisError(f"Blueprint: topology {name}: expected shapes {', '.join(_SHAPES)}, mixed; found {label}")
+            raise _fault(f"topology {name}", f"expected shapes {', '.join(_SHAPES)}, mixed; found {_shown(label)}")
     ends = np.cumsum([0, *(_SHAPES[label][2] for label in labels)])
     if ends[-1] != len(vertices):
-        raise ElvisError(f"Blueprint: topology {name}: expected {ends[-1]} vertices of elements, found {len(vertices)}")
+        raise _fault(f"topology {name}", f"expected {ends[-1]} vertices of elements, found {len(vertices)}")
     return ((label, vertices[a:b]) for label, a, b in zip(labels, ends[:-1], ends[1:], strict=True))
 
 
 def _coordinates(domain: Any, topology: Any) -> Floats:
     """(n, 2) or (n, 3) places of vertices."""
-    name = str(_needed(topology, "coordset", "the name of a coordset"))
-    values = _needed(domain, f"coordsets/{name}/values", "places of vertices")
-    return _components(f"coordset {name}", [(axis, values[axis]) for axis in _AXES if axis in _names(values)])
+    name = _name_at(topology, "coordset", "the name of a coordset")
+    values = _children(_needed(domain, f"coordsets/{name}/values", "places of vertices"))
+    return _components(f"coordset {name}", [(axis, values[axis]) for axis in _AXES if axis in values])
 
 
 def _components(name: str, parts: Sequence[tuple[str, Any]]) -> Floats:
     """(n, c) numbers of arrays of one length; ElvisError where there are none, or lengths differ."""
-    found = [np.asarray(host_array(f"{name}: {own}", values), np.float64).ravel() for own, values in parts]
+    found = [_real_numbers(f"{name}: {own}", values) for own, values in parts]
     lengths = {len(own) for own in found}
     if len(lengths) != 1:
-        raise ElvisError(f"Blueprint: {name}: expected components of one length, found {sorted(lengths) or 'none'}")
+        raise _fault(f"{name}", f"expected components of one length, found {sorted(lengths) or 'none'}")
     return np.stack(found, axis=1)
 
 
 def _mesh_text(domain: Any, name: str, dimension: int, points: Floats, nodes: str | None) -> str:
     """The mesh as MFEM writes it."""
-    topology = domain["topologies"][name]
-    border = _at(topology, "boundary_topology")
+    topology = _at(domain, f"topologies/{name}")
+    has_border = _at(topology, "boundary_topology") is not None
+    border = _name_at(topology, "boundary_topology", "the name of a topology") if has_border else None
     lines = ["MFEM mesh v1.0", "", "dimension", str(dimension), "", "elements", *_element_lines(domain, name)]
-    outer = _element_lines(domain, str(border)) if border is not None else ["0"]
+    outer = _element_lines(domain, border) if border is not None else ["0"]
     lines += ["", "boundary", *outer, "", "vertices", str(len(points))]
     if nodes is None:
         rows = (" ".join(map(repr, row)) for row in points.tolist())
         return "\n".join([*lines, str(points.shape[1]), *rows, ""])
     if _at(domain, f"fields/{nodes}") is None:
-        raise ElvisError(f"Blueprint: topology {name}: expected its grid function {nodes} among the fields, found none")
+        raise _fault(f"topology {name}", f"expected its grid function {nodes} among the fields, found none")
     return "\n".join([*lines, "", "nodes", _field_text(domain, nodes, dimension)])
 
 
@@ -184,32 +258,30 @@ def _element_lines(domain: Any, name: str) -> list[str]:
     """How many elements a topology has, then of each attribute, shape and vertices."""
     elements = list(_elements(_needed(domain, f"topologies/{name}", "a topology"), name))
     given = _at(domain, f"fields/{name}_attribute/values")
-    attributes = np.ones(len(elements), np.int64) if given is None else np.ravel(np.asarray(given)).astype(np.int64)
+    attributes = np.ones(len(elements), np.int64)
+    if given is not None:
+        attributes = _whole_numbers(f"{name}_attribute", given)
     if len(attributes) != len(elements):
-        raise ElvisError(
-            f"Blueprint: {name}_attribute: expected {len(elements)} numbers, one an element, found {len(attributes)}"
-        )
+        raise _fault(f"{name}_attribute", f"expected {len(elements)} numbers, one an element, found {len(attributes)}")
     rows = zip(attributes.tolist(), elements, strict=True)
     return [str(len(elements)), *(f"{a} {_SHAPES[shape][0]} {' '.join(map(str, own))}" for a, (shape, own) in rows)]
 
 
 def _field_text(domain: Any, name: str, dimension: int) -> str:
     """A field as MFEM writes it: its space, then the values, one component after the other."""
-    field = domain["fields"][name]
+    field = _children(_at(domain, "fields"))[name]
     values = _needed(field, "values", "values")
-    parts = [(own, values[own]) for own in _names(values)] or [("values", values)]
+    parts = list(_children(values).items()) or [("values", values)]
     components = _components(f"field {name}", parts)
     basis = _at(field, "basis")
     if basis is None:
-        association = _needed(field, "association", "vertex or element")
+        association = _name_at(field, "association", "vertex or element")
         known = {"vertex": f"H1_{dimension}D_P1", "element": f"L2_{dimension}D_P0"}
         if association not in known:
-            raise ElvisError(
-                f"Blueprint: field {name}: expected the association vertex or element, found {association}"
-            )
+            raise _fault(f"field {name}", f"expected the association vertex or element, found {_shown(association)}")
         basis = known[association]
     if not _BASIS.fullmatch(str(basis)):
-        raise ElvisError(f"Blueprint: field {name}: expected a basis such as H1_3D_P2, found {str(basis)!r:.60}")
+        raise _fault(f"field {name}", f"expected a basis such as H1_3D_P2, found {_shown(basis)!r}")
     head = [
         "FiniteElementSpace",
         f"FiniteElementCollection: {basis}",

@@ -46,7 +46,7 @@ class Library:
             gmsh.option.setNumber(option, 0)
         self._gmsh: Any = gmsh
 
-    def mesh(self, path: str, named: str, with_entities: bool) -> dict[str, Any]:
+    def mesh(self, path: str, named: str) -> dict[str, Any]:
         """What makes an `elvis.converters.gmsh_mesh.Mesh`; FormatError, naming ``named``, with the first complaint.
 
         The kinds are dictionaries, the groups lists that begin with the number of their kind.
@@ -54,7 +54,7 @@ class Library:
         original = Path(named)
         counts = self._check(Path(path), original)
         warnings = self._load(path, original)
-        mesh = _Reading(self._gmsh, original, counts).mesh(with_entities)
+        mesh = _Reading(self._gmsh, original, counts).mesh()
         mesh["notes"] += dict.fromkeys(warnings)
         return mesh
 
@@ -122,7 +122,7 @@ class _Reading:
     ghosts: list[Ints] = field(default_factory=list)
     copies: int = 0
 
-    def mesh(self, with_entities: bool) -> dict[str, Any]:
+    def mesh(self) -> dict[str, Any]:
         """Nodes, and elements by type and physical group, as `Library.mesh` returns them."""
         tags, places, _ = self.gmsh.model.mesh.getNodes()
         order = np.argsort(tags)
@@ -133,8 +133,6 @@ class _Reading:
             raise FormatError("expected elements, found none", file=self.path)
         for d, entity, kind, own, table in batches:
             names = self._groups(d, entity)
-            if with_entities and not names:
-                names = [name for name in [_name(self.gmsh.model.getEntityName, d, entity)] if name]
             if d == dimension:
                 self._take(kind, names, own, table)
             else:

@@ -23,6 +23,9 @@ from elvis.plugins.nodal import ShapeFunctions, affine_image, native_points, spa
 #: functions that differ by more from a polynomial aren't one
 _ROUNDING, HIGHEST = 1e-8, 15
 
+#: by which the library knows the format
+_SUFFIX = ".msh"
+
 #: reads in another process
 _WORKER = "elvis.converters.gmsh_library:Library"
 
@@ -138,16 +141,15 @@ class Functions(ShapeFunctions):
 _BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
 
 
-def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".msh") -> Mesh:
+def read_mesh(contents: Contents) -> Mesh:
     """The mesh of a file; FormatError with the library's first complaint.
 
-    with_entities  whether entities that are in no physical group are parts by their own names
-    suffix         by which the library knows the format; a file of another name is linked
+    A file with another suffix is linked, because the library knows formats by these.
     """
     with TemporaryDirectory() as folder:
         path = contents.path
-        if contents.is_plain and path.suffix != suffix:
-            path = Path(folder) / f"mesh{suffix}"
+        if contents.is_plain and path.suffix != _SUFFIX:
+            path = Path(folder) / f"mesh{_SUFFIX}"
             path.symlink_to(contents.path.resolve())
         elif not contents.is_plain:  # the library reads a copy without data and comments
             path = Path(folder) / "mesh.msh"
@@ -158,7 +160,7 @@ def read_mesh(contents: Contents, with_entities: bool = False, suffix: str = ".m
         size = path.stat().st_size
         try:
             with Apart(_WORKER, size) as library:
-                found = library.ask("mesh", str(path), str(contents.path), with_entities, size=size)
+                found = library.ask("mesh", str(path), str(contents.path), size=size)
         except LibraryError as failure:
             raise FormatError(f"expected a whole mesh, found: {failure.reason}", file=contents.path) from failure
     kinds, groups = [Kind.from_message(plain) for plain in found.pop("kinds")], found.pop("groups")

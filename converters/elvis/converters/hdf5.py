@@ -23,7 +23,16 @@ if TYPE_CHECKING:
 
 
 #: what the library raises for damaged files
-_DAMAGES = (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError)
+_DAMAGES = (
+    OSError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    TypeError,
+    ArithmeticError,
+    AttributeError,
+    SystemError,  # of names that are no text, where links are listed
+)
 _MOST_TEXTS = 1 << 20
 
 

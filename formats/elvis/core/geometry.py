@@ -194,7 +194,7 @@ class Assembly:
 
     def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
-        assemble = _straight if self._is_straight else _CURVED[self.expansion.shape.dimension]
+        assemble = _straight if self.is_straight else _CURVED[self.expansion.shape.dimension]
         rows = self.rows[which]
         coefficients = np.empty((len(rows), 3, mode_count(self.expansion)))
         for part in chunks(len(rows), _CHUNK):
@@ -203,7 +203,7 @@ class Assembly:
 
     def at_hand(self) -> GeometryBlock | Assembly:
         """As it is where elements are soon put together, being straight; else all of it."""
-        return self if self._is_straight else self.block()
+        return self if self.is_straight else self.block()
 
     def block(self) -> GeometryBlock:
         """All of it."""
@@ -212,13 +212,14 @@ class Assembly:
 
     def _corners(self) -> Corners | None:
         """The vertices of straight elements; None of curved ones."""
-        if not self._is_straight:
+        if not self.is_straight:
             return None
         own = self.vertices if len(self.rows) == len(self.vertices) else self.vertices[self.rows]
         return Corners(self.skeleton.vertices, frozen_ints(own[:, _vertex_order(self.expansion)]))
 
     @property
-    def _is_straight(self) -> bool:
+    def is_straight(self) -> bool:
+        """Whether the maps are of order 1 in each direction."""
         return max(self.expansion.modes) == 2
 
 

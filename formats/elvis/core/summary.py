@@ -26,6 +26,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.ranges import Range, deciding, field_range, finite_rows, value_range
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
+from elvis.core.validity.folded import folded
 
 Facts = dict[str, Any]
 
@@ -76,7 +77,8 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
 
 @dataclass(frozen=True)
 class _Signs:
-    """Of the Jacobian determinant at points: its ends, and ids of elements where it is not positive."""
+    """Of the Jacobian determinant at points: its ends, and ids of elements where it is not positive there, or is
+    proved not to be positive elsewhere."""
 
     least: float
     greatest: float
@@ -142,6 +144,7 @@ class _Tally:
             for block in blocks
         ]
         signs = _Signs.of(blocks, dataset.mesh.space)
+        signs = replace(signs, wrong=sorted({*signs.wrong, *folded(dataset).wrong.tolist()}))
         own = (field for field in dataset.fields if field.name not in dataset.borrowed)
         fields = {field.name: _Coefficients.of(field) for field in own}
         return _Tally(len(dataset.mesh.domain_ids()), maps, signs, fields)

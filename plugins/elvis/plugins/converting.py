@@ -17,6 +17,7 @@ from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import Mesh
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.shapes import Shape
+from elvis.core.validity.folded import folded
 from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
@@ -106,9 +107,10 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
         placed = in_space(sampler, dataset, blocks, fitted)
         findings.fields = [worse(*pair) for pair in zip(findings.fields, placed, strict=True)]
     interfaces = with_interfaces(dataset, plan.outline, source.precision, [plan.mortars])
-    dataset = interfaces.dataset
+    dataset, invalid = interfaces.dataset, folded(interfaces.dataset)
+    findings.inverted.append(invalid.wrong)
     report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
-    report = replace(report, warnings=(*report.warnings, *interfaces.warnings))
+    report = replace(report, warnings=(*report.warnings, *interfaces.warnings, *invalid.sentences()))
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
     return Conversion(dataset, report, tuple(blocks), tuple(maps))
 

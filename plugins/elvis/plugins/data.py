@@ -175,7 +175,8 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
     check_same_files(paths, ranks)
     if _is_native(paths, reading):
         with mapped():
-            return read_parts(*paths, choose=reading.choice()).part(ranks.rank, ranks.size)
+            portion = read_parts(*paths, choose=reading.choice()).part(ranks.rank, ranks.size)
+        return replace(portion, dataset=_with_warnings(portion.dataset, ranks))
     from elvis.plugins.kept_conversions import part_of_conversion
 
     work = _work(paths, installed_converters(), reading)
@@ -221,8 +222,23 @@ def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     """The dataset of files that are no series, such as one step of it; moments are not looked at."""
     if _is_native(paths, reading):
-        return read_data(paths, reading.choice())
+        return _with_warnings(read_data(paths, reading.choice()))
     return _convert(paths, installed_converters(), reading)
+
+
+def _with_warnings(dataset: Dataset, ranks: Ranks = ALONE) -> Dataset:
+    """Native data, or the part of a rank, with remarks on elements that fold and on doubts of a conversion."""
+    from elvis.core.validity.folded import folded
+    from elvis.plugins.report import RecordedReport
+
+    report = RecordedReport.of(dataset.metadata)
+    recorded = [] if report is None else [str(warning) for warning in report.facts.get("warnings", [])]
+    try:
+        found = tuple(folded(dataset, ranks).sentences())
+    except ElvisError:
+        # a mesh that breaks rules of the format is reported where its map is needed
+        found = ()
+    return replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *recorded, *found))))
 
 
 def _is_native(paths: Sequence[Path], reading: Reading) -> bool:

@@ -15,8 +15,14 @@ from typing import Any, overload
 
 import numpy as np
 
+from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
-from elvis.core.differences.greatest import greatest_at_points, greatest_of_fields
+from elvis.core.differences.greatest import (
+    greatest_at_points,
+    greatest_near,
+    greatest_of_fields,
+    lattice_points,
+)
 from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.differences.pairing import REFERENCE, Pair, common_fields, theirs
 from elvis.core.errors import ElvisError
@@ -35,9 +41,10 @@ from elvis.core.quantities.tree import Node, call, field, number, world_derivati
 #: error of squares of norms that is asked for, in parts of them, points of a first estimate, and points at which
 #: rules are compared at most
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
-#: how much greater than the greatest difference at points its bound may be without being told, and from which relative
-#: difference on
-_WIDE, _ROUNDED = 2.0, 1e-11
+#: how much greater than the greatest difference found its bound may be without a remark
+_WIDE = 1.001
+#: relative difference up to which there is none
+_ROUNDED = 1e-11
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a value, in parts of what it is added up from
 _ROUNDING = 16 * _EPS
@@ -49,7 +56,7 @@ class Difference:
 
     l1, l2     integral of the magnitude; root of the integral of the square
     h1         root of the integral of the square and of the squared gradient
-    linf       greatest magnitude that was found, at ``where``
+    linf       greatest magnitude that was found, attained at ``where``; the truth lies between it and ``bound``
     bound      which the magnitude doesn't exceed anywhere, on borders from either side: proved by Bernstein
                coefficients, rounding included; NaN where that can't be told
     where      (x, y, z) of ``linf``
@@ -219,8 +226,8 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
         if np.isnan(row.bound):
             yield f"{row.field}: Linf is the greatest difference at points, no bound of it is proved"
         elif row.bound > _WIDE * row.linf and row.relative > _ROUNDED:
-            known = f"between {row.linf:.3g} and {row.bound:.3g}"
-            yield f"{row.field}: the greatest difference is {known}, nothing closer is proved"
+            known = f"between {row.linf:.6g} and {row.bound:.6g}"
+            yield f"{row.field}: the greatest difference is {known}; nothing closer is proved"
 
 
 def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
@@ -295,7 +302,21 @@ class _Compared:
             [patch for patch in patches(one, [self._name]) if patch.fields[0] is not None]
             for one in (self._both, self._both.others[REFERENCE])
         )
-        return bound_of_difference(first, second, at_points) or at_points
+        at_points = self._or_near(at_points, lattice_points(second))
+        known = bound_of_difference(first, second, at_points)
+        if known is None:
+            return at_points
+        best, doubtful = known
+        return self._or_near(best, doubtful)
+
+    def _or_near(self, best: Extreme, points: Floats) -> Extreme:
+        """The greatest difference so far, or a greater one that is found near points (n, 3)."""
+        if not len(points):
+            return best
+        found = greatest_near(self._evaluator, self.held, self._expressions["value"], points)
+        if not found.value > best.value:
+            return best
+        return replace(found, bound=max(best.bound, found.value) if np.isfinite(best.bound) else best.bound)
 
     def _summed(self, slopes: Sequence[Node]) -> Sums:
         """The integrals of all expressions.

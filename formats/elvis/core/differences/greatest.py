@@ -1,6 +1,7 @@
 """The greatest magnitude of a difference: proved on one mesh, and from points that close in on it on two.
 
-`overlaps` bounds what is found at points, and may find a greater difference.
+`overlaps` bounds what is found at points, and says where a greater difference may be, around which points are sought
+again.
 """
 
 from __future__ import annotations
@@ -15,15 +16,25 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.extrema import Extreme, extrema_of_difference
 from elvis.core.mapping import pointwise
+from elvis.core.mapping.locate import Location, Locator
 from elvis.core.patch import Patch
-from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 
 #: places each way in an element at least and at most, and of all elements together
 _LEAST, _GREATEST, _MOST = 3, 12, 1 << 20
-#: places that are closed in on, how often, with so many points each way, and by how much each time
-_BEST, _ROUNDS, _AROUND, _CLOSER = 16, 8, 5, 0.5
+#: points of the other mesh at most
+_MOST_OTHERS = 1 << 15
+#: parts of elements in which the best place is polished
+_STARTS = 64
+#: rounds after which only the best of them go on, and how many
+_EARLY = 3
+_LATE_STARTS = 12
+#: rounds of polishing, points each way in a round, and the next round's width
+_ROUNDS = 14
+_AROUND = 5
+_CLOSER = 0.4
 
 
 def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extreme | None:
@@ -38,58 +49,123 @@ def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extreme | Non
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Places eta (n, D) on rows (n,) of a patch, and magnitudes (n,) there."""
+    """Places eta (n, D) on rows (n,) of a patch, and magnitudes (n,) there, -inf where there is no value."""
 
     patch: Patch
     rows: Ints
     eta: Floats
     values: Floats
 
-    def best(self) -> _Places:
-        """Those with the greatest values."""
-        first = np.argsort(-self.values, kind="stable")[:_BEST]
-        return _Places(self.patch, self.rows[first], self.eta[first], self.values[first])
+    def part(self, which: Ints) -> _Places:
+        """Some of them."""
+        return _Places(self.patch, self.rows[which], self.eta[which], self.values[which])
+
+    def starts(self) -> _Places:
+        """The best places of halves of elements in every direction, those with the greatest values, greatest first."""
+        order = np.argsort(-self.values, kind="stable")
+        halves = (self.eta > 0) @ 2 ** np.arange(self.eta.shape[1])
+        parts = self.rows * 2 ** self.eta.shape[1] + halves
+        firsts = np.unique(parts[order], return_index=True)[1]
+        best = order[np.sort(firsts)[:_STARTS]]
+        return self.part(best[np.isfinite(self.values[best])])
 
 
 def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: Expression) -> Extreme:
     """The greatest magnitude of an expression, from points of a lattice in every element and around the best of these.
 
     held  the elements, of the evaluator's
+
     The lattice holds the elements' borders.  The bound is NaN: nothing is proved.
     """
     total = sum(map(len, held))
-    found = Extreme(np.nan, np.nan, (np.nan,) * 3, -1)
+    found = []
     for patch in held:
-        d = patch.dimension
-        count = int(np.clip((_MOST / max(total, 1)) ** (1 / d), _LEAST, max(patch.geometry.modes) + 4))
-        places = _searched(evaluator, expression, patch, min(count, _GREATEST))
-        if len(places.values) and not places.values[0] <= found.value:
-            x, y, z = map(float, pointwise.positions(patch, places.rows[:1], _points(patch, places.eta[:1]))[0])
-            found = Extreme(float(places.values[0]), np.nan, (x, y, z), int(patch.element_ids[places.rows[0]]))
-    return found
+        count = _count(patch, total)
+        places = _on_lattice(evaluator, expression, patch, count)
+        found.append(_polished(evaluator, expression, places.starts(), np.pi / (count - 1)))
+    return _best(found)
 
 
-def _searched(evaluator: Evaluator, expression: Expression, patch: Patch, count: int) -> _Places:
-    """The places of a patch with the greatest magnitudes, the first of all first."""
+def greatest_near(evaluator: Evaluator, held: Sequence[Patch], expression: Expression, points: Floats) -> Extreme:
+    """The greatest magnitude likewise, from world points (n, 3) and around the best of these."""
+    location = Locator(held).locate(points)
+    found = []
+    for number, patch in enumerate(held):
+        places = _located(evaluator, expression, patch, location.part(np.flatnonzero(location.patch == number)))
+        found.append(_polished(evaluator, expression, places.starts(), np.pi / (_count(patch, len(patch)) - 1)))
+    return _best(found)
+
+
+def lattice_points(held: Sequence[Patch]) -> Floats:
+    """(n, 3) world points of lattices in elements, some of them where there are many."""
+    total = sum(map(len, held))
+    parts = [np.empty((0, 3))]
+    for patch in held:
+        eta = _lattice(_count(patch, 8 * total), patch.dimension)
+        rows = np.arange(len(patch))[:: max(1, total * len(eta) // _MOST_OTHERS)]
+        points = np.tile(_points(patch, eta), (len(rows), 1))
+        parts.append(pointwise.positions(patch, np.repeat(rows, len(eta)), points))
+    return np.concatenate(parts)
+
+
+def _count(patch: Patch, total: int) -> int:
+    """Places each way in elements of a patch, of so many in all: more than degrees of maps and fields."""
+    modes = [max(expansion.modes) for expansion in (patch.geometry, *patch.fields) if expansion is not None]
+    room = (_MOST / max(total, 1)) ** (1 / patch.dimension)
+    return int(np.clip(room, _LEAST, min(max(modes) + 4, _GREATEST)))
+
+
+def _lattice(count: int, dimension: int) -> Floats:
+    """(n, D) Chebyshev points of the second kind."""
     line = np.cos(np.linspace(np.pi, 0.0, count))
-    eta = np.stack(np.meshgrid(*[line] * patch.dimension, indexing="ij"), axis=-1).reshape(-1, patch.dimension)
+    return np.stack(np.meshgrid(*[line] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+
+
+def _on_lattice(evaluator: Evaluator, expression: Expression, patch: Patch, count: int) -> _Places:
+    """The places of lattices in all elements of a patch."""
+    eta = _lattice(count, patch.dimension)
     rows = np.arange(len(patch))
-    places = _valued(evaluator, expression, patch, np.repeat(rows, len(eta)), np.tile(eta, (len(rows), 1))).best()
+    return _valued(evaluator, expression, patch, np.repeat(rows, len(eta)), np.tile(eta, (len(rows), 1)))
+
+
+def _located(evaluator: Evaluator, expression: Expression, patch: Patch, location: Location) -> _Places:
+    """The places of a patch at which points were found."""
+    own = patch.shape.dimension
+    eta = np.hstack([collapse(patch.shape, location.reference[:, :own]), location.reference[:, own:]])
+    return _valued(evaluator, expression, patch, location.row, np.clip(eta, -1.0, 1.0))
+
+
+def _polished(evaluator: Evaluator, expression: Expression, starts: _Places, width: float) -> _Places:
+    """Places near starts with greater magnitudes, the greatest first: each start has shrinking lattices of its own."""
+    patch, places = starts.patch, starts
     steps = np.stack(np.meshgrid(*[np.linspace(-1, 1, _AROUND)] * patch.dimension, indexing="ij"), axis=-1)
     steps = steps.reshape(-1, patch.dimension)
-    width = np.pi / (count - 1)
-    for _ in range(_ROUNDS):
+    for round_number in range(_ROUNDS if len(starts.rows) else 0):
+        if round_number == _EARLY:
+            places = places.part(np.argsort(-places.values, kind="stable")[:_LATE_STARTS])
         around = np.clip(places.eta[:, None] + width * steps, -1.0, 1.0).reshape(-1, patch.dimension)
-        places = _valued(evaluator, expression, patch, np.repeat(places.rows, len(steps)), around).best()
+        found = _valued(evaluator, expression, patch, np.repeat(places.rows, len(steps)), around)
+        firsts = np.arange(len(places.rows)) * len(steps)
+        places = found.part(firsts + found.values.reshape(-1, len(steps)).argmax(axis=1))
         width *= _CLOSER
-    return places
+    return places.part(np.argsort(-places.values, kind="stable"))
+
+
+def _best(found: Sequence[_Places]) -> Extreme:
+    """The greatest of all places, of which the first of each are the greatest."""
+    known = [places for places in found if len(places.values)]
+    if not known:
+        return Extreme(np.nan, np.nan, (np.nan,) * 3, -1)
+    best = max(known, key=lambda places: float(places.values[0]))
+    patch, row = best.patch, best.rows[:1]
+    x, y, z = map(float, pointwise.positions(patch, row, _points(patch, best.eta[:1]))[0])
+    return Extreme(float(best.values[0]), np.nan, (x, y, z), int(patch.element_ids[row[0]]))
 
 
 def _valued(evaluator: Evaluator, expression: Expression, patch: Patch, rows: Ints, eta: Floats) -> _Places:
-    """Magnitudes at places, without those that have no value."""
+    """Magnitudes at places."""
     values = np.abs(evaluator.values(expression, patch, rows, _points(patch, eta)))
-    held = np.isfinite(values)
-    return _Places(patch, rows[held], eta[held], values[held])
+    return _Places(patch, rows, eta, np.where(np.isfinite(values), values, -np.inf))
 
 
 def _points(patch: Patch, eta: Floats) -> Floats:

@@ -3,18 +3,19 @@
 Where the map of one element of a pair is affine, its field is a polynomial in the other one's coordinates eta, also
 beyond the element.  So the difference is a polynomial on boxes of eta, and `compositions` bounds it, roundings
 included.  Boxes are cut down to where the other element may be, those on the far side of a facet are left out, and
-those whose bound exceeds what is found are halved.  Where no map is affine the ranges of both fields on their elements
-bound the difference.
+those whose bound exceeds what is found are halved.  Where no map is affine the ranges of both fields on boxes of either
+element that may meet bound the difference (`bent_pairs`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.differences.bent_pairs import DOUBTFUL, bound_of_bent_pairs, middles
 from elvis.core.differences.compositions import Composed, Composition, PairBoxes, degree_on
 from elvis.core.differences.prepared import Side, sides
 from elvis.core.extrema import Extreme
@@ -39,14 +40,19 @@ _INSIDE = 8 * UNIT
 
 @dataclass
 class _Search:
-    """The greatest difference so far, and how many coefficients may still be taken."""
+    """The greatest difference so far, how many coefficients may still be taken, and world points of open boxes."""
 
     best: Extreme
     budget: int = _MOST
+    doubtful: list[Floats] = field(default_factory=list)
 
 
-def bound_of_difference(first: Sequence[Patch], second: Sequence[Patch], found: Extreme) -> Extreme | None:
+def bound_of_difference(
+    first: Sequence[Patch], second: Sequence[Patch], found: Extreme
+) -> tuple[Extreme, Floats] | None:
     """The greatest magnitude of the difference with what it doesn't exceed anywhere; None where that can't be told.
+
+    Then world points (n, 3) near which a greater difference isn't ruled out.
 
     first, second  elements of two datasets, each with the field to be compared as its only one
     found          the greatest magnitude at points, which is replaced where corners of boxes have a greater
@@ -56,7 +62,8 @@ def bound_of_difference(first: Sequence[Patch], second: Sequence[Patch], found: 
         return None
     search = _Search(found)
     bounds = [_between(one, two, search) for one in ours for two in theirs]
-    return replace(search.best, bound=max((search.best.value, *bounds)))
+    doubtful = np.concatenate([np.empty((0, 3)), *search.doubtful])
+    return replace(search.best, bound=max((search.best.value, *bounds))), doubtful
 
 
 def _between(one: Side, two: Side, search: _Search) -> float:
@@ -97,7 +104,7 @@ class _Pairs:
     def bound(self, rows: Ints, others: Ints, upper: Floats) -> float:
         """What differences on pairs don't exceed, of which the ranges of the fields say ``upper`` (n,)."""
         is_told = self._inner.affine.holds[others] & (self._composition.degree <= _MOST_DEGREE)
-        bound = float(upper[~is_told].max(initial=0.0))
+        bound = self._bent(rows[~is_told], others[~is_told], upper[~is_told])
         open_pairs = np.flatnonzero(is_told & (upper > self._search.best.value))
         open_pairs = open_pairs[np.argsort(-upper[open_pairs], kind="stable")]
         step = max(1, _BATCH // self._composition.count)
@@ -108,6 +115,18 @@ class _Pairs:
                 return max(bound, highest)
             bound = max(bound, min(highest, self._bound_of(rows[pairs], others[pairs])))
         return bound
+
+    def _bent(self, rows: Ints, others: Ints, upper: Floats) -> float:
+        """The bound on pairs of elements without an affine map."""
+        is_open = upper > self._search.best.value
+        bound = float(upper[~is_open].max(initial=0.0))
+        if not is_open.any():
+            return bound
+        limit, points = bound_of_bent_pairs(
+            self._outer, self._inner, rows[is_open], others[is_open], self._search.best.value
+        )
+        self._search.doubtful.append(points)
+        return max(bound, limit)
 
     def _bound_of(self, rows: Ints, others: Ints) -> float:
         """The same, from nets of differences on boxes."""
@@ -153,8 +172,11 @@ class _Pairs:
             self._improve(boxes, nets, slack)
             is_open = limit > self._search.best.value * (1 + _CLOSE) + 4 * slack
             bound = max(bound, float(limit[~is_open].max(initial=0.0)))
-            if not is_open.any() or self._search.budget <= 0:
-                return max(bound, float(limit.max(initial=0.0)))
+            if not is_open.any():
+                return bound
+            if self._search.budget <= 0:
+                self._note(boxes.part(is_open), limit[is_open])
+                return max(bound, float(limit.max()))
             boxes, nets = boxes.part(is_open), nets[is_open]
             count = 2 ** (nets.ndim - 1)
             grown = slack[is_open] + gamma(halving_roundings(nets.shape[1:])) * _magnitudes(nets)
@@ -163,6 +185,12 @@ class _Pairs:
             limit = np.minimum(limit, _magnitudes(nets) + slack)
             self._search.budget -= nets.size + boxes.places.size
         return max(bound, float(limit.max(initial=0.0)))
+
+    def _note(self, boxes: PairBoxes, limit: Floats) -> None:
+        """Note points of those boxes whose bounds are the greatest."""
+        chosen = boxes.part(np.argsort(-limit, kind="stable")[:DOUBTFUL])
+        points = middles(chosen.places) + self._inner.affine.origin[chosen.others]
+        self._search.doubtful.append(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
 
     def _improve(self, boxes: PairBoxes, nets: Floats, slack: Floats) -> None:
         """Let the greatest difference be that of a corner in the other element, where one has a greater."""

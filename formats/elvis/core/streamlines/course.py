@@ -13,9 +13,10 @@ from elvis.core.errors import ElvisError
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
+from elvis.core.streamlines.line_steps import Limits
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
-from elvis.core.streamlines.tracer import Limits, Tracer
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 
 #: directions: signs of the velocity

@@ -21,7 +21,8 @@ from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.first_roots import before, beyond
 from elvis.core.streamlines.flow_data import FlowSource
-from elvis.core.streamlines.tracer import Piece, Tracer
+from elvis.core.streamlines.line_steps import Piece
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 
 #: how far curves may be from the map of a step, in parts of the box's diagonal, before the step is halved

@@ -20,12 +20,13 @@ from elvis.core.streamlines.course import SPACING, Course, diagonal, limits_of
 from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.flow_data import flow_data
 from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
+from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import SeedPlaces, seed_points
 from elvis.core.streamlines.streamlines import TAKEN, Along, Points, Streamlines, collected, joined
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
-from elvis.core.streamlines.tracer import Limits, Piece, Tracer
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import velocity_expressions
 
 #: from one time to another, earlier or later, the intervals between

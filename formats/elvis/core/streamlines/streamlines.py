@@ -17,8 +17,9 @@ from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
+from elvis.core.streamlines.line_steps import Piece, points_within
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
-from elvis.core.streamlines.tracer import Piece, Tracer, points_within
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 
 #: what is known at every point

@@ -19,7 +19,7 @@ from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.tracer import Piece
+from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.velocity import Velocity, components_in
 
 _STAGES = 6

@@ -10,7 +10,7 @@ beyond: no step integrates across a border, where fields are rough.  The length 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from elvis.core.streamlines.dop853 import DEGREE, Step, step
 from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.entries import ALONG, taking_up
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
+from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
 
@@ -44,47 +45,6 @@ SHORTEST = 1e-14
 ROUNDED = 1e-6
 #: gaps between elements at a side, in parts of the box, that are rounding
 GAP = 1e-12
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Where lines end.
-
-    length, duration  in the world and in time, inf where they don't
-    speed             a line that is slower ends
-    rest              a speed that counts as none
-    steps             at most, accepted ones
-    tolerance         error of a step, in the world
-    """
-
-    length: float
-    duration: float
-    speed: float
-    rest: float
-    steps: int
-    tolerance: float
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A step of k lines, as it is kept.
-
-    line         (k,)       its number
-    patch, row   (k,)       the element
-    time, lasts  (k,)       at the start, and how long it takes
-    nets         (k, 8, s)  Bernstein coefficients of reference coordinates and length, to beyond the end
-    part         (k,)       up to where in them the line goes
-    end          (k, s)     the state there
-    """
-
-    line: Ints
-    patch: Ints
-    row: Ints
-    time: Floats
-    lasts: Floats
-    nets: Floats
-    part: Floats
-    end: Floats
 
 
 class Tracer:
@@ -468,22 +428,6 @@ class Tracer:
     def _with_waves(self, lines: Ints, reference: Floats) -> Floats:
         """(k, D) reference coordinates with those of Fourier directions that lines have."""
         return np.concatenate([reference, self.state[lines, reference.shape[1] : -1]], axis=1)
-
-
-def points_within(piece: Piece, spacing: float) -> tuple[Ints, Floats, Floats]:
-    """Points of a piece's steps so close that no two are farther apart than the spacing along the line.
-
-    The step of each point (m,), where in it, and the states there (m, s); ends of steps are among them, starts are not.
-    """
-    length = piece.end[:, -1] - piece.nets[:, 0, -1]
-    counts = np.maximum(1, np.ceil(length / spacing)).astype(np.int64)
-    which = np.repeat(np.arange(len(counts)), counts)
-    order = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    fraction = (order + 1) / counts[which]
-    states = bernstein_at(piece.nets[which], fraction * piece.part[which])
-    last = fraction == 1
-    states[last] = piece.end[which[last]]
-    return which, fraction, states
 
 
 def _is_folding(jacobians: Floats) -> Bools:

@@ -82,7 +82,7 @@ def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polyn
     space  number of world coordinates; where it exceeds the shape's dimension, the square of length or area is made
     FormatError for maps that aren't polynomials.
     """
-    columns = _tangents(expansion, coefficients)
+    columns = tangents(expansion, coefficients)
     if len(columns) == 1:
         return columns[0][0] if space == 1 else _square(columns[0][:space])
     if len(columns) == 2:
@@ -108,7 +108,7 @@ def _square(vector: list[Polynomials]) -> Polynomials:
     return first
 
 
-def _tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomials]]:
+def tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomials]]:
     """For each direction of xi the derivatives of the three world coordinates; on pyramids as this module says."""
     space = bernstein_space(expansion)
     nets = bernstein_coefficients(expansion, coefficients)

@@ -19,8 +19,8 @@ from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
+from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.ribbons import at_seeds
-from elvis.core.streamlines.tracer import Piece
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.tubes import near_pixels

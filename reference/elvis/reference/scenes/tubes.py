@@ -19,8 +19,8 @@ from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource
 from elvis.core.streamlines.line_pieces import Pieces, bernstein_of
+from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.pathlines import path_steps
-from elvis.core.streamlines.tracer import Piece
 from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings

@@ -20,8 +20,9 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.locate import Locator
 from elvis.core.streamlines import dop853, entries, tracer
 from elvis.core.streamlines.endings import End
+from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Neighbours
-from elvis.core.streamlines.tracer import Limits, Piece, Tracer
+from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native.buffers import stacks

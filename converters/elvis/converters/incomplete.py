@@ -1,0 +1,150 @@
+"""Elements with fewer nodes than a complete space of their order has functions.
+
+Serendipity elements have nodes on their edges alone, or on edges and faces.  The spaces are hierarchical: they contain
+the functions of vertices, edges and, where these have nodes, faces, and no function that vanishes on all of these.
+Szabo and Babuska, Finite Element Analysis, 1991, chapters 6 and 13.  On quadrilaterals that is the space of CPEX 0045,
+table 1.  Where no standard says what a face or an element does between its nodes, its functions depend on the face
+alone, whichever elements share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations, product
+
+import numpy as np
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.shapes import Shape
+from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.nodal import NodalBasis, ShapeFunctions, space_values
+
+#: powers from this one on vanish at both ends of an edge, once combined with lower ones
+_BUBBLE = 2
+
+
+def barycentric(shape: Shape, points: Floats) -> Floats:
+    """(n, d + 1) barycentric coordinates in a triangle or tetrahedron; in the triangle of a prism."""
+    axes = [0, 2] if shape is Shape.PRISM else list(range(shape.dimension))
+    upper = (1 + points[:, axes]) / 2
+    return np.column_stack([1 - upper.sum(axis=1), upper])
+
+
+def edge_space(a: Floats, order: int) -> list[Floats]:
+    """Functions of vertices and edges of a simplex: a_i, and a_i a_j (a_j - a_i)^k.
+
+    a  (n, d + 1) barycentric coordinates
+    """
+    columns = [*a.T]
+    for i, j in combinations(range(a.shape[1]), 2):
+        columns += [a[:, i] * a[:, j] * (a[:, j] - a[:, i]) ** k for k in range(order - 1)]
+    return columns
+
+
+def face_functions(a: Floats, order: int) -> list[Floats]:
+    """Functions of the faces of a tetrahedron, of a triangle of its own: a_i a_j a_k times monomials in these."""
+    columns = []
+    for face in combinations(range(a.shape[1]), 3):
+        corners = a[:, list(face)]
+        powers = [e for e in product(range(order - 2), repeat=3) if sum(e) == order - 3]
+        columns += [corners.prod(axis=1) * np.prod(corners ** np.array(e), axis=1) for e in powers]
+    return columns
+
+
+def _tensor(shape: Shape, order: int, has_faces: bool, points: Floats) -> list[Floats]:
+    """Monomials with at most one power above the linear ones; with two where faces have nodes."""
+    most = 2 if has_faces else 1
+    exponents = product(range(order + 1), repeat=shape.dimension)
+    chosen = [e for e in exponents if sum(each >= _BUBBLE for each in e) <= most]
+    return [np.prod(points ** np.array(e), axis=1) for e in chosen]
+
+
+def _prism(order: int, has_faces: bool, points: Floats) -> list[Floats]:
+    """Functions of the triangles, linear along the prism, and of what stands upright between them."""
+    a, y = barycentric(Shape.PRISM, points), points[:, 1]
+    edges = edge_space(a, order)
+    triangle = edges
+    if has_faces:
+        flat = points[:, [0, 2]]
+        triangle = [*space_values(Shape.TRIANGLE, order, flat).T]
+    upright = edges if has_faces else [*a.T]
+    columns = [f * g for f in triangle for g in (1 - y, 1 + y)]
+    return columns + [f * (1 - y**2) * y**k for f in upright for k in range(order - 1)]
+
+
+def incomplete_space(shape: Shape, order: int, has_faces: bool, points: Floats) -> Floats:
+    """(n, m) functions at reference points (n, d); not those of pyramids, which have no simple basis."""
+    if shape is Shape.PRISM:
+        columns = _prism(order, has_faces, points)
+    elif shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
+        a = barycentric(shape, points)
+        columns = edge_space(a, order) + (face_functions(a, order) if has_faces else [])
+    else:
+        columns = _tensor(shape, order, has_faces, points)
+    return np.stack(columns, axis=1)
+
+
+class NodalFunctions(ShapeFunctions):
+    """Functions of any space that are 1 at one node and 0 at the others.
+
+    space  (n, m) values of the space's functions at reference points (n, d)
+    nodes  (m, d) reference coordinates
+    """
+
+    def __init__(self, order: int, space: Callable[[Floats], Floats], nodes: Floats) -> None:
+        self.order, self._space = order, space
+        self._inverse = frozen_floats(np.linalg.inv(space(nodes)))
+
+    def tabulate(self, points: Floats) -> Floats:
+        """The functions of the space, combined."""
+        return np.asarray(self._space(points) @ self._inverse)
+
+
+class ExtendedFunctions(ShapeFunctions):
+    """Functions of a complete space whose values at missing nodes follow from the others.
+
+    extension  (complete, given) the values at all nodes of those that are there
+    """
+
+    def __init__(self, basis: NodalBasis, extension: Floats) -> None:
+        self.order, self._basis, self._extension = basis.order, basis, extension
+
+    def tabulate(self, points: Floats) -> Floats:
+        """The functions of all nodes, combined."""
+        return np.asarray(self._basis.at(points) @ self._extension)
+
+
+def incomplete_functions(shape: Shape, order: int, has_faces: bool, nodes: Floats) -> ShapeFunctions:
+    """The functions of a serendipity element that is no pyramid."""
+    return NodalFunctions(order, lambda points: incomplete_space(shape, order, has_faces, points), nodes)
+
+
+def incomplete_pyramid(
+    order: int, given: Floats, complete: Floats, faces: Sequence[tuple[Floats, Floats, Floats]]
+) -> ShapeFunctions:
+    """The functions of a serendipity pyramid: faces have those of their own shapes, and the inside follows from them.
+
+    given, complete  (n, 3) the nodes that it has, and all that the space of its order has
+    faces            of each face the given nodes (k, 3), the missing ones, and the functions of the first at the second
+    Inside, values are those of the functions of order 2 that fit the surface best, for no other vanishes on all of it.
+    """
+    extension = np.zeros((len(complete), len(given)))
+    row = {_key(node): i for i, node in enumerate(complete)}
+    column = {_key(node): i for i, node in enumerate(given)}
+    is_known = np.zeros(len(complete), bool)
+    for key, i in column.items():
+        extension[row[key], i] = 1
+        is_known[row[key]] = True
+    for own, missing, table in faces:
+        rows = [row[_key(node)] for node in missing]
+        columns = [column[_key(node)] for node in own]
+        extension[np.ix_(rows, columns)] = table
+        is_known[rows] = True
+    lower = space_values(Shape.PYRAMID, min(order - 1, 2), complete, PyramidSpace.RATIONAL)
+    fit = np.linalg.pinv(lower[is_known])
+    extension[~is_known] = lower[~is_known] @ fit @ extension[is_known]
+    return ExtendedFunctions(NodalBasis(Shape.PYRAMID, order, complete, PyramidSpace.RATIONAL), extension)
+
+
+def _key(node: Floats) -> tuple[float, ...]:
+    return tuple(np.round(node, 9) + 0.0)

@@ -1,0 +1,151 @@
+"""Elements that are inverted or folded, found quickly enough for every command.
+
+Most elements pass a test that costs little.  With J0 the mean of the tangents' Bernstein coefficients, J = J0 (I + E),
+and the columns of E lie in the hull of J0⁻¹ times coefficients less the unit vectors.  If the Frobenius norm of E is
+less than 1 all over, I + E is regular along the whole path from I, so det J has the sign of det J0.  The rest is proved
+as in `validity`, up to a limit of work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.geometry import Assembly, GeometryBlock, parts
+from elvis.core.mapping.orientation import chunks
+from elvis.core.ranks import ALONE, Ranks
+from elvis.core.shapes import Shape
+from elvis.core.validity.determinants import tangents
+from elvis.core.validity.validity import ValidityStatus, validity
+
+#: the Frobenius norm of E below which an element passes: rounding of J0⁻¹ has its room
+REGULAR = 0.99
+#: the determinant of a straight simplex, in parts of the product of its edges, that is more than rounding
+ROUNDING = 1e-13
+#: bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero: as on hexahedra that are
+#: collapsed, which stand for pyramids
+TOUCHING = 4
+#: elements that are looked at together, and the numbers of determinants' nets that are proved at most
+TOGETHER = 1 << 11
+PROVED_NUMBERS = 1 << 23
+#: ids in a sentence
+LISTED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """Elements whose Jacobian is not positive all over.
+
+    wrong      (n,) ids of elements where it is proved not to be positive somewhere
+    undecided  (m,) ids of those where that could not be decided; no elements where it is not negative for certain
+    """
+
+    wrong: Ints
+    undecided: Ints
+
+    def sentences(self) -> Iterator[str]:
+        """What every command prints."""
+        if len(self.wrong):
+            yield (
+                f"{_elements(self.wrong)} inverted or folded, for the Jacobian is not positive all over "
+                f"({_some(self.wrong)}): integrals take its absolute value there, points may have several places, and "
+                "rules of integration may not converge, for |J| has a kink; elvis info --jacobian shows where"
+            )
+        if len(self.undecided):
+            yield (
+                f"{_elements(self.undecided)} perhaps folded, for it could not be decided whether the Jacobian is "
+                f"positive all over ({_some(self.undecided)}); elvis info --jacobian tells more"
+            )
+
+
+def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
+    """The elements of a dataset that are not valid for certain; of all parts where several ranks have parts of it.
+
+    Where space has more dimensions than the elements there is no sign, and nothing is found.
+    """
+    wrong, undecided = np.empty(0, np.int64), np.empty(0, np.int64)
+    if dataset.mesh.space == dataset.mesh.dimension > 1:
+        wrong, undecided = _of_suspects(dataset, list(_suspects(dataset)))
+    every = ranks.exchange((wrong, undecided), "elements that fold")
+    first, second = (np.unique(np.concatenate(own)) for own in zip(*every, strict=True))
+    return Folded(first, second)
+
+
+def _suspects(dataset: Dataset) -> Iterator[GeometryBlock]:
+    """The maps of elements that don't pass the quick test."""
+    for part in parts(dataset):
+        for rows in _doubtful(part):
+            if len(rows):
+                yield GeometryBlock(part.expansion, part.element_ids[rows], part.take(rows))
+
+
+def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
+    """Rows of elements that don't pass the quick test, some after another."""
+    is_simplex = part.expansion.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
+    if isinstance(part, Assembly) and part.is_straight and is_simplex:
+        yield np.flatnonzero(~_are_positive_simplices(part.skeleton.vertices[part.vertices[part.rows]]))
+        return
+    for chunk in chunks(len(part), TOGETHER):
+        rows = np.arange(chunk.start, chunk.stop)
+        yield rows[~are_regular(part.expansion, part.take(rows))]
+
+
+def _are_positive_simplices(corners: Floats) -> Bools:
+    """(n,) whether straight simplices with corners (n, d + 1, 3) have a positive determinant."""
+    dimension = corners.shape[1] - 1
+    edges = (corners[:, 1:] - corners[:, :1])[:, :, :dimension]
+    sizes = np.linalg.norm(edges, axis=2).prod(axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.linalg.det(edges) > ROUNDING * sizes)
+
+
+def are_regular(expansion: Expansion, coefficients: Floats) -> Bools:
+    """(n,) whether maps with coefficients (n, 3, m) pass the quick test: False proves nothing."""
+    columns = tangents(expansion, coefficients)
+    dimension = len(columns)
+    nets = [np.stack([each.net for each in column[:dimension]]) for column in columns]
+    errors = [np.stack([each.error for each in column[:dimension]]) for column in columns]
+    middle = np.stack([net.mean(axis=1) for net in nets], axis=2).transpose(1, 0, 2)
+    with np.errstate(all="ignore"):
+        is_sound = np.isfinite(middle).all(axis=(1, 2))
+        middle[~is_sound] = np.eye(dimension)
+        is_sound &= np.linalg.det(middle) > 0
+        middle[~is_sound] = np.eye(dimension)
+        inverse = np.linalg.inv(middle)
+        square = np.zeros(len(coefficients))
+        for direction, (net, error) in enumerate(zip(nets, errors, strict=True)):
+            off = np.einsum("nab,bkn->kan", inverse, net)
+            off[:, direction] -= 1.0
+            length = np.sqrt((off**2).sum(axis=1).max(axis=0))
+            length += np.linalg.norm(inverse, axis=(1, 2)) * np.linalg.norm(error, axis=0)
+            square += length**2
+        return np.asarray(is_sound & (square < REGULAR**2))
+
+
+def _of_suspects(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> tuple[Ints, Ints]:
+    """Ids of elements that are proved not to be positive, and of those that are undecided."""
+    wrong, undecided = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    left = PROVED_NUMBERS
+    for block in blocks:
+        size = (3 * max(block.expansion.modes)) ** block.expansion.shape.dimension
+        count = min(len(block), left // size)
+        left -= count * size
+        own = GeometryBlock(block.expansion, block.element_ids[:count], block.coefficients[:count])
+        found = validity(dataset, [own])
+        wrong.append(found.element_ids[found.status == ValidityStatus.NOT_POSITIVE])
+        is_nonnegative = found.lower >= -TOUCHING * found.error
+        undecided.append(found.element_ids[(found.status == ValidityStatus.UNDECIDED) & ~is_nonnegative])
+        undecided.append(block.element_ids[count:])
+    return np.concatenate(wrong), np.concatenate(undecided)
+
+
+def _elements(ids: Ints) -> str:
+    return f"{len(ids)} elements are" if len(ids) > 1 else "1 element is"
+
+
+def _some(ids: Ints) -> str:
+    return ", ".join(map(str, ids[:LISTED].tolist())) + (", …" if len(ids) > LISTED else "")

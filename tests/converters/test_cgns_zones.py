@@ -1,0 +1,122 @@
+"""Zones of CGNS files that are written here, in both containers and the conventions of versions 2.5 to 4.5.
+
+A cube is filled with elements of every type and sheared: volumes and areas are known.
+"""
+
+import cgns_writing as writing
+import numpy as np
+import pytest
+from cgns_blocks import Block
+from cgns_writing import base, condition, conditions, section, unstructured
+
+from elvis.converters.cgns import Cgns
+from elvis.converters.cgns_elements import _TYPES, AMBIGUOUS
+from elvis.core.integrals import integrate
+from elvis.formats import write
+from elvis.formats.strict import findings
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check, values_found
+
+#: of coordinates up to 2, by all that is added up
+ROUNDING = 1e-12
+
+#: how boundary conditions name sides, of unstructured zones
+WAYS = [
+    ("PointList", "FaceCenter"),
+    ("PointRange", "FaceCenter"),
+    ("PointRange", "CellCenter"),
+    ("ElementRange", None),
+    ("ElementList", None),
+    ("PointList", "Vertex"),
+    ("PointList", None),
+]
+VERSIONS = [2.5, 3.0, 3.11, 3.2, 3.3, 3.4, 4.0, 4.2, 4.5]
+CASES = [number for number, (_, shape, _, _) in _TYPES.items() if shape.dimension > 1]
+
+
+def old(number, version):
+    """The number of a type in files of a version."""
+    if version < 3:
+        return number - 1 if number > 20 else number
+    if version < 3.1 and 12 < number < 22:
+        return 13 if number == 21 else number + 1
+    return number
+
+
+def zone(block, way, version, is_mixed, integer):
+    """The zone of a block with a boundary condition on each side."""
+    how, location = way
+    location = "EdgeCenter" if location == "FaceCenter" and block.dimension == 2 else location
+    count, first, named, parts = len(block.table), len(block.table) + 1, [], [(block.number, block.table)]
+    for name, sides in block.sides.items():
+        numbers = np.arange(first, first + len(sides))
+        axis, end = "ijk".index(name[0]), float(name.endswith("max"))
+        if location == "Vertex" or (how.startswith("Point") and location is None):
+            own = 1 + np.flatnonzero(np.abs(block.straight[:, axis] - end) < 1e-9)
+        else:
+            own = numbers[[0, -1]] if how.endswith("Range") else numbers
+        named.append(condition(name, how, own[:, None], location))
+        for kind in dict.fromkeys(kind for kind, _ in sides):
+            parts.append((kind, [nodes for each, nodes in sides if each == kind]))
+        first += len(sides)
+    parts = [(old(kind, version), table) for kind, table in parts]
+    if is_mixed:
+        held = [writing.mixed("All", 1, parts, version >= 4, integer)]
+        held[0][2][0] = old(20, version)
+    else:
+        starts = (1 + np.cumsum([0, *(len(table) for _, table in parts)])).tolist()
+        whole = zip(range(len(parts)), parts, starts, strict=False)
+        held = [section(f"S{i}", kind, start, table, integer) for i, (kind, table), start in whole]
+    values = block.points @ np.arange(1.0, 1 + block.dimension)
+    flow = writing.solution("Flow", None, {"u": values})
+    return unstructured("Zone", block.points, count, *held, conditions(*named), flow, integer=integer)
+
+
+@pytest.mark.parametrize("number", CASES)
+def test_every_type_fills_a_cube(tmp_path, number):
+    """Volume, area of each side, and a field, against closed forms."""
+    block, turn = Block(number), CASES.index(number)
+    is_new = _TYPES[number][2] > 2
+    versions = [v for v in VERSIONS if v >= 3.3] if is_new else VERSIONS if number != 21 else VERSIONS[1:]
+    version = versions[turn % len(versions)]
+    ways = [way for way in WAYS if way[0].startswith("Point") or version < 3.1]
+    way, is_mixed = ways[turn % len(ways)], turn % 3 == 1
+    tree = [base(zone(block, way, version, is_mixed, [np.int32, np.int64][turn % 2]), dimension=block.dimension)]
+    if turn % 4 == 3:
+        path = writing.write_adf(tmp_path / "a.cgns", tree, version, turn % 8 == 3, ">" if turn % 8 == 3 else "<")
+    else:
+        path = writing.write_hdf5(tmp_path / "a.cgns", tree, version)
+    done = check(Cgns, [path])
+    assert done.report.geometry.is_exact
+    assert findings(*write(done.dataset, tmp_path / "b.xml")) == ()
+    assert {measure.state for measure in done.report.fields} == {"exact"}
+    measured = measures(done.dataset)
+    wanted = {name: block.area(name) for name in block.sides}
+    assert measured == pytest.approx(wanted | {"domain": 1.0}, abs=ROUNDING)
+    inside = np.array([[0.3, 0.45, 0.6], [0.7, 0.6, 0.2]])[:, : block.dimension]
+    places = np.zeros((2, 3))
+    places[:, : block.dimension] = inside
+    found = values_found(done.dataset, "u", places)
+    assert np.abs(found - inside @ np.arange(1.0, 1 + block.dimension)).max() < ROUNDING
+
+
+def measures(dataset):
+    """Volume, and area of each boundary, by name."""
+    tags = {2: "ES", 3: "FTQ"}[dataset.mesh.dimension]
+    found = [c.name for c in dataset.mesh.composites if c.parts[0][0] in tags]
+    names = [name for name in found if not name.startswith("(")]  # sides inside that meet parts of others
+    return {name: integrate(dataset, "1", over=name, error=1e-13)[0].value for name in ["domain", *names]}
+
+
+@pytest.mark.parametrize("number", sorted(AMBIGUOUS))
+def test_inner_nodes_where_notes_in_the_standard_place_them(tmp_path, number):
+    """They are told from evenly spaced ones by the edges; the map is the same."""
+    block = Block(number, by_notes=True)
+    count = len(block.table)
+    own = unstructured("Zone", block.points, count, section("Cells", number, 1, block.table))
+    source = Cgns([writing.write_hdf5(tmp_path / "a.cgns", [base(own)], 4.0)])
+    assert any("lie where notes in the standard place them" in note for note in source.notes)
+    dataset = convert(source).dataset
+    assert integrate(dataset, "1")[0].value == pytest.approx(1, abs=ROUNDING)
+    wanted = 4 + 2 * block.area("jmin")
+    assert integrate(dataset, "1", over="all", error=1e-13)[0].value == pytest.approx(wanted, abs=ROUNDING)
