@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis.core.mesh import NON_CONFORMING
+from elvis.formats import read, vortex_cores
 from elvis.plugins.command import elvis as group
+from elvis.plugins.faces.dataset_faces import native_faces
 
 UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=3)))[:, ::-1]
 #: corners of a hexahedron in the order of VTK, Gmsh and Exodus, among those with x fastest
@@ -454,3 +457,21 @@ def test_named_faces_of_a_slit_stay_outer_ones(elvis_json, tmp_path):
     assert areas(elvis_json, file) == pytest.approx({"boundary1": 6, "boundary8": 1, "boundary9": 1, "total": 8})
     file.write_text("\n".join(lines).replace("9 1 1 2\n", "").replace("boundary\n8", "boundary\n7") + "\n")
     assert areas(elvis_json, file) == pytest.approx({"all": 6})
+
+
+def test_vortex_cores_cross_sides_that_do_not_match(tmp_path):
+    parts = [cells((0, 0, 0), (1, 2, 1), (1, 2, 1)), cells((1, 0, 0), (2, 2, 1), (4, 8, 4))]
+    dataset = read(write_vtk(tmp_path / "octree.vtk", np.concatenate(parts)))
+    cores = vortex_cores(dataset, "0.3+0.1*(y-0.8),0.45-z+0.2*(y-0.8),y-0.8")
+    assert cores.counts() == {"boundary": 2}
+    ends = cores.points[[0, -1]]
+    assert ends[np.argsort(ends[:, 0])] == pytest.approx(np.array([[0, 0.8, 0.45], [2, 0.8, 0.45]]), abs=1e-6)
+
+
+def test_faces_between_elements_that_do_not_match_are_drawn_as_inner_ones(tmp_path):
+    parts = [cells((0, 0, 0), (1, 1, 1), (1, 1, 1)), cells((1, 0, 0), (2, 1, 1), (2, 2, 2))]
+    dataset = read(write_vtk(tmp_path / "boxes.vtk", turned(np.concatenate(parts))))
+    faces = native_faces(dataset, [entities.ids for entities in dataset.mesh.elements.values()])
+    counts = {word: sum(map(len, faces.select([word]))) for word in ("all", "inner", NON_CONFORMING)}
+    # outside are 5 large faces and 4 + 4 * 4 small ones; inside 1 + 4 that don't match, and 12 from both sides
+    assert counts == {"all": 25, "inner": 5 + 24, NON_CONFORMING: 5}

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.arrays import Bools, Ints
 from elvis.core.cores.core_joining import Course, WorldArc, distinct_arcs, joined
 from elvis.core.cores.core_search import CoreSearch
 from elvis.core.cores.core_tracing import CoreTracing
 from elvis.core.cores.parallel import ParallelVectors
 from elvis.core.critical_points import size
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import joined_sides, sides_of
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.mesh import NON_CONFORMING
 from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.course import SPACING, components_of, positive
 from elvis.core.terminal import Progress
@@ -42,12 +44,17 @@ class CoreLimits:
         positive("spacing", self.spacing)
 
 
+#: stands among vertices for all sides that don't match
+ANY_INTERFACE = -1
+
+
 @dataclass(frozen=True, eq=False)
 class CoreArcs:
     """Cores as arcs within elements.
 
     parallel   the velocity and what it is parallel to
     vertices   of the mesh, (n, k) for the elements of each of its patches
+    interfaces  (n,) which of these elements have sides that don't match
     undecided  ids of elements in which it could not be decided whether there are more
     beside     ids of elements where that is so only within 1/64 of a place at rest
     """
@@ -55,12 +62,18 @@ class CoreArcs:
     parallel: ParallelVectors
     arcs: Sequence[WorldArc]
     vertices: Sequence[Ints]
+    interfaces: Sequence[Bools]
     undecided: tuple[int, ...]
     beside: tuple[int, ...]
 
     def courses(self) -> Iterator[Course]:
         """The lines that they are parts of."""
-        return joined(self.arcs, [self.vertices[own.patch][own.arc.row] for own in self.arcs])
+        return joined(self.arcs, [self._touched(own.patch, own.arc.row) for own in self.arcs])
+
+    def _touched(self, patch: int, row: int) -> Ints:
+        """The vertices of an element, and ANY_INTERFACE where it may touch others without a common vertex."""
+        vertices = self.vertices[patch][row]
+        return np.append(vertices, ANY_INTERFACE) if self.interfaces[patch][row] else vertices
 
 
 def core_arcs(
@@ -92,8 +105,11 @@ def core_arcs(
         arcs += [WorldArc.of(patch, number, arc) for arc in found]
         undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
         beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
-    tables = []
+    tables, interfaces = [], []
+    hanging = joined_sides(dataset.mesh).get(NON_CONFORMING, np.empty(0, np.int64))
     for patch in patches:
         in_mesh = dataset.mesh.of(patch.shape).rows_of(patch.element_ids)
         tables.append(local_vertices(dataset.mesh, patch.shape)[in_mesh])
-    return CoreArcs(parallel, distinct_arcs(arcs), tables, tuple(sorted(undecided)), tuple(sorted(beside)))
+        members = sides_of(dataset.mesh, patch.shape, patch.element_ids)
+        interfaces.append(np.isin(members, hanging).any(axis=1))
+    return CoreArcs(parallel, distinct_arcs(arcs), tables, interfaces, tuple(sorted(undecided)), tuple(sorted(beside)))

@@ -24,6 +24,8 @@ from elvis.core.shapes import Shape
 _SHAPES = tuple(Shape)
 #: sides and vertices of an element at most
 _SIDES, _VERTICES = 6, 8
+#: in place of the number of a boundary: a side that doesn't match, with elements beyond it that don't share it
+INTERFACE = -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,10 @@ class Neighbours:
         names: tuple[str, ...],
         boundary: Ints,
     ) -> None:
-        """Patches with vertices (n, k) and sides (n, f) of their elements; numbers of the sides' boundaries, or -1."""
+        """Patches with vertices (n, k) and sides (n, f) of their elements.
+
+        boundary  by sides: numbers of their boundaries, -1 for none, or INTERFACE
+        """
         self._patches, self.names, self._boundary = patches, names, boundary
         self._starts = np.cumsum([0, *map(len, patches)])
         self._shape = np.concatenate([np.full(len(p), _SHAPES.index(p.shape)) for p in patches])
@@ -122,10 +127,12 @@ class Neighbours:
 
     def is_outer(self, patch: Ints, row: Ints, side: Ints) -> Ints:
         """(n,) whether nothing lies beyond sides of elements."""
-        return np.asarray(self._beyond[self._starts[patch] + row, side] < 0)
+        element = self._starts[patch] + row
+        is_interface = self._boundary[self._side[element, side]] == INTERFACE
+        return np.asarray((self._beyond[element, side] < 0) & ~is_interface)
 
     def boundary(self, patch: Ints, row: Ints, side: Ints) -> Ints:
-        """(n,) numbers of the boundaries that sides belong to, among ``names``; -1 for none."""
+        """(n,) numbers of the boundaries that sides belong to, among ``names``; negative for none."""
         return np.asarray(self._boundary[self._side[self._starts[patch] + row, side]])
 
     def cross(self, patch: Ints, row: Ints, side: Ints, points: Floats) -> Crossing:
@@ -234,5 +241,5 @@ def _named(dataset: Dataset, count: int) -> tuple[tuple[str, ...], Ints]:
         sides = known[name]
         found[sides[sides < count]] = number
     joined = known.get(NON_CONFORMING, np.empty(0, np.int64))
-    found[joined[joined < count]] = -1
+    found[joined[joined < count]] = INTERFACE
     return names, found
