@@ -18,6 +18,7 @@ from elvis.core.distances.boundaries import joined_sides, sides_of
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.mesh import NON_CONFORMING
+from elvis.core.patch import Patch
 from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.course import SPACING, components_of, positive
 from elvis.core.terminal import Progress
@@ -105,11 +106,17 @@ def core_arcs(
         arcs += [WorldArc.of(patch, number, arc) for arc in found]
         undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
         beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
-    tables, interfaces = [], []
+    tables, interfaces = _surroundings(dataset, patches)
+    return CoreArcs(parallel, distinct_arcs(arcs), tables, interfaces, tuple(sorted(undecided)), tuple(sorted(beside)))
+
+
+def _surroundings(dataset: Dataset, patches: Sequence[Patch]) -> tuple[list[Ints], list[Bools]]:
+    """The mesh's vertices (n, k) of the elements of each patch, and which (n,) have sides that don't match."""
+    tables, interfaces = list[Ints](), list[Bools]()
     hanging = joined_sides(dataset.mesh).get(NON_CONFORMING, np.empty(0, np.int64))
     for patch in patches:
         in_mesh = dataset.mesh.of(patch.shape).rows_of(patch.element_ids)
         tables.append(local_vertices(dataset.mesh, patch.shape)[in_mesh])
         members = sides_of(dataset.mesh, patch.shape, patch.element_ids)
         interfaces.append(np.isin(members, hanging).any(axis=1))
-    return CoreArcs(parallel, distinct_arcs(arcs), tables, interfaces, tuple(sorted(undecided)), tuple(sorted(beside)))
+    return tables, interfaces
