@@ -193,3 +193,26 @@ def test_other_files_are_refused(tmp_path):
         assert not Nek.opens([path])
         with pytest.raises(FormatError, match="expected a Nek5000 field"):
             Nek([path])
+
+
+@pytest.mark.parametrize("kind", ["from 0", "zeros", "permuted", "sparse"])
+def test_element_maps_of_any_kind(tmp_path, kind):
+    """Points in the first file of a series, in another order than the values in the second."""
+    x = lattice((2, 3), 4)
+    rng = np.random.default_rng(1)
+    orders = [np.arange(6), np.arange(6)] if kind == "zeros" else [rng.permutation(6), rng.permutation(6)]
+    numbers = {
+        "from 0": np.arange(6),
+        "zeros": np.zeros(6),
+        "permuted": 1 + np.arange(6),
+        "sparse": 10 + 7 * np.arange(6),
+    }
+    maps = [numbers[kind][order] for order in orders]
+    write(tmp_path / "a0.f00001", x[orders[0]], polynomial(x[orders[0]]), numbers=maps[0], time=0.0)
+    values = {name: own[orders[1]] for name, own in polynomial(x).items()}
+    write(tmp_path / "a0.f00002", x[orders[1]], values, numbers=maps[1], contents="UPT")
+    done = check(Nek, [tmp_path / "a0.f00002"])
+    places = np.zeros((6, 3))
+    places[:, :2] = x[:, :, 5]
+    wanted = polynomial(places[:, :2, None])["P"].reshape(-1)
+    assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-11

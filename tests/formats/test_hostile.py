@@ -80,6 +80,30 @@ def test_places_that_cannot_be_read(tmp_path, refused):
     refused("a\0b", match="there is no such file")
 
 
+def test_tags_that_are_put_out_of_use_are_passed_over(copied):
+    """The solver's parser knows no tag that begins with an exclamation mark, and goes on behind it."""
+    mesh = copied("quad4") / "interpfield_4quad.xml"
+    original = mesh.read_text()
+    before = read(mesh)
+    unknown = '<!I PROPERTY="a" VALUE="b" />\n<!P> <!-- <!Q> -->'
+    mesh.write_text(
+        original.replace("<GEOMETRY", f"{unknown}<GEOMETRY", 1).replace("<VERTEX>", f"<VERTEX>{unknown}", 1)
+    )
+    assert np.array_equal(read(mesh).mesh.vertices, before.mesh.vertices)
+
+
+def test_a_vertex_may_stand_twice_at_one_place(copied, refused):
+    mesh = copied("quad4") / "interpfield_4quad.xml"
+    original = mesh.read_text()
+    before = read(mesh).mesh
+    vertex = re.search(r"<V ID.*?</V>", original)[0]
+    mesh.write_text(original.replace("</VERTEX>", f"{vertex}</VERTEX>", 1))
+    assert np.array_equal(read(mesh).mesh.vertices, before.vertices)
+    moved = re.sub(r">\s*\S+", ">77", vertex, count=1)
+    mesh.write_text(original.replace("</VERTEX>", f"{moved}</VERTEX>", 1))
+    refused(mesh, match="expected every vertex once")
+
+
 def test_entities_and_document_types_are_never_expanded(copied, refused):
     mesh = copied("quad4") / "interpfield_4quad.xml"
     original = mesh.read_text()

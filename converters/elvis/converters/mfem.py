@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.apart import Apart, LibraryError
+from elvis.converters.apart import BYTES_PER_SECOND, Apart, LibraryError
 from elvis.converters.mfem_files import (
+    building_seconds,
     check_mesh,
     check_space,
     header,
@@ -155,6 +156,11 @@ class _RemoteMesh:
             raise _refuse(failure, self._path) from failure
 
 
+def _work(text: str) -> int:
+    """Bytes of a file that take the library as long to read as a text and the spaces that it names."""
+    return len(text) + BYTES_PER_SECOND * building_seconds(text)
+
+
 def _refuse(failure: LibraryError, path: Path) -> FormatError:
     found = f"some on which it {'takes too long' if failure.is_out_of_time else 'crashes'}"
     return FormatError(f"expected data that MFEM reads, found {found}", file=path)
@@ -171,7 +177,7 @@ class _Part:
         self.path, text = piece.mesh.named, piece.mesh.text
         self._asked = _RemoteMesh(library, number, self.path)
         check_mesh(self.path, text)
-        found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=len(text), path=self.path)
+        found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=_work(text), path=self.path)
         self.vertices, self.attributes = found["vertices"], found["attributes"]
         check_space(self.path, found["map"]["count"], found["dimension"])
         self.is_rational = found["has_weights"] and not _has_unit_weights(text)
@@ -183,7 +189,7 @@ class _Part:
             values_after_header(self.path, text, found["map"]["size"], is_last=False)
         self.names, self.functions = list(piece.functions), []
         for at, source in enumerate(piece.functions.values(), 1):
-            own = self._asked.function(source.file(folder), len(source.text), source.named)
+            own = self._asked.function(source.file(folder), _work(source.text), source.named)
             values_after_header(source.named, source.text, own["size"], is_last=True)
             self.functions.append(_Function(self._asked, at, own))
         self.precision = rounding(text)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,9 @@ from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 _CORNERS = (1, 2, 3, 4, 4, 8, 6, 5)
 _DIMENSIONS = (0, 1, 2, 2, 3, 3, 3, 3)
 
+#: steps in which the library builds a space of order p, p⁹ in all, that it takes in a second at least; seconds at most
+_PER_SECOND, _LONGEST = 10**9, 3600
+
 #: numbers with as few digits as streams write where nothing else is asked for, and how many of them are looked at
 _FEW_DIGITS, _LOOKED_AT = 9, 500
 
@@ -32,9 +36,14 @@ def first_line(path: Path) -> str:
     return leading(path, 80).split(b"\n")[0].decode("ascii", "replace").strip()
 
 
+#: how texts of other programs begin that the library reads: of Netgen, in two dimensions and in three, and of TrueGrid
+_FOREIGN = {"areamesh2", "curved_areamesh2", "NETGEN", "NETGEN_Neutral_Format", "TrueGrid", "linemesh"}
+
+
 def is_mesh(path: Path) -> bool:
     """Whether a file begins as meshes do."""
-    return re.match(r"MFEM ([\w -]+ )?mesh v1\.", first_line(path)) is not None
+    line = first_line(path)
+    return line in _FOREIGN or re.match(r"MFEM ([\w -]+ )?mesh v1\.", line) is not None
 
 
 def is_field(path: Path) -> bool:
@@ -82,6 +91,8 @@ def load(path: Path) -> str:
 
 def check_mesh(path: Path, text: str) -> None:
     """FormatError, naming ``path``, where elements are not of the mesh's dimension, or name vertices that it lacks."""
+    if text.startswith(("areamesh2", "NETGEN")):
+        _check_foreign(path, text)
     if not text.startswith(("MFEM mesh", "MFEM NURBS mesh")) or "\npatches" in text:
         return
     vertices = _words(text, "vertices")
@@ -96,6 +107,48 @@ def check_mesh(path: Path, text: str) -> None:
         check_space(path, int(vertices[1]), int(dimension))
         count = int(vertices[0]) * int(vertices[1])
         _numbers(path, vertices[2 : 2 + count], count, "vertices")
+
+
+def _check_foreign(path: Path, text: str) -> None:
+    """FormatError if a text of Netgen ends early, or names vertices that it lacks.
+
+    In the plane come the segments of the boundary, the elements and the vertices; in space the vertices come first.
+    """
+    numbers = iter(text.split()[1:])
+    try:
+        if text.startswith("areamesh2"):
+            named = [int(v) for _ in range(int(next(numbers))) for v in _taken(numbers, 1, 2)]
+            for _ in range(int(next(numbers))):
+                next(numbers)  # the attribute
+                named += map(int, _taken(numbers, 0, int(next(numbers))))
+            count = int(next(numbers))
+            _taken(numbers, 0, 2 * count)
+        else:
+            count = int(next(numbers))
+            _taken(numbers, 0, 3 * count)
+            named = [int(v) for size in (4, 3) for _ in range(int(next(numbers))) for v in _taken(numbers, 1, size)]
+    except (StopIteration, RuntimeError, ValueError):
+        raise FormatError("expected as many numbers as declared, found fewer or others", file=path) from None
+    if named and not 1 <= min(named) <= max(named) <= count:
+        found = f"{min(named)} to {max(named)}"
+        raise FormatError(f"expected vertices 1 to {count}, found {found}", file=path, place="elements")
+
+
+def _taken(numbers: Iterator[str], skipped: int, count: int) -> list[str]:
+    """The next ``count`` words after some that are skipped; ValueError if there are fewer."""
+    found = list(islice(numbers, skipped, skipped + count))
+    if len(found) != count:
+        raise ValueError(f"expected {count} words, found {len(found)}")
+    return found
+
+
+def building_seconds(text: str) -> int:
+    """Seconds that the library may take to build the spaces that a text names, beyond those for its size.
+
+    A collection inverts a dense matrix for each shape: for pyramids of order p one of p³/3 rows, at a cost of p⁹.
+    """
+    orders = [int(order) for order in re.findall(r"FiniteElementCollection: \w*_P(\d{1,2})\b", text)]
+    return min(_LONGEST, max(orders, default=0) ** 9 // _PER_SECOND)
 
 
 def check_space(path: Path, space: int, dimension: int) -> None:

@@ -148,7 +148,8 @@ class _Function:
         self.is_vector = first.GetRangeType() == _IS_VECTOR
         self.is_nodal = not (self.is_nurbs or self.is_vector or first.GetMapType() == _IS_INTEGRAL)
         self.is_continuous = space.FEColl().GetContType() == _IS_CONTINUOUS and not self.is_vector
-        self.count = int(dimension or (space.GetMesh().SpaceDimension() if self.is_vector else space.GetVDim()))
+        # vectors on a plane may have three components (ND_R2D, RT_R2D)
+        self.count = int(dimension or (function.VectorDim() if self.is_vector else space.GetVDim()))
         self.highest = max(int(first.GetOrder()), 1)
         self._is_by_node = dimension is not None or space.GetOrdering() == 0
 

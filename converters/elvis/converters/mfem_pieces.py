@@ -94,12 +94,14 @@ def _piece(mesh: Path, functions: Sequence[Path]) -> Piece:
 
 
 def _name(mesh: Path, field: Path) -> str:
-    """The name of a field's file without what it has in common with the mesh's, and without its ending."""
+    """The name of a field's file without its ending, and without the mesh's name where another follows that."""
     numbered = _NUMBERED.fullmatch(field.name)
     if numbered and _NUMBERED.fullmatch(mesh.name):
         return numbered[1].removesuffix(".gf")
     name = field.name.removesuffix(".gf")
-    return name.removeprefix(mesh.name.removesuffix(".mesh")).strip("._-") or name
+    rest = name.removeprefix(mesh.name.removesuffix(".mesh"))
+    # of pressure.gf on p.mesh the name is whole: what follows the mesh's name must be set off
+    return rest.strip("._-") or name if rest[:1] in ("", *"._-") else name
 
 
 def _siblings(path: Path) -> dict[int, Path]:

@@ -95,8 +95,11 @@ class Nek(NodalConverter):
         if points.dimension != values.dimension or len(points.numbers) != len(values.numbers):
             expected = f"a step on the {len(points.numbers)} elements of {points.file.name}"
             raise FormatError(f"expected {expected}, found one on {len(values.numbers)}", file=values.file)
-        for step in (points, values):
-            _check_numbers(step)
+        for step in dict.fromkeys((points, values)):
+            step.number()
+        if not np.array_equal(*(np.unique(step.stated) for step in (points, values))):
+            expected = f"elements of the same numbers as in {points.file.name}"
+            raise FormatError(f"expected {expected}, found others", file=values.file, place="element map")
         order = np.argsort(points.numbers)
         self._rows: Ints = order[values.numbers - 1]
 
@@ -131,7 +134,11 @@ class Nek(NodalConverter):
 
 
 class Step:
-    """The files of one step as one; rows are counted through the files in order."""
+    """The files of one step as one; rows are counted through the files in order.
+
+    stated   (n,) numbers of the elements as the files have them
+    numbers  (n,) from 1 to n, in the order of those
+    """
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.pieces = [Piece(path) for path in paths]
@@ -139,8 +146,23 @@ class Step:
         for piece in self.pieces[1:]:
             if (piece.header.points, piece.header.channels) != (self.head.points, self.head.channels):
                 raise FormatError(f"expected points and contents as in {self.file.name}, found others", file=piece.path)
-        self.numbers: Ints = np.concatenate([piece.numbers for piece in self.pieces])
+        self.stated: Ints = np.concatenate([piece.numbers for piece in self.pieces])
+        self.numbers = self.stated
         self._ends = np.cumsum([len(piece.numbers) for piece in self.pieces])
+
+    def number(self) -> None:
+        """Number the elements from 1, in the order of the file if that numbers none of them.
+
+        Raises FormatError if the files don't hold every element once.
+        """
+        count = self.head.total
+        distinct, ranks = np.unique(self.stated, return_inverse=True)
+        is_unnumbered = not self.stated.any()
+        if len(self.stated) != count or not (is_unnumbered or len(distinct) == count):
+            found = f"{len(self.stated)}, of which {len(distinct)} differ"
+            expected = f"the elements 1 to {count}"
+            raise FormatError(f"expected {expected}, found {found}", file=self.file, place="element map")
+        self.numbers = 1 + (np.arange(count) if is_unnumbered else ranks.reshape(-1))
 
     def take(self, name: str, component: int, rows: Ints) -> Floats:
         """(n, points) values of elements ``rows`` (n,)."""
@@ -277,11 +299,3 @@ def _points_next_to(path: Path) -> list[Path]:
             if _kind(other) == "field" and "X" in read_header(other).contents:
                 return _whole([other])
     raise FormatError("expected points, or a file of the same series that has them; give that too", file=path)
-
-
-def _check_numbers(step: Step) -> None:
-    """FormatError where the files of a step don't hold every element once."""
-    count = step.head.total
-    if len(step.numbers) != count or not np.array_equal(np.sort(step.numbers), np.arange(1, count + 1)):
-        found = f"{len(step.numbers)}, of which {len(np.unique(step.numbers))} differ"
-        raise FormatError(f"expected the elements 1 to {count}, found {found}", file=step.file, place="element map")

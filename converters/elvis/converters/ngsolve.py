@@ -3,7 +3,8 @@
 Of its own files the library makes the same samples: for each shape S (tet, pyramid, prism, hex, trig, quad) S_elem (n,)
 numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m,
 components), S_region (n,) names if there are any; order: the degree of the map and the highest of the fields;
-order_NAME, continuous, time, boundary_S_verts, boundary_S_region and notes (sentences) may be there too.
+order_NAME, continuous, time, boundary_S_verts, boundary_S_region, boundary_S_number and notes (sentences)
+may be there too.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _HIGHEST, _HEAD = 30, 4096
 #: names of the arrays that are read
 _SHAPE = "|".join(SHAPES)
 _KNOWN = re.compile(
-    rf"({_SHAPE})_(elem|verts|ref|xyz|region|f_.+)|boundary_({_SHAPE})_(verts|region)|order(_.+)?|continuous|time"
+    rf"({_SHAPE})_(elem|verts|ref|xyz|region|f_.+)|boundary_({_SHAPE})_(verts|region|number)|order(_.+)?|continuous|time"
 )
 
 
@@ -210,14 +211,32 @@ class NGSolve(NodalConverter):
             self.add_field(name, component_names(name, count), values, is_continuous, orders=orders)
 
     def _borders(self) -> list[Boundary]:
-        found: dict[str, list[Ints]] = {}
+        """Sides by the name of their boundary, and by its number if a name stands for several numbers."""
+        by_name: dict[str, list[Ints]] = {}
+        by_number: dict[str, dict[int, list[Ints]]] = {}
         for shape in SHAPES:
-            if {f"boundary_{shape}_verts", f"boundary_{shape}_region"} <= set(self._data):
-                vertices = self._numbers(f"boundary_{shape}_verts", 2)
-                regions = self._regions(f"boundary_{shape}_region", len(vertices))
-                for name in np.unique(regions).tolist():
-                    found.setdefault(str(name) or "boundary", []).append(np.asarray(vertices)[regions == name])
-        return [Boundary(name, vertices=faces) for name, faces in sorted(found.items())]
+            if not {f"boundary_{shape}_verts", f"boundary_{shape}_region"} <= set(self._data):
+                continue
+            vertices = np.asarray(self._numbers(f"boundary_{shape}_verts", 2))
+            regions = self._regions(f"boundary_{shape}_region", len(vertices))
+            numbers = self._boundary_numbers(shape, len(vertices))
+            for name in np.unique(regions).tolist():
+                label = str(name) or "boundary"
+                by_name.setdefault(label, []).append(vertices[regions == name])
+                for number in np.unique(numbers[regions == name]).tolist():
+                    own = vertices[(regions == name) & (numbers == number)]
+                    by_number.setdefault(label, {}).setdefault(number, []).append(own)
+        shared = {n: faces for name, own in by_number.items() if len(own) > 1 for n, faces in own.items()}
+        numbered = [Boundary(f"boundary{n}", vertices=faces) for n, faces in sorted(shared.items())]
+        return [*numbered, *(Boundary(name, vertices=faces) for name, faces in sorted(by_name.items()))]
+
+    def _boundary_numbers(self, shape: str, count: int) -> Ints:
+        """(count,) the numbers of the boundaries of sides; all 0 if samples don't tell them."""
+        name = f"boundary_{shape}_number"
+        found = np.asarray(self._data.get(name, np.zeros(count, np.int64)))
+        if found.shape != (count,) or found.dtype.kind not in "iu":
+            raise FormatError(f"expected {count} numbers, found {found.shape}", file=self._path, place=name)
+        return found.astype(np.int64)
 
 
 def _load(path: Path) -> dict[str, Any]:

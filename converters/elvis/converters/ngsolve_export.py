@@ -87,13 +87,14 @@ def samples(mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> d
     data: dict[str, Any] = {"order": np.array([geometry, highest])}
     data["continuous"] = np.array([name for name, field in fields.items() if _is_continuous(field)], dtype="U")
     data |= {f"order_{name}": np.array(each) for name, each in orders.items()}
-    for name, (numbers, vertices, regions) in elements.items():
+    for name, (numbers, vertices, regions, _) in elements.items():
         rows = np.isin(mapped["nr"], numbers)
         data |= {f"{name}_elem": numbers, f"{name}_verts": vertices, f"{name}_region": regions}
         data[f"{name}_ref"] = rules[name]
         data |= {f"{name}_{key}": v[rows].reshape(len(numbers), len(rules[name]), -1) for key, v in values.items()}
-    for name, (_, vertices, regions) in _elements(mesh.Elements(ngsolve.BND)).items():
+    for name, (_, vertices, regions, indices) in _elements(mesh.Elements(ngsolve.BND)).items():
         data |= {f"boundary_{name}_verts": vertices, f"boundary_{name}_region": regions}
+        data[f"boundary_{name}_number"] = indices + 1
     return data
 
 
@@ -112,17 +113,23 @@ def _is_continuous(field: Any) -> bool:
     return space is not None and space.type in _CONTINUOUS
 
 
-def _elements(found: Any) -> dict[str, tuple[Ints, Ints, Any]]:
-    """Of each shape the numbers of the elements, (n, n_vertices) vertices, and names of regions."""
-    parts: dict[str, tuple[list[int], list[list[int]], list[str]]] = {}
+def _elements(found: Any) -> dict[str, tuple[Ints, Ints, Any, Ints]]:
+    """Of each shape the numbers of the elements, (n, n_vertices) vertices, and names and numbers of regions."""
+    parts: dict[str, tuple[list[int], list[list[int]], list[str], list[int]]] = {}
     for element in found:
-        numbers, vertices, regions = parts.setdefault(element.type.name.lower(), ([], [], []))
+        numbers, vertices, regions, indices = parts.setdefault(element.type.name.lower(), ([], [], [], []))
         numbers.append(element.nr)
         vertices.append([vertex.nr for vertex in element.vertices])
         regions.append(element.mat)
+        indices.append(int(element.index))
     return {
-        name: (np.array(numbers, np.int64), np.array(vertices, np.int64), np.array(regions, dtype="U"))
-        for name, (numbers, vertices, regions) in parts.items()
+        name: (
+            np.array(numbers, np.int64),
+            np.array(vertices, np.int64),
+            np.array(regions, dtype="U"),
+            np.array(indices),
+        )
+        for name, (numbers, vertices, names, indices) in parts.items()
     }
 
 

@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -40,6 +41,9 @@ _ELEMENTS = {
     "surfaceelementsgi3": 4,
     "volumeelements": 1,
 }
+
+#: words for each point of the elements of a section, where nothing else follows
+_WORDS = {"surfaceelements": 1, "surfaceelementsgi": 2, "volumeelements": 1}
 
 #: sections of which any may be the last of a mesh that has no end, one line for each thing that they count
 _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsgi2", "edgesegmentsgi3", "pointelements",
@@ -130,18 +134,20 @@ def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, t
 
 def _name(mesh: Path, path: Path) -> str:
     """The name of a function's file without what it has in common with the mesh's, and without its ending."""
-    return path.stem.removeprefix(mesh.name.removesuffix(".gz").removesuffix(".vol")).strip("._-") or path.stem
+    rest = path.stem.removeprefix(mesh.name.removesuffix(".gz").removesuffix(".vol"))
+    return rest.strip("._-") or path.stem if rest[:1] in ("", *"._-") else path.stem
 
 
 def _check(path: Path, text: str) -> list[str]:
     """Sentences for the report; FormatError where the mesh is cut off, or has elements on points that aren't there."""
-    lines = text.splitlines()
+    lines = [line for line in text.splitlines() if line.strip()]
     starts = {line.strip(): at for at, line in enumerate(lines) if line and line[0].isalpha()}
     count = _count(path, lines, starts, "points")
     for section, column in _ELEMENTS.items():
         if section in starts:
             at = starts[section] + 2
-            _check_elements(path, section, lines[at : at + _count(path, lines, starts, section)], column, count)
+            number = _count(path, lines, starts, section)
+            _check_elements(path, section, _rows(section, lines[at:], number, column), column, count)
     has_end = any(line.strip() == "endmesh" for line in lines)
     return [] if has_end else [_unended(path, text, starts)]
 
@@ -163,8 +169,8 @@ def _text(path: Path) -> str:
 
 def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
     """A note on a mesh without an end whose sections are all there; FormatError where the last one may be cut off."""
-    lines = text.rstrip().splitlines()
-    while lines[-1].startswith("#") or not lines[-1].strip():
+    lines = [line for line in text.splitlines() if line.strip()]
+    while lines[-1].startswith("#"):
         lines.pop()
     last = max(starts, key=lambda section: starts[section])
     if last not in _LISTS or not text.endswith("\n"):
@@ -181,6 +187,27 @@ def _count(path: Path, lines: Sequence[str], starts: dict[str, int], section: st
     if not is_count(text) or at + 1 + int(text) >= len(lines):
         raise FormatError(f"expected a number of {section} and as many lines, found {text!r}", file=path, place=section)
     return int(text)
+
+
+def _rows(section: str, lines: Sequence[str], count: int, column: int) -> list[str]:
+    """The first rows of a section: lines, or if their words run on over lines, as many words as each row must have."""
+    rows = list(lines[:count])
+    per_point = _WORDS.get(section)
+    if per_point is None or all(_width(row.split(), column, per_point) == len(row.split()) for row in rows):
+        return rows
+    words = iter(" ".join(lines).split())
+    found = []
+    for _ in range(count):
+        head = list(islice(words, column + 1))
+        own = int(head[-1]) if head and is_count(head[-1]) else 0
+        found.append(" ".join([*head, *islice(words, own * per_point)]))
+    return found
+
+
+def _width(words: Sequence[str], column: int, per_point: int) -> int:
+    """How many words a row must have; 0 if it doesn't tell."""
+    own = words[column] if len(words) > column else ""
+    return column + 1 + per_point * int(own) if is_count(own) else 0
 
 
 def _check_elements(path: Path, section: str, lines: Sequence[str], column: int, count: int) -> None:

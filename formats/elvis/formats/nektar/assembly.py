@@ -6,7 +6,7 @@ The codecs of geometry agree on `RawGeometry`; pieces of a partitioned mesh beco
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -175,7 +175,7 @@ def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
     """
     first = pieces[0]
     if len(pieces) == 1:
-        return first
+        return _with_each_vertex_once(first)
     for piece in pieces[1:]:
         if (piece.dimension, piece.space) != (first.dimension, first.space):
             expected = f"DIM {first.dimension} and SPACE {first.space} as in {first.file}"
@@ -196,6 +196,18 @@ def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
         _unite_composites(pieces),
         _unite_domains(pieces),
     )
+
+
+def _with_each_vertex_once(raw: RawGeometry) -> RawGeometry:
+    """The geometry without vertices that come again at the same place, as the solver passes over them."""
+    ids = raw.vertex_ids
+    if (ids[1:] > ids[:-1]).all():
+        return raw
+    _, first, which = np.unique(ids, return_index=True, return_inverse=True)
+    if len(first) == len(ids) or not np.array_equal(raw.vertices, raw.vertices[first[which.reshape(-1)]]):
+        return raw
+    kept = np.sort(first)
+    return replace(raw, vertex_ids=ids[kept], vertices=raw.vertices[kept])
 
 
 def first_rows(ids: Ints) -> Ints:

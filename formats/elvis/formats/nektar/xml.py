@@ -32,6 +32,10 @@ _NAME = re.compile(rb"[A-Za-z_:][\w:.\-]*")
 _ATTRIBUTE = re.compile(rb"""([A-Za-z_:][\w:.\-]*)\s*=\s*("[^"]*"|'[^']*')""")
 _MARK = re.compile(rb"""[<>"']""")
 _DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
+#: declarations of XML's own
+_REFUSED = re.compile(rb"<!(?:DOCTYPE|ENTITY|ELEMENT|ATTLIST|NOTATION)\b")
+#: a tag that is put out of use by an exclamation mark, which the solver's parser passes over
+_UNKNOWN = re.compile(rb"<!(?!--|\[CDATA\[)[^>]*>")
 _AFTER_NAME = (b" ", b"\t", b"\r", b"\n", b"/", b">")
 #: tags that are looked at one by one before the file is searched for one of a name
 _NEAR = 32
@@ -119,11 +123,13 @@ def parse(data: Buffer, file: str) -> list[Element]:
     if b"!" in data:
         declaration = _DECLARATION.search(data)
         cleaned = _without_comments(data, file) if _SPECIAL.search(data) else data
-        if declaration and (found := _DECLARATION.search(cleaned)):
+        if declaration and (found := _REFUSED.search(cleaned)):
             line = _line(cleaned, found.start())
             raise FormatError(
                 "declarations of document types and entities are refused", file=file, place=f"line {line}"
             )
+        if declaration and _DECLARATION.search(cleaned):
+            cleaned = _without_unknown(cleaned)
     return list(_elements(cleaned, 0, len(cleaned), file))
 
 
@@ -160,6 +166,11 @@ def _without_comments(data: Buffer, file: str) -> bytes:
         position = end + 3
     pieces.append(view[position:])
     return b"".join(pieces)
+
+
+def _without_unknown(data: Buffer) -> bytes:
+    """The document with tags that begin with an exclamation mark blanked, line ends kept."""
+    return _UNKNOWN.sub(lambda found: b"\n" * found[0].count(b"\n"), bytes(data))
 
 
 def _elements(data: Buffer, start: int, stop: int, file: str) -> Iterator[Element]:
