@@ -43,6 +43,7 @@ pages: $(READY)
 	@$(RUN) tools/scene_page.py
 	@$(RUN) tools/manual.py
 	@$(RUN) tools/quantities_page.py
+	@$(RUN) tools/formats_page.py
 	@$(RUN) tools/gallery_page.py
 	@$(RUN) examples/generate.py out/data
 	@$(RUN) tools/notebooks.py out/data

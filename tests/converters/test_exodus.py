@@ -311,3 +311,16 @@ def test_variables_of_some_blocks_are_kept_there(tmp_path, write):
         for name, values in wanted.items():
             assert values_found(dataset, name, points) == pytest.approx(values, nan_ok=True)
     assert integrate(read(path), ["u", "stress", "heat"])[1].value == pytest.approx(11)
+
+
+def test_some_fields_are_converted_in_every_command(tmp_path, elvis, elvis_json):
+    places, nodes = unit_cubes(1)
+    blocks = [ExodusBlock("one", "HEX8", nodes)]
+    path = write_classic(tmp_path / "run.e", blocks, places, None, {"u": places[:, 0], "map_x": places[:, 1]})
+    with pytest.raises(ElvisError, match="expected no field 'map_x'"):
+        read(path)
+    assert list(read(path, reader={"fields": "u"})) == ["u"]
+    assert [row["name"] for row in elvis_json("info", path, "--reader", "fields=u")["fields"]] == ["u"]
+    assert "0.5" in elvis("probe", path, "--reader", "fields=u", "--point", "0.5,0.5,0.5")
+    with pytest.raises(ElvisError, match="there is no field 'v'; the fields are u, map_x"):
+        read(path, reader={"fields": "u, v"})

@@ -46,6 +46,14 @@ def test_the_gallery_is_that_of_the_scenes(root):
     assert (root / "docs" / "gallery.md").read_text(encoding="utf-8") == page, "make pages"
 
 
+def test_the_table_of_formats_is_that_of_the_converters(root):
+    page = runpy.run_path(str(root / "tools" / "formats_page.py"))["page"]()
+    assert (root / "docs" / "start" / "formats.md").read_text(encoding="utf-8") == page, "make pages"
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) >= 12
+    assert not [row[0] for row in rows if "?" in row]
+
+
 def test_the_manual_page_is_that_of_the_commands(root):
     page = runpy.run_path(str(root / "tools" / "manual.py"))
     text = (root / "docs" / "elvis.1").read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from elvis.converters.inputs import STEP, single, step_number
 from elvis.core.arrays import Ints
 from elvis.core.errors import FormatError
 from elvis.core.moments import checked_step
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, nearest_nodes
 
 #: the name of nothing in lists of names
@@ -41,6 +41,16 @@ class Cgns(NodalConverter):
         "solutions at vertices, in cells and in bases of their own (CPEX 0045), time steps"
     )
     loses = "values on faces, boundary data, data of other bases; files that are linked"
+    reads = Reads(
+        "all",
+        "1 to 4 (map), any (fields)",
+        "nodal, constant, CPEX 0045",
+        "conditions and families by name",
+        "solutions of one file",
+        "zones",
+        "by place",
+        "no",
+    )
     options = (STEP,)
     beside = ()
 

@@ -19,7 +19,7 @@ from elvis.core.files.plain import content, leading
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Elements
+from elvis.plugins.conversion import Elements, Reads
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
 
 #: numbers of types; those of tetrahedra and pyramids were never written
@@ -42,6 +42,16 @@ class ElVisDat(NodalConverter):
     format = "volume of the first ElVis (.dat)"
     keeps = "straight hexahedra and prisms, the field at any degrees"
     loses = "ranges of elements, which are computed again"
+    reads = Reads(
+        "hexahedra, prisms",
+        "1 (map), any (fields)",
+        "Legendre, monomials",
+        "none",
+        "none",
+        "none",
+        "no",
+        "no",
+    )
     beside = ()
 
     @classmethod

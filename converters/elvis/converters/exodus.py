@@ -18,7 +18,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Elements, PyramidSpace
+from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
 from elvis.plugins.projection.naming import local_sides
@@ -39,6 +39,16 @@ class Exodus(NodalConverter):
         "elements of orders 1 and 2, serendipity ones too, blocks and side sets by name, nodal and element variables"
     )
     loses = "node sets, attributes, variables of sides and sets; elements of lower dimension"
+    reads = Reads(
+        "all",
+        "1, 2, serendipity",
+        "nodal, constant",
+        "side sets by name",
+        "times of one file, `-s002` files",
+        "`.e.4.0` of each process",
+        "by place",
+        "no",
+    )
     needs = ("scipy",)
     options = (STEP,)
     beside = ()

@@ -20,7 +20,7 @@ from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, nearest_nodes
 
 _SHAPES = {
@@ -49,6 +49,16 @@ class Gmf(NodalConverter):
     format = "GMF mesh and solution (.mesh, .meshb, .sol, .solb)"
     keeps = "elements of all shapes to order 4, nodes or Bezier points, solutions of any degree, references, time"
     loses = "corners, ridges, normals, edges in 3D; solutions on faces"
+    reads = Reads(
+        "all",
+        "1 to 4 (map), any (fields)",
+        "nodal, Bernstein, constant",
+        "references by number",
+        "none",
+        "none",
+        "by place",
+        "no",
+    )
     beside = ()
 
     @classmethod

@@ -22,7 +22,7 @@ from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
 from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
+from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 from elvis.plugins.recognition import found_instead
@@ -92,6 +92,16 @@ class Gmsh(NodalConverter):
         "all shapes and orders, serendipity elements, physical groups, node and element data with their schemes, time"
     )
     loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
+    reads = Reads(
+        "all",
+        "any, mixed, serendipity",
+        "nodal, interpolation schemes, constant",
+        "physical groups by name",
+        "steps of data, numbered files",
+        "partitions, in one file or several",
+        "by place",
+        "no",
+    )
     needs = ("gmsh",)
     options: ClassVar[tuple[Option, ...]] = (STEP,)
     beside = ()

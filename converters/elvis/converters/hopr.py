@@ -23,7 +23,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Elements, PyramidSpace
+from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.nodal import (
     NodalBasis,
     NodalBlock,
@@ -54,6 +54,16 @@ class Hopr(NodalConverter):
     format = "HOPR mesh and FLEXI/GALAEXI state (HDF5)"
     keeps = "curved elements of all shapes and orders, boundaries, all variables of DG_Solution, sub-cells, time"
     loses = "element data, extra fields"
+    reads = Reads(
+        "volumes",
+        "any",
+        "Gauss, Gauss-Lobatto, sub-cells",
+        "by name",
+        "numbered files",
+        "none",
+        "mortars",
+        "no",
+    )
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

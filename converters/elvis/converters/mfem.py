@@ -34,7 +34,7 @@ from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Elements, PyramidSpace
+from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, component_names
 from elvis.plugins.projection.vertices import clusters
 
@@ -57,6 +57,16 @@ class Mfem(NodalConverter):
     format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones; .mfem_root)"
     keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
     loses = "hanging nodes make fields discontinuous; complex functions and functions at quadrature points are refused"
+    reads = Reads(
+        "all",
+        "any, variable",
+        "H1, L2, H(div), H(curl), plane vectors of three components, NURBS",
+        "attributes and sets by name",
+        "collections, numbered files",
+        "pieces, `.mfem_root`",
+        "NCMesh",
+        "no",
+    )
     needs = ("mfem",)
 
     @classmethod

@@ -19,7 +19,7 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.shapes import Shape
 from elvis.formats.reading import is_native, read
-from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, Reads, SourceField
 
 #: differences of values at vertices, as a share of the field's range, below which a field may be continuous
 _NEAR = 1e-14
@@ -48,6 +48,16 @@ class Native(Converter):
     format = "Nektar++ meshes and fields (.xml, .nekg, .fld)"
     keeps = "the mesh with its numbers, curves, composites, domains; all shapes, orders, Fourier planes; time, metadata"
     loses = "bases other than the modified ones, conditions; with --composites numbers and turns"
+    reads = Reads(
+        "all",
+        "any",
+        "all of the solver, Fourier",
+        "composites by name",
+        "numbered files",
+        "folders of parts",
+        "no",
+        "Fourier planes",
+    )
     options = (Option("composites", "Convert these composites of the domain, names or numbers, commas between them."),)
 
     @classmethod

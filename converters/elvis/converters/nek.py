@@ -23,7 +23,7 @@ from elvis.core.files.plain import content, leading
 from elvis.core.moments import checked_step
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Reads
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, tensor_nodes
 from elvis.plugins.recognition import found_instead
 
@@ -46,6 +46,16 @@ class Nek(NodalConverter):
     format = "Nek5000/NekRS field files (.f00001, .nek5000), boundaries from .re2"
     keeps = "curved quadrilaterals and hexahedra of any order, all fields, either precision, steps of many files, time"
     loses = "periodic links and curve descriptions of the .re2 file; pressure on a mesh of its own"
+    reads = Reads(
+        "quadrilaterals, hexahedra",
+        "any",
+        "Gauss-Lobatto",
+        "`.re2`, by code",
+        "`.nek5000`, numbered files",
+        "several files a step",
+        "no",
+        "no",
+    )
 
     options = (STEP,)
 
@@ -97,7 +107,7 @@ class Nek(NodalConverter):
             raise FormatError(f"expected {expected}, found one on {len(values.numbers)}", file=values.file)
         for step in dict.fromkeys((points, values)):
             step.number()
-        if not np.array_equal(*(np.unique(step.stated) for step in (points, values))):
+        if not np.array_equal(np.unique(points.stated), np.unique(values.stated)):
             expected = f"elements of the same numbers as in {points.file.name}"
             raise FormatError(f"expected {expected}, found others", file=values.file, place="element map")
         order = np.argsort(points.numbers)

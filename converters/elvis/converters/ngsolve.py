@@ -23,7 +23,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.plain import leading
-from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace
+from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace, Reads
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, order_of_space
 
 _HIGHEST, _HEAD = 30, 4096
@@ -42,6 +42,16 @@ class NGSolve(NodalConverter):
     keeps = "curved elements of all shapes and orders, H1 and L2 functions exactly, materials, boundaries, time"
     loses = (
         "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
+    )
+    reads = Reads(
+        "all",
+        "any",
+        "H1, L2, vectors of these, H(div), H(curl)",
+        "by name and number",
+        "none",
+        "none",
+        "no",
+        "no",
     )
     options = (Option("spaces", "Spaces of the .gfu files in their order, such as H1:5,L2:4,VectorH1:4."),)
     beside = ()

@@ -23,7 +23,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.hdf5_checks import check_attribute
-from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Option, PyramidSpace, SourceField
+from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Option, PyramidSpace, Reads, SourceField
 from elvis.plugins.nodal import (
     NodalBasis,
     NodalBlock,
@@ -83,6 +83,16 @@ class PyFR(NodalConverter):
     format = "PyFR mesh and solution (.pyfrm, .pyfrs)"
     keeps = "curved elements of all shapes and orders, boundaries, all variables, time; time averages too"
     loses = "partitionings, statistics, the configuration but for its name"
+    reads = Reads(
+        "all",
+        "any",
+        "nodal, at points in the file",
+        "by name",
+        "numbered files",
+        "one file",
+        "no",
+        "no",
+    )
     options = (
         Option("primitive", "Add velocity and pressure, derived from the conservative variables.", None),
         Option("subset", "Convert only the elements that a solution of a part of the mesh holds.", None),

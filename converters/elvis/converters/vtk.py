@@ -23,7 +23,7 @@ from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option
+from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 
@@ -43,6 +43,16 @@ class Vtk(NodalConverter):
     format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd, .series)"
     keeps = "linear, quadratic, Lagrange and Bezier cells, point and cell data, blocks by name, time"
     loses = "cells of lower dimension, text arrays, slits between cells whose points coincide"
+    reads = Reads(
+        "all",
+        "any",
+        "Lagrange (even or Gauss-Lobatto), Bézier, quadratic, constant",
+        "none",
+        "`.pvd`, `.series`, numbered files",
+        "`.pvtu`, `_p0_`, files that don't overlap",
+        "by place",
+        "no",
+    )
     needs = ("vtk",)
     options = (
         Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", "equispaced", "gll"), "auto"),

@@ -38,8 +38,8 @@ reader_option = click.option(
     "--reader",
     multiple=True,
     metavar="NAME=VALUE",
-    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it.  "
-    "Repeatable.",
+    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it, "
+    "fields=NAMES the fields to convert.  Repeatable.",
 )
 
 

@@ -142,12 +142,37 @@ class Option:
     default: str | None = None
 
 
+@dataclass(frozen=True)
+class Reads:
+    """What a converter reads, in a few words each: the columns of the table of formats.
+
+    shapes          of elements
+    orders          of the map and of the fields
+    bases           of the fields
+    boundaries      how they are named
+    series          where several steps may be
+    parts           what parallel runs may write
+    nonconforming   whether hanging nodes are read
+    complex         what becomes of complex functions
+    """
+
+    shapes: str = ""
+    orders: str = ""
+    bases: str = ""
+    boundaries: str = ""
+    series: str = ""
+    parts: str = ""
+    nonconforming: str = ""
+    complex: str = ""
+
+
 class Converter(ABC):
     """Reads the data of one format; subclasses are what the entry points ``elvis.converters`` name.
 
     Of the class:
     format   what it reads, in a few words
     keeps, loses   what of a file arrives, and what doesn't
+    reads    the same by shapes, orders and so on, for the table of formats
     needs    packages to import beyond ElVis's own, brought by the extra ``converters``
     options  choices of the user, keywords of the constructor
 
@@ -171,6 +196,7 @@ class Converter(ABC):
     format: ClassVar[str] = ""
     keeps: ClassVar[str] = ""
     loses: ClassVar[str] = ""
+    reads: ClassVar[Reads] = Reads()
     needs: ClassVar[tuple[str, ...]] = ()
     options: ClassVar[tuple[Option, ...]] = ()
 

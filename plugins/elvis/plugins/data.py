@@ -39,7 +39,8 @@ class Reading:
     """How files become data.
 
     plugin   a runtime plugin by name, or a Python file that defines one, or that defines a converter
-    options  of the converter, by name; ``from`` is the name of the converter itself
+    options  of the converter, by name; ``from`` is the name of the converter itself, ``fields`` are the names of the
+             fields to convert, commas between them
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
     moment   which step of a series, or which time
     others   datasets that expressions may name, each as NAME=FILE,FILE
@@ -72,7 +73,8 @@ def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cac
 
     What isn't native is converted in memory; the remarks of the dataset tell with what error.
 
-    reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself
+    reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself,
+            ``fields`` the fields to convert
     cache   whether a conversion is kept for the next time, and one that was kept is taken
 
     Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where nothing reads the
@@ -267,10 +269,12 @@ def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Readi
     from elvis.plugins.kept_conversions import Work
 
     options = dict(reading.options)
+    names = options.pop("fields", None)
+    fields = None if names is None else tuple(name.strip() for name in names.split(","))
     candidate = choose_converter(candidates, paths, options.pop("from", None))
     assert candidate.converter is not None
     keywords = with_defaults(candidate.converter, options)
-    return Work(candidate.name, candidate.converter, tuple(paths), keywords)
+    return Work(candidate.name, candidate.converter, tuple(paths), keywords, fields)
 
 
 def _stage_of(work: Work) -> AbstractContextManager[None]:

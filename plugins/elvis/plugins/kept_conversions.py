@@ -29,7 +29,7 @@ from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.reading import read, read_part
 from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
-from elvis.plugins.converting import convert
+from elvis.plugins.converting import Settings, convert
 
 #: most bytes of conversions that are kept: those that were not used for longest go
 MOST_BYTES = 2 << 30
@@ -43,12 +43,16 @@ _MESH, _LENGTH = "converted.xml", 8
 
 @dataclass(frozen=True)
 class Work:
-    """What a conversion is made of: a converter, its files and the keywords of its constructor."""
+    """What a conversion is made of: a converter, its files, the keywords of its constructor, and names of fields.
+
+    fields  to convert, None for all
+    """
 
     name: str
     converter: type[Converter]
     paths: tuple[Path, ...]
     keywords: Mapping[str, Any]
+    fields: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -180,7 +184,7 @@ def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -
 def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     """What is to be kept, None where nothing can be, and the dataset."""
     source = work.converter(work.paths, **work.keywords)
-    conversion = convert(source, files=work.paths)
+    conversion = convert(source, Settings(fields=work.fields), work.paths)
     remarks = conversion.report.remarks()
     others = None if source.beside is None else [path for path in source.beside if path not in work.paths]
     try:
@@ -240,7 +244,7 @@ def _key(work: Work, digests: Sequence[str]) -> bytes | None:
     package, _, module = kind.__module__.rpartition(".")
     code = [_code(name) for name in (*_PACKAGES, package or module)]
     libraries = [_version(name) for name in ("elvis-viz", "numpy", "h5py", *kind.needs)]
-    named = [work.name, kind.__module__, kind.__qualname__, sorted(work.keywords.items())]
+    named = [work.name, kind.__module__, kind.__qualname__, sorted(work.keywords.items()), work.fields]
     parts = [code, libraries, named, [path.name for path in work.paths], list(digests)]
     return sha256(json.dumps(parts).encode()).digest() if all(code) else None
 

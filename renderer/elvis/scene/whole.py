@@ -338,11 +338,12 @@ class Scene(Model):
     reader: Annotated[
         tuple[str, ...],
         Setting(
-            "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME names it.",
+            "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME names it, "
+            "fields=NAMES the fields to convert.",
             option="--reader",
             metavar="NAME=VALUE",
             option_help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; "
-            "from=NAME names it.",
+            "from=NAME names it, fields=NAMES the fields to convert.",
             repeatable=True,
         ),
     ] = ()
