@@ -11,8 +11,8 @@ from elvis.plugins.discovery import installed_converters
 PAGE = Path(__file__).parents[1] / "docs" / "start" / "formats.md"
 HEAD = """# What is read of each format
 
-Look here before you try. `elvis convert --list` shows what each converter keeps and loses. Every command reports what it
-left out of your files.
+Look here before you try. `elvis convert --list` shows what each converter keeps and loses. Every command reports what
+it left out of your files.
 
 * *All* shapes are segments, triangles, quadrilaterals, tetrahedra, pyramids, prisms and hexahedra.
 * *By place*: a side with no partner that lies on sides of other elements is found to be an inner one.

@@ -130,6 +130,25 @@ def test_other_fields_on_the_same_mesh_are_fields(tmp_path):
     assert sorted(read(*paths)) == ["f0", "f1"]
 
 
+def test_fields_in_files_of_their_own_are_steps_together(tmp_path):
+    """Two files a step, on one mesh."""
+    names = {"u": 0, "p": 1}
+    paths = [
+        vtk_cubes(tmp_path / f"{name}_{i}.vtu", 0, lambda x, i=i, axis=axis: i + x[:, axis], name=name)
+        for i in range(2)
+        for name, axis in names.items()
+    ]
+    for reading in READINGS:
+        steps = find_steps(paths, reading).steps
+        assert [sorted(path.name for path in step.files) for step in steps] == [
+            ["p_0.vtu", "u_0.vtu"],
+            ["p_1.vtu", "u_1.vtu"],
+        ]
+    dataset = read(*paths)
+    assert sorted(dataset) == ["p", "u"]
+    assert integrate(dataset, "u")[0].value == pytest.approx(1.5)
+
+
 def test_parts_of_steps_without_marks_are_refused(tmp_path):
     paths = [vtk_cubes(tmp_path / f"f_{i}.vtu", start, lambda x: x[:, 0]) for i, start in enumerate((0, 1, 0))]
     with pytest.raises(FormatError, match="expected parts of one mesh, or steps, found both"):

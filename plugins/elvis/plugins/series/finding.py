@@ -163,26 +163,20 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
     listed = {whole for own in several for whole in own.values()}
     common = tuple(path for whole, files in wholes.items() if whole not in listed for path in files)
     found = Found(common, [])
-    by_number: dict[float, tuple[Path, ...]] = {}
-    times: dict[float, Sequence[float]] = {}
-    converter: type[Converter] | None = None
-    for number in sorted(set().union(*several)):
-        files = tuple(path for own in several if number in own for path in wholes[own[number]])
-        every = (*common, *files)
-        try:
-            if converter is None or not converter.opens(every):
-                converter = _converter(every, name)
-            times[number] = converter.times(every)
-        except ElvisError as error:
-            found.remarks.append(f"{error}: the step is left out")
-        else:
-            by_number[number] = files
-    if converter is None or not by_number:
+    numbered_files = {
+        number: tuple(path for own in several if number in own for path in wholes[own[number]])
+        for number in sorted(set().union(*several))
+    }
+    converter, times = _times_by_number(numbered_files, found, name)
+    if converter is None:
         return None
+    by_number = {number: numbered_files[number] for number in times}
     # a file that is begun tells no time yet
     known = [own[-1] for own in times.values() if own]
     have_times = len(set(known)) == len(known) > 1
-    if not have_times and _are_joined(converter, wholes, [path for files in by_number.values() for path in files]):
+    # files of one pattern: others differ by their kinds
+    alike = [own[0] for own in by_number.values()]
+    if not have_times and len(alike) > 1 and _are_joined(converter, wholes, alike):
         return None
     steps = _steps_by_number(by_number, times)
     told = [step.time for _, step in steps]
@@ -190,6 +184,26 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
         steps = [(number, replace(step, time=number)) for number, step in steps]
         found.remarks.append(_one_time(told))
     return _with_times(found, steps, reading)
+
+
+def _times_by_number(
+    files: Mapping[float, tuple[Path, ...]], found: Found, name: str | None
+) -> tuple[type[Converter] | None, dict[float, Sequence[float]]]:
+    """The converter of files by number, and the times that those of each number tell; none if no files can be read.
+
+    What can't be read is left out, with a remark.
+    """
+    converter: type[Converter] | None = None
+    times: dict[float, Sequence[float]] = {}
+    for number, own in files.items():
+        every = (*found.common, *own)
+        try:
+            if converter is None or not converter.opens(every):
+                converter = _converter(every, name)
+            times[number] = converter.times(every)
+        except ElvisError as error:
+            found.remarks.append(f"{error}: the step is left out")
+    return (converter if times else None), times
 
 
 def _wholes(paths: Sequence[Path], name: str | None) -> dict[Path, list[Path]]:
