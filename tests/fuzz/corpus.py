@@ -176,6 +176,7 @@ def converted(folder):
         whole = dataset(meshes()[name])
         yield Subject("vtk", (exported_vtu(whole, folder / f"{name}.vtu"),), ("converted",))
         yield Subject("gmsh", (exported_msh(whole, folder / f"{name}.msh"),), ("converted",))
+    yield Subject("vtk", (vtkhdf(folder / "tiny.vtkhdf"),), ("converted",))
     (folder / "tiny0.f00001").write_bytes(nek())
     yield Subject("nek", (folder / "tiny0.f00001",), ("converted",))
     (folder / "tiny.dat").write_bytes(elvisdat())
@@ -220,6 +221,27 @@ def cgns(folder):
         for order in "<>":
             path = folder / f"{name}_{'AB'[order == '<']}.adf"
             yield Subject("cgns", (writing.write_adf(path, tree, 3.3, order == ">", order),), ("converted",))
+
+
+def vtkhdf(path):
+    """A triangle and a square in two parts, at two steps."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+        root["NumberOfPoints"], root["NumberOfCells"] = [4, 3] * 2, [1, 1] * 2
+        root["NumberOfConnectivityIds"] = [4, 3] * 2
+        square, triangle = [[0, 0], [1, 0], [1, 1], [0, 1]], [[1, 0], [2, 0], [1, 1]]
+        root["Points"] = np.array([[*place, 0.0] for place in (square + triangle) * 2])
+        root["Connectivity"], root["Offsets"] = [0, 1, 2, 3, 0, 1, 2], [0, 4, 0, 3]
+        root["Types"] = np.array([9, 5], np.uint8)
+        root["PointData/u"], root["CellData/c"] = np.arange(14.0), np.arange(4.0)
+        steps = root.create_group("Steps")
+        steps["Values"], steps["NumberOfParts"], steps["PartOffsets"] = [0.5, 1.5], [2, 2], [0, 2]
+        steps["PointOffsets"], steps["CellOffsets"], steps["ConnectivityIdOffsets"] = [0, 7], [0, 0], [0, 0]
+        steps["PointDataOffsets/u"], steps["CellDataOffsets/c"] = [0, 7], [0, 2]
+    return path
 
 
 def exported_vtu(whole, path):

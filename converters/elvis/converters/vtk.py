@@ -17,6 +17,7 @@ import numpy as np
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, array_names, files_by_time, kind_of, other_kind, overlap, read
+from elvis.converters.vtk_hdf import times_in
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.converters.vtk_times import time_in
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
@@ -40,7 +41,7 @@ _OVERLAPPING = 0.5
 class Vtk(NodalConverter):
     """Grids of one step, as one mesh."""
 
-    format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd, .series)"
+    format = "VTK unstructured grids (.vtu, .pvtu, .vtk, .vtm, .pvd, .series, .vtkhdf)"
     keeps = "linear, quadratic, Lagrange and Bezier cells, point and cell data, blocks by name, time"
     loses = "cells of lower dimension, text arrays, slits between cells whose points coincide"
     reads = Reads(
@@ -77,8 +78,11 @@ class Vtk(NodalConverter):
     @classmethod
     def joins(cls, paths: Sequence[Path]) -> bool:
         """Whether meshes don't overlap, or hold different fields; FormatError if some overlap and others don't."""
-        if any(kind_of(path) == "series" for path in paths):
+        kinds = {kind_of(path) for path in paths}
+        if "series" in kinds:
             return True
+        if "hdf" in kinds:  # these hold their parts themselves
+            return False
         overlapping: list[bool] = []
         for other in dict.fromkeys((paths[1], paths[-1])):
             with suppress(FormatError):  # a file that is damaged is a step that is left out
@@ -103,6 +107,8 @@ class Vtk(NodalConverter):
         series = [path for path in paths if kind_of(path) == "series"]
         if series:
             return sorted(files_by_time(series[0]))
+        if paths and kind_of(paths[0]) == "hdf":
+            return times_in(paths[0])
         found = (time_in(path) for path in paths)
         return [time for time in found if time is not None][:1]
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from elvis.converters.apart import Apart, LibraryError
+from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain, content, leading, unpacked_limit
@@ -44,6 +45,9 @@ _OTHERS = {
 
 #: how lists of files in JSON begin
 _SERIES = re.compile(rb"""\s*\{[^{}\[\]]*"file-series-version\"""")
+
+#: how HDF5 files begin
+_HDF5 = b"\x89HDF\r\n"
 
 #: what XML declares a number of
 _COUNT = re.compile(rb"""\b(NumberOf\w+)\s*=\s*["']\s*(\d{1,400})""")
@@ -79,8 +83,10 @@ class Grid:
 
 
 def kind_of(path: Path) -> str:
-    """``legacy``, ``grid``, ``parts``, ``blocks`` or ``series``, told by the first bytes; empty for other files."""
+    """``legacy``, ``grid``, ``parts``, ``blocks``, ``series`` or ``hdf``, told by the first bytes; empty for others."""
     start = leading(path, _START)
+    if start.startswith(_HDF5) and is_vtkhdf(path):
+        return "hdf"
     if _SERIES.match(start):
         return "series"
     if start.startswith(b"# vtk DataFile"):
@@ -119,7 +125,9 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
     grids: list[Grid] = []
     with Apart(_WORKER, size) as library:
         for part, when in [(part, when) for path, when in files for part in _parts(path)]:
-            found = [Grid(str(part), **own) for own in _read_one(library, part, size)]
+            is_hdf = kind_of(part) == "hdf"
+            plain = read_vtkhdf(part, step) if is_hdf else _read_one(library, part, size)
+            found = [Grid(str(part), **own) for own in plain]
             for grid in found:
                 grid.time = grid.time if when is None else when
             grids += found
@@ -185,7 +193,7 @@ def _checked_size(paths: Sequence[Path]) -> int:
 
 def _check_counts(path: Path, size: int) -> None:
     """FormatError where XML declares more of something than ``size`` bytes of all files hold, even packed."""
-    if kind_of(path) == "legacy":
+    if kind_of(path) in ("legacy", "hdf"):
         return
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
         end = raw.find(b"<AppendedData")

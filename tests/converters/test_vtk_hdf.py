@@ -1,0 +1,162 @@
+"""VTKHDF files that VTK writes, and parts and steps that are written here, against VTK's own reader."""
+
+import h5py
+import numpy as np
+import pytest
+
+from elvis.converters.vtk import Vtk
+from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
+from elvis.core.integrals import integrate
+from elvis.formats import FormatError
+from elvis.plugins.converting import convert
+from elvis.plugins.testing import check
+
+hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
+
+
+@pytest.mark.parametrize("name", ["mfem_fichera_q3.vtu", "mfem_fichera_mixed_p2.vtu", "pyfr_mixed3d_p3.vtu"])
+def test_files_of_the_library_are_what_was_written(solvers, tmp_path, name):
+    """Lagrange cells of orders 2 to 5: all arrays arrive bit by bit, and so does the conversion."""
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    reader, writer = vtkXMLUnstructuredGridReader(), hdf.vtkHDFWriter()
+    reader.SetFileName(str(solvers / "vtk" / name))
+    reader.Update()
+    writer.SetFileName(str(tmp_path / "a.vtkhdf"))
+    writer.SetInputData(reader.GetOutput())
+    writer.Write()
+    done, wanted = check(Vtk, [tmp_path / "a.vtkhdf"]), convert(Vtk([solvers / "vtk" / name]))
+    assert done.report.elements == wanted.report.elements
+    names = [field.name for field in wanted.dataset.fields]
+    assert {field.name for field in done.dataset.fields} == set(names)
+    for quantity in ("1", *names[:3]):
+        found = integrate(done.dataset, quantity)[0]
+        assert found.value == pytest.approx(integrate(wanted.dataset, quantity)[0].value, rel=1e-12, abs=1e-13)
+
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+
+
+def written(path, steps, is_shared=False):
+    """Steps of two parts each, a square and two triangles beside it; cells may be those of the first step for all."""
+    cells = [([0, 1, 2, 3], [9]), ([0, 1, 2, 0, 2, 3], [5, 5])]
+    ends = [[0, 4], [0, 3, 6]]
+    points, values, constants = [], [], []
+    for step in range(steps):
+        for part in range(2):
+            own = SQUARE * [1 + step, 1, 1] + [part * (1 + step), 0, 0]
+            points.append(own)
+            values.append(own @ [1.0, 2, 0] + step)
+            constants.append(10.0 * step + part + np.arange(len(cells[part][1])))
+    times = 1 if is_shared else steps
+    with h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = [2, 2]
+        root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+        data = {
+            "NumberOfPoints": np.tile([4, 4], steps),
+            "NumberOfCells": np.tile([1, 2], steps),
+            "NumberOfConnectivityIds": np.tile([4, 6], steps),
+            "Points": np.concatenate(points),
+            "Connectivity": np.concatenate([own for own, _ in cells] * times),
+            "Offsets": np.concatenate(ends * times),
+            "Types": np.concatenate([kinds for _, kinds in cells] * times).astype(np.uint8),
+            "PointData/u": np.concatenate(values),
+            "CellData/c": np.concatenate(constants),
+        }
+        for name, array in data.items():
+            root[name] = array
+        group = root.create_group("Steps")
+        group.attrs["NSteps"] = steps
+        number = np.arange(steps)
+        offsets = {"CellOffsets": 3, "ConnectivityIdOffsets": 10}
+        group["Values"] = 0.5 + number
+        group["NumberOfParts"], group["PartOffsets"] = np.full(steps, 2), 2 * number
+        group["PointOffsets"] = 8 * number
+        for name, size in offsets.items():
+            group[name] = (0 if is_shared else size) * number[:, None]
+        group["PointDataOffsets/u"], group["CellDataOffsets/c"] = 8 * number, 3 * number
+    return path
+
+
+def by_library(path, time):
+    """Points, cells and values as VTK's reader has them, part by part."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = hdf.vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    reader.UpdateTimeStep(time)
+    whole = reader.GetOutputDataObject(0)
+    grids = [whole.GetPartition(i) for i in range(whole.GetNumberOfPartitions())]
+    counts = np.cumsum([0, *(grid.GetNumberOfPoints() for grid in grids)])
+    points = [vtk_to_numpy(grid.GetPoints().GetData()) for grid in grids]
+    own = [vtk_to_numpy(grid.GetCells().GetConnectivityArray()) for grid in grids]
+    nodes = [first + table for first, table in zip(counts, own, strict=False)]
+    lengths = [np.diff(vtk_to_numpy(grid.GetCells().GetOffsetsArray())) for grid in grids]
+    values = [vtk_to_numpy(grid.GetPointData().GetArray("u")) for grid in grids]
+    constants = [vtk_to_numpy(grid.GetCellData().GetArray("c")) for grid in grids]
+    offsets = np.cumsum(np.concatenate([[0], *lengths]))
+    return [np.concatenate(points), np.concatenate(nodes), offsets, np.concatenate(values), np.concatenate(constants)]
+
+
+def test_steps_and_parts(tmp_path):
+    path = written(tmp_path / "a.vtkhdf", 3)
+    assert Vtk.times([path]) == [0.5, 1.5, 2.5]
+    for step, time in enumerate((0.5, 1.5, 2.5)):
+        (own,) = read_vtkhdf(path, step)
+        found = [own["points"], own["nodes"], own["offsets"], own["point_data"]["u"][:, 0], own["cell_data"]["c"][:, 0]]
+        for mine, theirs in zip(found, by_library(path, time), strict=True):
+            assert np.array_equal(mine, theirs)
+        dataset = check(Vtk, [path], step=str(step)).dataset if step else convert(Vtk([path], step="0")).dataset
+        assert dataset.time == time
+        wide = 1.0 + step
+        assert integrate(dataset, "1")[0].value == pytest.approx(2 * wide, abs=1e-13)
+        # u = x + 2 y + step over a box of that width, twice
+        assert integrate(dataset, "u")[0].value == pytest.approx(2 * wide * (wide + 1 + step), abs=1e-12)
+        wanted = wide * (10 * step) + wide / 2 * ((10 * step + 1) + (10 * step + 2))
+        assert integrate(dataset, "c")[0].value == pytest.approx(wanted, abs=1e-12)
+
+
+def test_steps_may_share_their_cells(tmp_path):
+    path = written(tmp_path / "a.vtkhdf", 2, is_shared=True)
+    (own,) = read_vtkhdf(path, 1)
+    assert own["nodes"].tolist() == [0, 1, 2, 3, 4, 5, 6, 4, 6, 7]
+    assert own["offsets"].tolist() == [0, 4, 7, 10]
+    assert integrate(convert(Vtk([path])).dataset, "1")[0].value == pytest.approx(4, abs=1e-13)
+
+
+def test_blocks_have_names(tmp_path):
+    path = written(tmp_path / "a.vtkhdf", 1)
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF/Steps"]
+        file.move("VTKHDF", "old")
+        root = file.create_group("VTKHDF")
+        root.attrs.create("Type", np.bytes_("PartitionedDataSetCollection"))
+        file.move("old", "VTKHDF/fluid")
+        root["Assembly/fluid"] = h5py.SoftLink("/VTKHDF/fluid")
+    dataset = convert(Vtk([path])).dataset
+    assert "fluid" in {composite.name for composite in dataset.mesh.composites}
+
+
+CHANGES = [
+    ("NumberOfPoints", [4, 4, 4, 4, 4, 40], "Points: expected 60 rows of numbers, found"),
+    ("NumberOfParts", [2, 2, 9], "expected parts up to 6, found 13"),
+    ("Offsets", [0, 4, 0, 3, 6] * 2 + [0, 5, 0, 3, 6], "Offsets: expected ascending offsets from 0 to 4"),
+    ("Connectivity", [9] * 30, "Connectivity: expected points 0 to 3, found 9 to 9"),
+    ("NumberOfCells", [1, 2, 1, 2, 1, -2], "expected as many numbers of points"),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "words"), CHANGES)
+def test_bad_files(tmp_path, name, values, words):
+    path = written(tmp_path / "a.vtkhdf", 3)
+    with h5py.File(path, "r+") as file:
+        place = "VTKHDF/Steps" if name == "NumberOfParts" else "VTKHDF"
+        file[place][name][...] = values
+    with pytest.raises(FormatError, match=words):
+        Vtk([path])
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF"].attrs.modify("Type", np.bytes_("ImageData"))
+    assert not is_vtkhdf(path)
+    assert not Vtk.opens([path])
