@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from elvis.core.arguments import cache_option, overwrite_option, reader_option
 from elvis.core.errors import ElvisError
+
+if TYPE_CHECKING:
+    from elvis.plugins.series.extremes import FitError
 
 EPILOG = """\b
 Examples:
@@ -23,6 +27,13 @@ FILE = click.Path(path_type=Path)
 _ENDINGS = ("_min", "_max", "_time")
 #: fits of covariances that leave more than this are told
 _ROUNDING = 1e-11
+
+
+def _off(error: FitError) -> str:
+    """By how much a fit is off, in words."""
+    if error.bound < float("inf"):
+        return f"it is off by {error.bound:.3g} of its largest value at most ({error.estimate:.3g} at points)"
+    return f"it is off by about {error.estimate:.3g} of its largest value, an estimate from points"
 
 
 @click.command("average", epilog=EPILOG, short_help="Write the mean of a series, and covariances.")
@@ -42,7 +53,7 @@ _ROUNDING = 1e-11
     "--extremes",
     is_flag=True,
     help="Also the least and the greatest values over the steps, u_min and u_max, and their times, u_min_time and "
-    "u_max_time; their errors are told.",
+    "u_max_time; bounds of their errors are printed.",
 )
 @click.option(
     "--order",
@@ -66,7 +77,7 @@ def average(
     """Write the mean of each field over the steps of a series, exact: that of its coefficients.
 
     Covariances, of what fields differ from their means by, are exact too, in bases of twice the degree: u_u is the
-    square of the rms of the fluctuation of u.  The error of the fit is told where a basis does not hold them.
+    square of the rms of the fluctuation of u.  Where a basis does not hold them, an estimate of the error is printed.
     """
     from elvis.core.files.output import check_places
     from elvis.core.terminal import note, say
@@ -88,10 +99,10 @@ def average(
     if found.left_out:
         note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
     for name, error in found.errors.items():
-        if error > _ROUNDING:
+        if error.estimate > _ROUNDING:
             holds_any = order is None or name.endswith(_ENDINGS)
             reason = "no basis holds it" if holds_any else f"degree {order} does not hold it"
-            note(f"{name}: {reason}: it is off by {error:.3g} of its largest value")
+            note(f"{name}: {reason}: {_off(error)}")
     written = write(found.dataset, output) if has_mesh else write(found.dataset, field_path=output)
     count = found.dataset.metadata["AveragedSteps"]
     ends = f"time {series.times[0]:.10g} to {series.times[-1]:.10g}"

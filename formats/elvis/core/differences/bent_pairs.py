@@ -8,9 +8,11 @@ found, are left out; one box after the other is halved in the others.  The bound
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.differences.compositions import PairBoxes
 from elvis.core.differences.prepared import Side
 from elvis.core.polynomials.boxnets import corners
@@ -27,37 +29,61 @@ _ROUNDS = 40
 _CLOSE = 1e-4
 
 
+@dataclass(frozen=True, eq=False)
+class _BoxPairs:
+    """Pairs (n,) of boxes of either element, ``first`` and ``second``, and what differences there don't exceed."""
+
+    boxes: PairBoxes
+    others: PairBoxes
+    first: Ints
+    second: Ints
+    limit: Floats
+
+    def part(self, which: Bools | Ints) -> _BoxPairs:
+        """Some of them."""
+        return replace(self, first=self.first[which], second=self.second[which], limit=self.limit[which])
+
+    @property
+    def halves(self) -> int:
+        """Number of the halves of a box in every direction."""
+        return int(2 ** self.boxes.places.shape[1])
+
+    def is_full(self) -> bool:
+        """Whether there would be too many with halves."""
+        numbers = len(np.unique(self.first)) * self.boxes.places[:1].size
+        return self.halves * len(self.first) > _MOST_PAIRS or self.halves * numbers > _MOST_NUMBERS
+
+    def halved(self) -> _BoxPairs:
+        """The pairs with halves of the first boxes that meet the second ones; these come first now."""
+        used, which = np.unique(self.first, return_inverse=True)
+        boxes = self.boxes.part(used).halved()
+        # halves of box i are i, i + n, i + 2 n, …
+        first = (which[None] + len(used) * np.arange(self.halves)[:, None]).reshape(-1)
+        second = np.tile(self.second, self.halves)
+        limit = _limits(boxes, self.others, first, second)
+        closer = np.minimum(limit, np.tile(self.limit, self.halves))
+        return _BoxPairs(self.others, boxes, second, first, closer).part(limit >= 0)
+
+
 def bound_of_bent_pairs(one: Side, two: Side, rows: Ints, others: Ints, found: float) -> tuple[float, Floats]:
     """What differences on pairs of elements (n,) don't exceed, and world points (k, 3) where they may be so great.
 
     found  a difference that there is somewhere
     """
     boxes, other_boxes = (_boxes(side, which) for side, which in ((one, rows), (two, others)))
-    pairs = np.arange(len(rows))
-    first, second = pairs, pairs
-    limit = _limits(boxes, other_boxes, first, second)
+    numbers = np.arange(len(rows))
+    pairs = _BoxPairs(boxes, other_boxes, numbers, numbers, _limits(boxes, other_boxes, numbers, numbers))
     bound = found
     for _ in range(_ROUNDS):
-        is_open = limit > found * (1 + _CLOSE)
-        bound = max(bound, float(limit[~is_open].max(initial=0.0)))
-        first, second, limit = first[is_open], second[is_open], limit[is_open]
-        count = 2 ** (boxes.places.ndim - 2)
-        used, which = np.unique(first, return_inverse=True)
-        is_full = count * len(first) > _MOST_PAIRS or count * len(used) * boxes.places[0].size > _MOST_NUMBERS
-        if not len(first) or is_full:
+        is_open = pairs.limit > found * (1 + _CLOSE)
+        bound = max(bound, float(pairs.limit[~is_open].max(initial=0.0)))
+        pairs = pairs.part(is_open)
+        if not len(pairs.first) or pairs.is_full():
             break
-
-        # halves of box i are i, i + n, i + 2 n, …
-        boxes = boxes.part(used).halved()
-        first = (which[None] + len(used) * np.arange(count)[:, None]).reshape(-1)
-        second, limit = np.tile(second, count), np.tile(limit, count)
-        own = _limits(boxes, other_boxes, first, second)
-        meets = own >= 0
-        first, second, limit = first[meets], second[meets], np.minimum(limit, own)[meets]
-        boxes, other_boxes, first, second = other_boxes, boxes, second, first
-    highest = np.argsort(-limit, kind="stable")[:DOUBTFUL]
-    points = middles(boxes.part(first[highest]).places)
-    return max(bound, float(limit.max(initial=0.0))), np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+        pairs = pairs.halved()
+    highest = pairs.part(np.argsort(-pairs.limit, kind="stable")[:DOUBTFUL])
+    points = middles(pairs.boxes.part(highest.first).places)
+    return max(bound, float(pairs.limit.max(initial=0.0))), np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
 
 def middles(places: Floats) -> Floats:

@@ -23,7 +23,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.terminal import track
 from elvis.plugins.series.between import combined, is_one_mesh
-from elvis.plugins.series.extremes import Extremes
+from elvis.plugins.series.extremes import Extremes, FitError
 from elvis.plugins.series.lattices import Fit, Lattice, Table, product_space
 from elvis.plugins.series.series import Series
 
@@ -40,12 +40,12 @@ class Average:
     """The means of all fields under their names, covariances ``u_v`` and extremes ``u_min`` after these.
 
     left_out  fields that not all steps have alike
-    errors    largest difference between these and their fits, as a part of the largest value, by name
+    errors    between these and their fits, as a part of the largest value, by name: an estimate and a bound
     """
 
     dataset: Dataset
     left_out: tuple[str, ...]
-    errors: Mapping[str, float]
+    errors: Mapping[str, FitError]
 
 
 def average(
@@ -175,14 +175,14 @@ class _Sums:
                 product.add(self.mean, state, self.weight * part)
         self.mean, self.weight = mean, total
 
-    def covariances(self) -> tuple[tuple[Field, ...], dict[str, float]]:
+    def covariances(self) -> tuple[tuple[Field, ...], dict[str, FitError]]:
         """The covariance of each pair of fields, and what their fits leave."""
-        fields, errors = [], {}
+        fields, errors = [], dict[str, FitError]()
         for own in self.products:
             name = "_".join(own[0].names)
             blocks, left, sizes = zip(*(product.fitted(self.weight) for product in own), strict=True)
             fields.append(Field(name, blocks))
-            errors[name] = max(left) / (max(sizes) or 1.0)
+            errors[name] = FitError(max(left) / (max(sizes) or 1.0))
         return tuple(fields), errors
 
 

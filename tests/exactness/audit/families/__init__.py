@@ -1,6 +1,20 @@
 """Families of cases by name; the pages of the modules say what each is about."""
 
-from audit.families import contours, cuts, expressions, faces, folds, isosurfaces, poles, probes, rings, volumes, waves
+from audit.families import (
+    contours,
+    cuts,
+    differences,
+    expressions,
+    faces,
+    folds,
+    isosurfaces,
+    lines,
+    poles,
+    probes,
+    rings,
+    volumes,
+    waves,
+)
 
 #: a function of a random generator and a picture's size, that size in a long run, and a share of the pixels: elements
 #: and light are slow
@@ -17,4 +31,6 @@ FAMILIES = {
     "ranges of expressions": (expressions.range_case, (1, 1), 1e-4),
     "validity": (folds.validity_case, (1, 1), 1e-3),
     "probes": (probes.case, (200, 200), 1.0),
+    "lines": (lines.case, (1, 1), 1e-2),
+    "differences": (differences.case, (60, 60), 1e-2),
 }
