@@ -9,7 +9,7 @@ import pytest
 from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
 from scipy.io import netcdf_file
 
-from elvis.converters.exodus import Exodus, _Functions
+from elvis.converters.exodus import Exodus, _Functions, _functions_of
 from elvis.converters.exodus_files import SIDES, nodes_of
 from elvis.core.shapes import Shape
 from elvis.formats import ElvisError, FormatError, integrate, read, write
@@ -30,17 +30,22 @@ CASES = {
 TYPES = {
     "TRI3": (Shape.TRIANGLE, 3),
     "TRI6": (Shape.TRIANGLE, 6),
+    "TRI7": (Shape.TRIANGLE, 7),
+    "SHELL7": (Shape.TRIANGLE, 7),
     "QUAD4": (Shape.QUADRILATERAL, 4),
     "QUAD8": (Shape.QUADRILATERAL, 8),
     "QUAD9": (Shape.QUADRILATERAL, 9),
     "TET4": (Shape.TETRAHEDRON, 4),
     "TETRA10": (Shape.TETRAHEDRON, 10),
+    "TETRA14": (Shape.TETRAHEDRON, 14),
     "PYRAMID5": (Shape.PYRAMID, 5),
     "PYRAMID13": (Shape.PYRAMID, 13),
     "PYRAMID14": (Shape.PYRAMID, 14),
     "WEDGE6": (Shape.PRISM, 6),
     "WEDGE15": (Shape.PRISM, 15),
     "WEDGE18": (Shape.PRISM, 18),
+    "WEDGE20": (Shape.PRISM, 20),
+    "WEDGE21": (Shape.PRISM, 21),
     "HEX8": (Shape.HEXAHEDRON, 8),
     "HEX20": (Shape.HEXAHEDRON, 20),
     "HEX27": (Shape.HEXAHEDRON, 27),
@@ -324,3 +329,34 @@ def test_some_fields_are_converted_in_every_command(tmp_path, elvis, elvis_json)
     assert "0.5" in elvis("probe", path, "--reader", "fields=u", "--point", "0.5,0.5,0.5")
     with pytest.raises(ElvisError, match="there is no field 'v'; the fields are u, map_x"):
         read(path, reader={"fields": "u, v"})
+
+
+@pytest.mark.parametrize("name", ["TRI7", "TETRA14", "WEDGE20", "WEDGE21"])
+def test_functions_with_bubbles(tmp_path, name):
+    """In triangles 27 a b c is 1 in the middle and 0 on the edges; the map and values between nodes follow it."""
+    shape, count = TYPES[name]
+
+    def bubble(x):
+        first, second = (1 + x[:, 0]) / 2, (1 + x[:, 2 if shape is Shape.PRISM else 1]) / 2
+        rest = (1 - (x[:, 2] + 1) / 2) if shape is Shape.TETRAHEDRON else 1.0
+        return 27 * first * second * (rest - first - second)
+
+    def wanted(x):
+        # on the tetrahedron, two of its faces have such functions here
+        return 1 + x[:, 0] * x[:, 1] + (bubble(x) if count != 14 else 0)
+
+    conversion = check(Exodus, [one_element(tmp_path / "one.e", name, wanted)])
+    assert {measure.state for measure in conversion.report.fields} == {"exact"}
+    inside = 0.3 * shape.vertices + 0.7 * shape.vertices.mean(axis=0)
+    places = np.zeros((len(inside), 3))
+    places[:, : shape.dimension] = inside
+    assert np.abs(values_found(conversion.dataset, "temperature", places) - 2 * wanted(inside)).max() < 1e-12
+
+
+def test_bubbles_of_tetrahedra_belong_to_their_faces():
+    """Values at the middle of one face: 27 a b c of its corners, in the order of the nodes in libMesh's tables."""
+    functions = _functions_of(Shape.TETRAHEDRON, 14)
+    points = np.random.default_rng(5).dirichlet(np.ones(4), 30)
+    table = functions.at(points @ Shape.TETRAHEDRON.vertices)
+    for node, face in enumerate([(0, 1, 2), (1, 2, 3), (0, 2, 3), (0, 1, 3)], 10):
+        assert np.abs(table[:, node] - 27 * points[:, list(face)].prod(axis=1)).max() < 1e-12

@@ -12,6 +12,7 @@ import numpy as np
 
 from elvis.converters.exodus_files import SIDES, Variables, is_exodus, nodes_of
 from elvis.converters.exodus_pieces import ExodusPiece, is_empty, number_nodes
+from elvis.converters.incomplete import NodalFunctions, bubble_space
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
@@ -20,12 +21,20 @@ from elvis.core.moments import checked_step
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
-from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, space_size
+from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, ShapeFunctions, space_size
 from elvis.plugins.projection.naming import local_sides
 
 #: the end of the name of a file: the number of a mesh in a sequence of meshes, then how many processes wrote the files
 #: of a state, and which of them wrote this one
 _MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?")
+
+#: elements with nodes in the middle of triangles, and whether prisms have one inside
+_WITH_BUBBLES = {
+    (Shape.TRIANGLE, 7): True,
+    (Shape.TETRAHEDRON, 14): True,
+    (Shape.PRISM, 20): False,
+    (Shape.PRISM, 21): True,
+}
 
 #: sides of a shell that are its faces, before its edges
 FACES_OF_SHELLS = 2
@@ -36,12 +45,13 @@ class Exodus(NodalConverter):
 
     format = "Exodus II (.e, .exo, .gen, .e.4.0, .e-s002)"
     keeps = (
-        "elements of orders 1 and 2, serendipity ones too, blocks and side sets by name, nodal and element variables"
+        "elements of orders 1 and 2, serendipity ones and those with bubbles too, blocks and side sets by name, "
+        "nodal and element variables"
     )
     loses = "node sets, attributes, variables of sides and sets; elements of lower dimension"
     reads = Reads(
         "all",
-        "1, 2, serendipity",
+        "1, 2, serendipity, bubbles",
         "nodal, constant",
         "side sets by name",
         "times of one file, `-s002` files",
@@ -74,7 +84,7 @@ class Exodus(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step)
-        self._functions: dict[tuple[Shape, int], _Functions] = {}
+        self._functions: dict[tuple[Shape, int], ShapeFunctions] = {}
         self._pieces = [ExodusPiece(Variables(path)) for path in sorted(paths, key=_process)]
         number_nodes(self._pieces)
         self.precision = max(piece.precision for piece in self._pieces)
@@ -120,7 +130,7 @@ class Exodus(NodalConverter):
         """Elements with nodes (n, k) of a file."""
         kind = (shape, nodes.shape[1])
         if kind not in self._functions:
-            self._functions[kind] = _Functions(*kind)
+            self._functions[kind] = _functions_of(*kind)
         functions = self._functions[kind]
         return Elements(
             shape,
@@ -258,6 +268,14 @@ def _labels(file: Variables, what: str, noun: str) -> Callable[[int], str]:
         return name or f"{noun} {own}"
 
     return label
+
+
+def _functions_of(shape: Shape, count: int) -> ShapeFunctions:
+    """The functions of a type of elements."""
+    if (shape, count) not in _WITH_BUBBLES:
+        return _Functions(shape, count)
+    is_whole = _WITH_BUBBLES[shape, count]
+    return NodalFunctions(3, lambda points: bubble_space(shape, is_whole, points), nodes_of(shape, count))
 
 
 class _Functions(NodalBasis):

@@ -43,17 +43,30 @@ _WEDGE = [*_TRIANGLE, (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)]
 _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
     (Shape.TRIANGLE, 3): [],
     (Shape.TRIANGLE, 6): [*_TRIANGLE],
+    (Shape.TRIANGLE, 7): [*_TRIANGLE, (0, 1, 2)],
     (Shape.QUADRILATERAL, 4): [],
     (Shape.QUADRILATERAL, 8): [*_SQUARE],
     (Shape.QUADRILATERAL, 9): [*_SQUARE, (0, 1, 2, 3)],
     (Shape.TETRAHEDRON, 4): [],
     (Shape.TETRAHEDRON, 10): [*_TRIANGLE, (0, 3), (1, 3), (2, 3)],
+    (Shape.TETRAHEDRON, 14): [
+        *_TRIANGLE,
+        (0, 3),
+        (1, 3),
+        (2, 3),
+        (0, 1, 2),
+        (1, 2, 3),
+        (0, 2, 3),
+        (0, 1, 3),
+    ],
     (Shape.PYRAMID, 5): [],
     (Shape.PYRAMID, 13): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)],
     (Shape.PYRAMID, 14): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4), (0, 1, 2, 3)],
     (Shape.PRISM, 6): [],
     (Shape.PRISM, 15): [*_WEDGE],
     (Shape.PRISM, 18): [*_WEDGE, (0, 1, 4, 3), (1, 2, 5, 4), (0, 2, 5, 3)],
+    (Shape.PRISM, 20): [*_WEDGE, (0, 1, 2), (3, 4, 5), (1, 2, 5, 4), (0, 2, 5, 3), (0, 1, 4, 3)],
+    (Shape.PRISM, 21): [*_WEDGE, tuple(range(6)), (0, 1, 2), (3, 4, 5), (1, 2, 5, 4), (0, 2, 5, 3), (0, 1, 4, 3)],
     (Shape.HEXAHEDRON, 8): [],
     (Shape.HEXAHEDRON, 20): [*_BLOCK],
     (Shape.HEXAHEDRON, 27): [
@@ -85,7 +98,7 @@ def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
     if kind.startswith(("BAR", "BEAM", "TRUSS", "EDGE", "SPHERE", "CIRCLE", "NULL")):
         return None
     shape = next((shape for start, shape in _NAMES.items() if kind.startswith(start)), None)
-    if kind.startswith("SHELL") and nodes in (3, 6):
+    if kind.startswith("SHELL") and nodes in (3, 6, 7):
         shape = Shape.TRIANGLE
     if shape is None or (shape, nodes) not in _MIDDLES:
         expected = ", ".join(f"{s.label.lower()}s of {n}" for s, n in _MIDDLES)

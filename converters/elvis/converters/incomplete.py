@@ -84,6 +84,23 @@ def incomplete_space(shape: Shape, order: int, has_faces: bool, points: Floats) 
     return np.stack(columns, axis=1)
 
 
+def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
+    """(n, m) quadratic functions, and those of third degree that are 1 in the middle of triangles.
+
+    For triangles of 7 nodes and tetrahedra of 14.  Prisms of 21 nodes have the functions of these triangles times
+    quadratic ones.  Prisms of 20 lack the one that is 1 in the middle (``is_whole`` is False).
+    """
+    a = barycentric(shape, points)
+    triangle = edge_space(a, 2)
+    bubbles = face_functions(a, 3)
+    if shape is not Shape.PRISM:
+        return np.stack(triangle + bubbles, axis=1)
+    y = points[:, 1]
+    columns = [f * g for f in triangle + bubbles for g in (1 - y, 1 + y)]
+    upright = triangle + (bubbles if is_whole else [])
+    return np.stack(columns + [f * (1 - y**2) for f in upright], axis=1)
+
+
 class NodalFunctions(ShapeFunctions):
     """Functions of any space that are 1 at one node and 0 at the others.
 

@@ -49,8 +49,8 @@ class Vtk(NodalConverter):
         "any",
         "Lagrange (even or Gauss-Lobatto), Bézier, quadratic, constant",
         "none",
-        "`.pvd`, `.series`, numbered files",
-        "`.pvtu`, `_p0_`, files that don't overlap",
+        "`.pvd`, `.series`, `.vtkhdf`, numbered files",
+        "`.pvtu`, `_p0_`, `.vtkhdf`, files that don't overlap",
         "by place",
         "no",
     )
