@@ -62,6 +62,7 @@ bench: $(READY)
 
 exactness: $(READY)
 	@$(RUN) benchmarks/exactness.py
+	@$(RUN) benchmarks/stated_errors.py
 
 fuzz: $(READY)
 	@$(RUN) tests/fuzz/run.py

@@ -163,3 +163,20 @@ def test_what_nothing_bounds_is_called_an_estimate():
     found = integrate(Dataset(grid(Shape.TRIANGLE, 1)), ["distance(all)", "exp(x)", "x"], error=1e-2)
     assert [row.kind for row in found] == ["estimate", "bound", "exact"]
     assert "(estimate)" in repr(found).splitlines()[1]
+
+
+def test_long_sums_under_roots_are_bounded():
+    """A sum of 120 squares."""
+    text = "+".join(["(x+1)^2"] * 120)
+    (row,) = integrate(Dataset(grid(Shape.TRIANGLE, 1)), f"sqrt({text})", error=1e-4)
+    assert abs(row.value - 1.5 * sqrt(120)) <= row.error
+    assert row.kind == "bound"
+
+
+def test_speed_near_a_wall_is_bounded():
+    """sqrt(u^2 + v^2) with u = y and v = x y: a root of 0 on the wall, where only intervals are known."""
+    dataset = Dataset(grid(Shape.TRIANGLE, 2))
+    (row,) = integrate(dataset, "sqrt(y^2 + (x*y)^2)", error=1e-5)
+    truth = (sqrt(2) + asinh(1)) / 4
+    assert abs(row.value - truth) <= row.error <= 1.1e-5 * truth
+    assert row.kind == "bound"

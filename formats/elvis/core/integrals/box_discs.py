@@ -26,7 +26,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent
+from elvis.core.quantities.tree import Node, call, fold, number, ordered, whole_exponent
 from elvis.core.shapes import Shape
 
 #: parameters of the ellipses of which the best is taken: singularities from 0.02 to 10 half lengths of a box away
@@ -85,6 +85,7 @@ class BoxDiscs:
     def disc(self, root: Node) -> Disc:
         """Middles (n, 1) and radii (n, 1 + k rhos) of an expression."""
         found: dict[Node, Disc] = {}
+        lows: dict[Node, Any] = {}
 
         def leaf(node: Node) -> Disc:
             found[node] = self._leaf(node)
@@ -93,29 +94,32 @@ class BoxDiscs:
         def inner(node: Node, parts: list[Disc]) -> Disc:
             found[node] = function(node).disc(*parts)
             if node.op in ("sqrt", "log", "/"):
-                found[node] = self._above(node, parts, found)
+                found[node] = self._above(node, parts, found, lows)
             return found[node]
 
         middle, radius = fold(_without_roots(root), leaf, inner)
         columns = 1 + len(self.counts) * len(RHOS)
         return np.broadcast_to(middle, (self.count, 1)), np.broadcast_to(radius, (self.count, columns))
 
-    def _above(self, node: Node, parts: list[Disc], found: Mapping[Node, Disc]) -> Disc:
+    def _above(self, node: Node, parts: list[Disc], found: Mapping[Node, Disc], lows: dict[Node, Any]) -> Disc:
         """The disc of a function with a singularity at 0, also by a lower bound of the real part of its operand."""
         middle, radius = found[node]
-        low = self._low(node.operands[-1], found)
+        for own in ordered(node.operands[-1]):
+            if own not in lows:
+                lows[own] = self._low(own, found, lows)
+        low = lows[node.operands[-1]]
         other = _ABOVE[node.op](*parts, low)[1]
         return middle, np.fmin(radius, other)
 
-    def _low(self, node: Node, found: Mapping[Node, Disc]) -> Any:
-        """A lower bound of the real part: of squares and their sums, more than the disc has."""
+    def _low(self, node: Node, found: Mapping[Node, Disc], lows: Mapping[Node, Any]) -> Any:
+        """A lower bound of the real part, from those of operands: of squares and their sums more than the disc has."""
         middle, radius = found[node]
         low = middle - radius
         first, last = (node.operands[0], node.operands[-1]) if node.operands else (node, node)
         if node.op == "+":
-            low = np.fmax(low, self._low(first, found) + self._low(last, found))
+            low = np.fmax(low, lows[first] + lows[last])
         elif node.op == "*" and first.op == "number" and first.value > 0:
-            low = np.fmax(low, first.value * self._low(last, found))
+            low = np.fmax(low, first.value * lows[last])
         elif (node.op == "*" and first is last) or whole_exponent(node) == 2:
             imaginary = self._imaginary.get(first, found[first][1])
             low = np.fmax(low, discs.square_above(found[first], imaginary))
