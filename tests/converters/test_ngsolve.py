@@ -216,8 +216,7 @@ def test_its_own_files_agree_with_the_library(solvers, truth, near):
     assert all(measure.is_exact for measure in (report.geometry, *report.fields))
     assert [measure.name for measure in report.fields] == ["u", "w", "v_x", "v_y", "v_z"]
     own = truth(folder / "ballbox_p4.truth.npz")
-    shape = Shape.TETRAHEDRON
-    places = lambda block, ref: native_points(shape, UNIT[shape].frame, ref)  # noqa: E731
+    places = lambda block, ref: ref  # noqa: E731
     near(own.positions_at(conversion, {"tet": 0}, places), own.xyz, 1e-9)
     for measure in report.fields:
         wanted = own.column(measure.name[0], "xyz".index(measure.name[2]) if len(measure.name) > 1 else 0)
@@ -236,9 +235,9 @@ def test_saved_files_hold_what_the_session_exports(tmp_path, near, name):
     export(tmp_path / "case.elems.npz", mesh, {"u": function})
     ours = check(NGSolve, [tmp_path / "case.vol", tmp_path / "case.u.gfu"], spaces="H1:3").dataset
     theirs = check(NGSolve, [tmp_path / "case.elems.npz"]).dataset
-    assert np.array_equal(ours.mesh.vertices, theirs.mesh.vertices)
+    near(ours.mesh.vertices, theirs.mesh.vertices, 1e-14)
     for one, other in zip(ours.fields[0].blocks, theirs.fields[0].blocks, strict=True):
-        near(one.coefficients, other.coefficients, 1e-13)
+        near(one.coefficients, other.coefficients, 1e-12)
 
 
 @pytest.mark.parametrize(

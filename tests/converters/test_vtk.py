@@ -9,10 +9,11 @@ from archives import arrays_of
 from vtk_writer import NODES, cube, grid, linear, one, write
 
 from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, warped
+from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, moved
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.formats import open_series, read
+from elvis.formats import integrate, open_series, read, sample
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -192,7 +193,7 @@ def test_cells_whose_degree_depends_on_the_direction(tmp_path, kind, degrees):
 @pytest.mark.parametrize("kind", [69, 70, 71, 72, 73])
 def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
     cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
-    x = warped(cell.shape, order, cell.nodes) @ np.array([[1, 0.2, 0], [0.1, 1, 0], [0, 0, 1]])
+    x = moved(cell.shape, order, cell.nodes, "gll") @ np.array([[1, 0.2, 0], [0.1, 1, 0], [0, 0, 1]])
     x[:, cell.shape.dimension :] = 0
     path = write(tmp_path / "one.vtu", grid(x, [(kind, range(len(x)))], {"u": (linear(x) / 2) ** order}))
     source = Vtk([path])
@@ -206,9 +207,9 @@ def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
 
 def test_gauss_lobatto_places_inside_are_those_of_basix():
     """Two inner nodes of order 5 as fenics-basix 0.11 has them."""
-    triangle = warped(Shape.TRIANGLE, 5, np.array([[0.4, 0.2, 0.0]]))[0, :2]
+    triangle = moved(Shape.TRIANGLE, 5, np.array([[0.4, 0.2, 0.0]]), "gll")[0, :2]
     assert np.allclose(triangle, BASIX_TRIANGLE, rtol=0, atol=1e-14)
-    tetrahedron = warped(Shape.TETRAHEDRON, 5, np.array([[0.2, 0.4, 0.2]]))[0]
+    tetrahedron = moved(Shape.TETRAHEDRON, 5, np.array([[0.2, 0.4, 0.2]]), "gll")[0]
     assert np.allclose(tetrahedron, BASIX_TETRAHEDRON, rtol=0, atol=1e-14)
 
 
@@ -228,7 +229,7 @@ def test_rational_cells_are_projected_with_a_measured_error(tmp_path):
     edge = source.positions(source.blocks[0], np.array([[0.3, 0.0], [0.3, 1.0], [0.0, 0.4], [1.0, 0.4]]))
     assert np.allclose(np.linalg.norm(edge[0, 2:], axis=1), [1, 2], rtol=0, atol=1e-14)
     done = check(Vtk, [path])
-    assert 1e-4 < done.report.geometry.max < 0.1
+    assert 1e-8 < done.report.geometry.max < 1e-5
     assert not done.report.geometry.is_exact
 
 
@@ -334,3 +335,49 @@ def test_other_files_are_refused(tmp_path):
         assert not Vtk.opens([path])
         with pytest.raises(FormatError, match="expected an unstructured grid of VTK"):
             Vtk([path])
+
+
+def lattice(kind, order, line):
+    """The nodes of a cell, whose lines have nodes at (order + 1,) places in [0, 1]."""
+    cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
+    return np.asarray(line)[np.rint(cell.nodes * order).astype(int)]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5])
+@pytest.mark.parametrize("kind", [70, 72])
+def test_gauss_nodes_show_by_the_gaps_between_cells(tmp_path, kind, order):
+    inside = lattice(kind, order, (gauss(order + 1)[0] + 1) / 2) * np.array([1, 1, kind == 72])
+    x = np.concatenate([inside + shift for shift in ([0, 0, 0], [1, 0, 0], [1, 1, 0])])
+    cells = [(kind, np.arange(len(inside)) + i * len(inside)) for i in range(3)]
+    dataset = read(write(tmp_path / "cells.vtu", grid(x, cells, {"u": x[:, 0] ** order})), cache=False)
+    found = sample(dataset, "u", [[0.02, 0.5, 0.5 * (kind == 72)], [1.99, 1.9, 0.01 * (kind == 72)]])
+    assert np.abs(found.values[:, 0] - np.array([0.02, 1.99]) ** order).max() < 1e-11
+    assert integrate(dataset, "1").value == pytest.approx(3, abs=1e-12)
+
+
+@pytest.mark.parametrize("family", ["equispaced", "gll", "gauss"])
+@pytest.mark.parametrize("order", [4, 5, 7])
+def test_where_all_edges_are_bent_the_smoothest_map_shows_the_nodes(tmp_path, family, order):
+    lines = {"equispaced": np.linspace(-1, 1, order + 1), "gll": lobatto(order + 1)[0], "gauss": gauss(order + 1)[0]}
+    r = lattice(72, order, (lines[family] + 1) / 2)
+    # a polynomial of degree 2 in each coordinate bends all edges
+    x = r + 0.1 * r[:, [1, 2, 0]] * (2 - r[:, [1, 2, 0]]) * (1 + r) + 0.08 * r * (1 - r)
+    dataset = read(write(tmp_path / "bent.vtu", grid(x, [(72, np.arange(len(x)))])), cache=False)
+    fine = np.polynomial.legendre.leggauss(8)
+    t = np.stack(np.meshgrid(*[(fine[0] + 1) / 2] * 3, indexing="ij"), -1).reshape(-1, 3)
+    weights = np.einsum("i,j,k->ijk", *[fine[1] / 2] * 3).ravel()
+    a, b, c = t.T
+    bend, slope = lambda s: 0.1 * s * (2 - s), lambda s: 0.2 * (1 - s)
+    diagonal = [1 + bend(o) + 0.08 * (1 - 2 * own) for own, o in ((a, b), (b, c), (c, a))]
+    across = [slope(o) * (1 + own) for own, o in ((a, b), (b, c), (c, a))]
+    volume = (weights * (np.prod(diagonal, axis=0) + np.prod(across, axis=0))).sum()
+    assert integrate(dataset, "1").value == pytest.approx(volume, abs=1e-12)
+
+
+def test_every_command_warns_where_nothing_shows_the_nodes(tmp_path):
+    rng = np.random.default_rng(3)
+    x = lattice(70, 4, np.linspace(0, 1, 5)) * np.array([1, 1, 0])
+    x[:, :2] += 0.05 * rng.uniform(-1, 1, (len(x), 2))
+    path = write(tmp_path / "rough.vtu", grid(x, [(70, np.arange(len(x)))]))
+    assert "nothing tells where the nodes of cells lie" in read(path, cache=False).remarks[0]
+    assert "nothing tells" not in read(path, reader=["nodes=gll"], cache=False).remarks[0]

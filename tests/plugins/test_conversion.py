@@ -84,7 +84,7 @@ def test_errors_of_smooth_fields_shrink_with_order_p_plus_1(shape, p):
     errors = []
     for count in (2, 4):
         source = Analytic(grid(shape, count), {"u": AnalyticField(wave, p, True, is_polynomial=False)}, seed=1)
-        measure = convert(source).report.fields[0]
+        measure = convert(source, Settings(order=p)).report.fields[0]
         errors.append((measure.max, measure.l2))
         assert measure.state == "projected"
     rates = np.log2(np.array(errors[0]) / np.array(errors[1]))

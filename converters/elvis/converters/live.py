@@ -12,10 +12,10 @@ import numpy as np
 from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_pieces import Piece, Source
 from elvis.converters.ngsolve import NGSolve
-from elvis.converters.ngsolve_export import samples
+from elvis.converters.ngsolve_export import Session
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.plugins.converting import converted_object
+from elvis.plugins.converting import Settings, converted_object
 
 #: digits with which a number of 64 bits is the same when it is read
 _DIGITS = 17
@@ -33,11 +33,12 @@ def from_ngsolve(
 
     fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
             a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
-    order   polynomial degree of the samples; that of the spaces and of the map where it is not given
+    order   polynomial degree of all fields; where it is not given, that of the spaces, or a higher one for functions
+            that are no polynomials in the reference element, such as those of H(div) on curved elements
     time    of the data
 
-    Every element is sampled where the library evaluates it, at as many points as determine its polynomials; remarks of
-    the dataset tell the measured error.  ElvisError where there is another thing, or a complex function.
+    The library evaluates all functions.  Remarks of the dataset tell the error, measured at points that no fit has
+    used.  ElvisError where there is another thing, or a complex function.
     """
     _check(mesh, "MapToAllElements", "an ngsolve.Mesh first")
     given = {**(fields or {}), **named}
@@ -45,10 +46,9 @@ def from_ngsolve(
         _check(field, "Compile", f"a grid function or a coefficient function for {name}")
         if field.is_complex:
             raise ElvisError(f"{name}: expected a real function, found a complex one: give its real part, {name}.real")
-    data = samples(mesh, given, order)
-    source = NGSolve.of(data, Path("NGSolve"))
+    source = NGSolve.of(Session(mesh, given, order))
     source.time = time
-    return converted_object(source, "an NGSolve mesh")
+    return converted_object(source, "an NGSolve mesh", Settings(order=order))
 
 
 def from_mfem(

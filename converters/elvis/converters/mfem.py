@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.apart import BYTES_PER_SECOND, Apart, LibraryError
+from elvis.converters.evaluated import EvaluatedValues
 from elvis.converters.mfem_files import (
     building_seconds,
     check_mesh,
@@ -40,9 +40,6 @@ from elvis.plugins.projection.vertices import clusters
 
 #: by dimension and number of vertices
 _SHAPES = {(shape.dimension, len(shape.vertices)): shape for shape in Shape}
-
-#: orders that functions which are no polynomials get above their own
-_RATIONAL, _VECTOR = 4, 2
 
 #: reads and evaluates in another process
 _WORKER = "elvis.converters.mfem_library:Library"
@@ -128,15 +125,11 @@ class Mfem(NodalConverter):
     def _add_fields(self, parts: Sequence[_Part], values: Sequence[Sequence[NodalValues]]) -> None:
         """Fields of the functions, whose values on each block are given."""
         part = parts[0]
-        is_bent = any(each.geometry.highest > 1 for each in parts)
-        is_bent |= any(len(b.shape.vertices) > b.shape.dimension + 1 for b in self.blocks)
         for number, (name, function) in enumerate(zip(part.names, part.functions, strict=True)):
             is_exact = function.is_nodal or (function.is_nurbs and not part.is_rational)
-            raised = 0 if is_exact else _RATIONAL if function.is_nurbs else _VECTOR * is_bent
             own = [each[number] for each in values]
-            orders = [each.order + raised for each in own]
             labels = component_names(name, function.count)
-            self.add_field(number, labels, own, function.is_continuous, is_exact, orders)
+            self.add_field(number, labels, own, function.is_continuous, is_exact)
 
 
 class _RemoteMesh:
@@ -238,7 +231,7 @@ class _Part:
             block = Elements(
                 shape,
                 len(rows),
-                max(int(kind[2]), 1) + (_RATIONAL if self.is_rational else 0),
+                max(int(kind[2]), 1),
                 vertices=numbers[self._corners.rows(rows)[:, UNIT[shape].corners]],
                 frame=UNIT[shape].frame,
                 ids=first + rows,
@@ -307,12 +300,17 @@ class _Function:
         first = int(elements[0])
         order = int(self.orders[first])
         if not self.is_nodal:
-            return _ElementValues(
-                np.empty((0, self.count)), None, asked=self._asked, which=self._which, elements=elements, degree=order
-            )
+            return EvaluatedValues.of(self._evaluate, elements, order, self.count)
         nodes = self._table.rows(elements)
         basis = _Basis(self._asked, self._which, first, nodes.shape[1], order)
         return NodalValues(self._data, basis, nodes)
+
+    def _evaluate(self, elements: Ints, points: Floats) -> Floats:
+        """(k, n, c) places, or values of the function, on elements (k,) at points (n, d)."""
+        width = len(points) * self.count
+        if not self._which:
+            return self._asked.values("positions", elements, points, width=width)
+        return self._asked.values("values", elements, points, self._which, width=width)
 
 
 class _Basis(ShapeFunctions):
@@ -326,36 +324,6 @@ class _Basis(ShapeFunctions):
         """(n, count) values at points (n, d) in the library's coordinates."""
         one = np.array([self._element])
         return self._asked.values("basis", one, points, self._which, width=len(points) * self._count)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _ElementValues(NodalValues):
-    """What the library finds element by element: places, or values of a function, which are no sums over nodes.
-
-    asked, which  the function
-    elements      (m,) their numbers in the library
-    degree        of the function
-    """
-
-    asked: _RemoteMesh
-    which: int
-    elements: Ints
-    degree: int
-
-    @property
-    def order(self) -> int:
-        """The degree that the library tells."""
-        return self.degree
-
-    def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
-        """(r, n) values of a component of a function."""
-        width = len(points) * self.values.shape[1]
-        return self.asked.values("values", self.elements[rows], points, self.which, number, width=width)
-
-    def at(self, rows: slice | Ints, points: Floats) -> Floats:
-        """(r, n, c) places."""
-        width = len(points) * self.values.shape[1]
-        return self.asked.values("positions", self.elements[rows], points, width=width)
 
 
 def _has_unit_weights(text: str) -> bool:

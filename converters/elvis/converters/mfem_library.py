@@ -68,9 +68,9 @@ class Library:
         """(n, n_points, d) where points of elements of one shape lie."""
         return self._meshes[mesh].positions(elements, points)
 
-    def values(self, mesh: int, elements: Ints, points: Floats, function: int, component: int) -> Floats:
-        """(n, n_points) values of a component of a function on elements of one shape."""
-        return self._meshes[mesh].values(elements, points, function, component)
+    def values(self, mesh: int, elements: Ints, points: Floats, function: int) -> Floats:
+        """(n, n_points, count) values of a function on elements of one shape."""
+        return self._meshes[mesh].values(elements, points, function)
 
 
 class _Mesh:
@@ -120,10 +120,10 @@ class _Mesh:
 
         return self._each(elements, points, self.mesh.SpaceDimension(), places)
 
-    def values(self, elements: Ints, points: Floats, function: int, component: int) -> Floats:
+    def values(self, elements: Ints, points: Floats, function: int) -> Floats:
         """See `Library.values`."""
         own = self.functions[function]
-        return self._each(elements, points, own.count, own.evaluate)[:, :, component]
+        return self._each(elements, points, own.count, own.evaluate)
 
     def _each(self, elements: Ints, points: Floats, count: int, evaluate: Callable[..., None]) -> Floats:
         """(n, n_points, count) from a function of the map of one element and a rule."""

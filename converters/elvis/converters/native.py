@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import MAP_KEY, Dataset, Expansion
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.orientation import local_vertices
@@ -83,6 +84,8 @@ class Native(Converter):
         self.blocks = [_block(dataset.mesh, i, region, part) for i, (region, part) in enumerate(self._parts)]
         self.fields = [plane for i, name in enumerate(names) for plane in self._planes(i, name)]
         self.boundaries = list(_boundaries(dataset.mesh))
+        lost = ConversionErrors.of(dataset.metadata)
+        self.errors = {name: (own.value, own.slope) for name, own in [("", lost.place), *lost.fields.items()]}
         self.time = dataset.time
         self.metadata = {key: text for key, text in dataset.metadata.items() if key != MAP_KEY}
 
@@ -207,7 +210,7 @@ def _boundaries(mesh: Mesh) -> Iterator[Boundary]:
         ids = [own for tag, own in composite.parts if tag in tags]
         if ids:
             vertices = list(_sides(mesh, np.concatenate(ids)))
-            yield Boundary(composite.name or f"composite {composite.id}", vertices=vertices)
+            yield Boundary(composite.name or f"composite {composite.id}", vertices=vertices, number=composite.id)
 
 
 def _sides(mesh: Mesh, ids: Ints) -> Iterator[Ints]:

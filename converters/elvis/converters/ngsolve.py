@@ -1,23 +1,26 @@
-"""NGSolve's elements: its own files, or samples (.elems.npz) as `elvis.converters.ngsolve_export` writes them.
+"""NGSolve's elements: objects of a session, its own files, or samples (.elems.npz) of `ngsolve_export`.
 
-Of its own files the library makes the same samples: for each shape S (tet, pyramid, prism, hex, trig, quad) S_elem (n,)
-numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d) reference points, S_xyz (n, m, D), S_f_NAME (n, m,
-components), S_region (n,) names if there are any; order: the degree of the map and the highest of the fields;
-order_NAME, continuous, time, boundary_S_verts, boundary_S_region, boundary_S_number and notes (sentences)
-may be there too.
+Of objects and of its own files the library is asked for places and values.  Samples hold, for each shape S (tet,
+pyramid, prism, hex, trig, quad), S_elem (n,) numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d)
+reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), S_region (n,) names if there are any; order: the degree
+of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts, boundary_S_region,
+boundary_S_number (from 1), and how far polynomials through the samples are from the map (error) and from functions
+(error_NAME) may be there too.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, export
-from elvis.converters.ngsolve_files import is_mesh, run_samples
+from elvis.converters.evaluated import EvaluatedValues
+from elvis.converters.ngsolve_export import SHAPES, UNIT_VERTICES, Session, export
+from elvis.converters.ngsolve_files import is_mesh, opened
 from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
@@ -31,15 +34,29 @@ _HIGHEST, _HEAD = 30, 4096
 #: names of the arrays that are read
 _SHAPE = "|".join(SHAPES)
 _KNOWN = re.compile(
-    rf"({_SHAPE})_(elem|verts|ref|xyz|region|f_.+)|boundary_({_SHAPE})_(verts|region|number)|order(_.+)?|continuous|time"
+    rf"({_SHAPE})_(elem|verts|ref|xyz|region|f_.+)|boundary_({_SHAPE})_(verts|region|number)|order(_.+)?|"
+    rf"error(_.+)?|continuous|time"
 )
+
+
+class Asked(Protocol):
+    """The library with a mesh and functions, as `elvis.converters.ngsolve_export.Session`."""
+
+    def positions(self, elements: Ints, points: Floats) -> Floats:
+        """(k, n, D) world coordinates at reference points (n, d) of elements (k,)."""
+
+    def values(self, name: str, elements: Ints, points: Floats) -> Floats:
+        """(k, n, c) components of a function at reference points (n, d) of elements (k,)."""
 
 
 class NGSolve(NodalConverter):
     """Elements with values at points that determine their polynomials."""
 
     format = "NGSolve's meshes and grid functions (.vol, .vol.gz, .gfu), samples from a session (.elems.npz)"
-    keeps = "curved elements of all shapes and orders, H1 and L2 functions exactly, materials, boundaries, time"
+    keeps = (
+        "curved elements of all shapes and orders, H1 and L2 functions exactly, others with a measured error, "
+        "materials, boundaries, time"
+    )
     loses = (
         "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
     )
@@ -75,32 +92,35 @@ class NGSolve(NodalConverter):
         return ""
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:
-        is_archive = len(paths) == 1 and bool(names_in(paths[0]))
-        self._take(_load(paths[0]) if is_archive else run_samples(paths, spaces), paths[0])
+        if len(paths) == 1 and names_in(paths[0]):
+            self._take(_load(paths[0]), paths[0])
+        else:
+            self._take(*opened(paths, spaces))
 
     @classmethod
-    def of(cls, data: dict[str, Any], path: Path) -> NGSolve:
-        """What samples in memory hold (see `elvis.converters.ngsolve_export.samples`); errors name ``path``."""
+    def of(cls, session: Session) -> NGSolve:
+        """The mesh and the functions of a session."""
         own = cls.__new__(cls)
-        own._take(data, path)
+        own._take(session.description(), Path("NGSolve"), session)
         return own
 
-    def _take(self, data: dict[str, Any], path: Path) -> None:
-        """Blocks, fields and boundaries of samples."""
-        self._path, self._data = path, data
+    def _take(self, data: dict[str, Any], path: Path, asked: Asked | None = None) -> None:
+        """Blocks, fields and boundaries of a description, with samples, or of the library to be asked for values."""
+        self._path, self._data, self._asked = path, data, asked
         self._parts: list[tuple[str, Ints]] = []
         self.blocks = []
         geometry = int(self._orders_of("order")[0])
         names = self._fields()
         for shape in SHAPES:
-            if f"{shape}_xyz" in self._data:
+            if f"{shape}_verts" in self._data:
                 self._read(shape, geometry, names)
         if not self.blocks:
             raise FormatError("expected elements, found none", file=self._path)
         self._add_fields(names)
         self.boundaries = self._borders()
+        self.errors = self._errors(names)
         self.notes = [str(note) for note in self._data.get("notes", ())]
-        if "pyramid_xyz" in self._data:
+        if "pyramid_verts" in self._data:
             self.notes += [
                 "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
             ]
@@ -114,12 +134,22 @@ class NGSolve(NodalConverter):
             raise FormatError(f"expected orders from 0 to {_HIGHEST}, found {found}", file=self._path, place=name)
         return orders
 
+    def _errors(self, names: dict[str, int]) -> dict[str, tuple[float, float]]:
+        """By how much samples miss the map, whose name is empty, and each component of a function."""
+        labels = {"error": [""], **{f"error_{name}": component_names(name, count) for name, count in names.items()}}
+        found: dict[str, tuple[float, float]] = {}
+        for key, own in labels.items():
+            if key in self._data:
+                found |= dict.fromkeys(own, (self._number(key), np.inf))
+        return found
+
     def _time(self) -> float | None:
-        if "time" not in self._data:
-            return None
-        found = np.ravel(self._data["time"])
+        return self._number("time") if "time" in self._data else None
+
+    def _number(self, name: str) -> float:
+        found = np.ravel(self._data[name])
         if len(found) != 1 or found.dtype.kind not in "iuf":
-            raise FormatError(f"expected one number, found {found!r:.60}", file=self._path, place="time")
+            raise FormatError(f"expected one number, found {found!r:.60}", file=self._path, place=name)
         return float(found[0])
 
     def _array(self, name: str) -> Any:
@@ -145,6 +175,8 @@ class NGSolve(NodalConverter):
 
     def _fields(self) -> dict[str, int]:
         """Numbers of components by name."""
+        if self._asked is not None:
+            return {key[6:]: int(array) for key, array in self._data.items() if key.startswith("count_")}
         found: dict[str, int] = {}
         for key, array in self._data.items():
             shape, _, name = key.partition("_f_")
@@ -154,6 +186,35 @@ class NGSolve(NodalConverter):
 
     def _read(self, shape: str, geometry: int, names: dict[str, int]) -> None:
         """One block for every region that elements of a shape have."""
+        own, vertices = SHAPES[shape], self._numbers(f"{shape}_verts", 2)
+        basis = None if self._asked is not None else self._checked_basis(shape, geometry, names)
+        regions = self._regions(f"{shape}_region", len(vertices))
+        corners = np.array(UNIT_VERTICES[shape])[UNIT[own].corners]
+        for region in np.unique(regions).tolist():
+            rows = np.flatnonzero(regions == region)
+            numbers = np.asarray(self._data[f"{shape}_elem"], np.int64)[rows]
+            block = Elements(
+                own,
+                len(rows),
+                max(geometry, 1),
+                np.asarray(vertices, np.int64)[rows][:, corners],
+                frame=None if basis is not None else UNIT[own].frame,
+                ids=numbers,
+                region=str(region),
+                pyramid=PyramidSpace.RATIONAL,
+                key=NodalBlock(self._places(shape, rows, numbers, geometry, basis)),
+            )
+            self.blocks = [*self.blocks, block]
+            self._parts.append((shape, rows))
+
+    def _places(self, shape: str, rows: Ints, numbers: Ints, geometry: int, basis: NodalBasis | None) -> NodalValues:
+        """The map of some elements of a shape."""
+        if self._asked is None:
+            return NodalValues(self._data[f"{shape}_xyz"][rows], basis)
+        return EvaluatedValues.of(self._asked.positions, numbers, geometry, 3)
+
+    def _checked_basis(self, shape: str, geometry: int, names: dict[str, int]) -> NodalBasis:
+        """The functions of the points of samples; FormatError where arrays don't fit."""
         own, vertices, reference = SHAPES[shape], self._numbers(f"{shape}_verts", 2), self._numbers(f"{shape}_ref", 2)
         count, width = len(vertices), len(reference)
         xyz = self._numbers(f"{shape}_xyz", 3)
@@ -174,23 +235,7 @@ class NGSolve(NodalConverter):
         if geometry > order:
             found = f"those of order {order}"
             raise FormatError(f"expected samples of order {geometry}, found {found}", file=self._path, place=shape)
-        basis = self._basis(shape, order, reference)
-        regions = self._regions(f"{shape}_region", count)
-        corners = np.array(UNIT_VERTICES[shape])[UNIT[own].corners]
-        for region in np.unique(regions).tolist():
-            rows = np.flatnonzero(regions == region)
-            block = Elements(
-                own,
-                len(rows),
-                max(geometry, 1),
-                np.asarray(vertices, np.int64)[rows][:, corners],
-                ids=np.asarray(self._data[f"{shape}_elem"], np.int64)[rows],
-                region=str(region),
-                pyramid=PyramidSpace.RATIONAL,
-                key=NodalBlock(NodalValues(xyz[rows], basis)),
-            )
-            self.blocks = [*self.blocks, block]
-            self._parts.append((shape, rows))
+        return self._basis(shape, order, reference)
 
     def _order_of(self, shape: str, count: int) -> int:
         """The order of the functions that this many points determine."""
@@ -209,16 +254,23 @@ class NGSolve(NodalConverter):
 
     def _add_fields(self, names: dict[str, int]) -> None:
         """Fields by component; where the file doesn't say which are continuous, all are tried."""
-        stated = self._data.get("continuous")
+        stated, polynomial = self._data.get("continuous"), self._data.get("polynomial")
         for name, count in names.items():
             is_continuous = stated is None or name in np.ravel(stated).tolist()
+            is_polynomial = polynomial is None or name in np.ravel(polynomial).tolist()
             own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
-            values, orders = [], []
-            for block, (shape, rows) in zip(self.blocks, self._parts, strict=True):
-                functions = self.nodal(block).geometry.functions
-                values.append(NodalValues(self._data[f"{shape}_f_{name}"][rows], functions))
-                orders.append(min(own, values[-1].order))
-            self.add_field(name, component_names(name, count), values, is_continuous, orders=orders)
+            parts = zip(self.blocks, self._parts, strict=True)
+            values = [self._values(name, count, block, *part, own) for block, part in parts]
+            orders = [min(own, each.order) for each in values]
+            labels = component_names(name, count)
+            self.add_field(name, labels, values, is_continuous, is_polynomial, orders=orders)
+
+    def _values(self, name: str, count: int, block: Elements, shape: str, rows: Ints, order: int) -> NodalValues:
+        """A function on the elements of a block."""
+        if self._asked is None:
+            return NodalValues(self._data[f"{shape}_f_{name}"][rows], self.nodal(block).geometry.functions)
+        assert block.ids is not None
+        return EvaluatedValues.of(partial(self._asked.values, name), block.ids, order, count)
 
     def _borders(self) -> list[Boundary]:
         """Sides by the name of their boundary, and by its number if a name stands for several numbers."""

@@ -1,10 +1,11 @@
-"""Sampling of NGSolve meshes and functions from a session in Python, into files that `elvis convert` reads.
+"""NGSolve's meshes and functions in a session of Python: evaluated anywhere, or sampled into files.
 
 from elvis.converters.ngsolve_export import export
 export("flow.elems.npz", mesh, {"u": velocity, "p": pressure})
 
-The functions of NGSolve depend on how elements are turned, so none of its coefficients are kept: every element is
-sampled at as many points as determine its polynomials.
+The functions of NGSolve depend on how elements are turned, so none of its coefficients are kept: `Session` asks the
+library for values at points of elements.  A file has samples at as many points as determine polynomials, and tells
+how far these are from the functions.
 """
 
 from __future__ import annotations
@@ -15,16 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.unit import UNIT
+from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.output import replacing
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
+from elvis.core.relative import error_limit
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import affine_image, space_size, space_values, tensor_nodes
+from elvis.plugins.projection.checking import check_points
+from elvis.plugins.projection.raising import GOAL, added_orders
 
 #: our shape by the library's name of one, which is also its name in the files
 SHAPES = {
@@ -48,8 +52,76 @@ UNIT_VERTICES = {
     "hex": (0, 1, 2, 3, 4, 5, 6, 7),
 }
 
-#: orders above its own that a field of H(div) or H(curl) is sampled with, and spaces of continuous fields
-_VECTOR, _CONTINUOUS = 2, ("h1ho", "VectorH1", "nodalfespace")
+#: types of spaces of continuous fields, and of all fields that are polynomials in the reference element
+_CONTINUOUS = ("h1ho", "VectorH1", "nodalfespace")
+_POLYNOMIAL = (*_CONTINUOUS, "l2ho", "VectorL2", "number", "Periodich1ho")
+
+#: the highest order of samples
+_HIGHEST = 16
+
+#: points inside each element at which samples are compared with the functions
+_INSIDE = 40
+
+
+class Session:
+    """A mesh of the library with functions on it, evaluated at reference points of elements.
+
+    fields  grid functions by name, or coefficient functions, for which ``order`` must be given
+    order   polynomial degree of all fields; that of each space where it is not given
+
+    ElvisError where there are no elements, or an order is missing.
+    """
+
+    def __init__(self, mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> None:
+        import ngsolve
+
+        self._ngsolve, self._mesh, self._fields = ngsolve, mesh, dict(fields)
+        self.orders = {name: _order(mesh, name, field, order) for name, field in fields.items()}
+        bend = 0 if mesh.deformation is None else mesh.deformation.space.globalorder
+        self.geometry = max(mesh.GetCurveOrder(), bend, 1)
+        self.elements = _elements(mesh.Elements(ngsolve.VOL))
+        if not self.elements:
+            raise ElvisError("expected elements, found none")
+        self._place = ngsolve.CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim])
+        one = {getattr(ngsolve.ET, name.upper()): _one_point(ngsolve, SHAPES[name]) for name in self.elements}
+        self._first = mesh.MapToAllElements(one, ngsolve.VOL)[:1]
+
+    def description(self) -> dict[str, Any]:
+        """What a file holds (see `elvis.converters.ngsolve`) but for points, places and values; counts of components.
+
+        polynomial  names of the functions that are polynomials of their order
+        count_NAME  number of components
+        """
+        data: dict[str, Any] = {"order": np.array([self.geometry, max([self.geometry, *self.orders.values()])])}
+        types = {name: getattr(getattr(own, "space", None), "type", "") for name, own in self._fields.items()}
+        data["continuous"] = np.array([name for name, own in types.items() if own in _CONTINUOUS], dtype="U")
+        data["polynomial"] = np.array([name for name, own in types.items() if own in _POLYNOMIAL], dtype="U")
+        data |= {f"order_{name}": np.array(each) for name, each in self.orders.items()}
+        data |= {f"count_{name}": np.array(int(field.dim)) for name, field in self._fields.items()}
+        for name, (numbers, vertices, regions, _) in self.elements.items():
+            data |= {f"{name}_elem": numbers, f"{name}_verts": vertices, f"{name}_region": regions}
+        for name, (_, vertices, regions, indices) in _elements(self._mesh.Elements(self._ngsolve.BND)).items():
+            data |= {f"boundary_{name}_verts": vertices, f"boundary_{name}_region": regions}
+            data[f"boundary_{name}_number"] = 1 + indices
+        return data
+
+    def positions(self, elements: Ints, points: Floats) -> Floats:
+        """(k, n, D) world coordinates at the library's reference points (n, d) of elements (k,)."""
+        return self._table(self._place, elements, points)
+
+    def values(self, name: str, elements: Ints, points: Floats) -> Floats:
+        """(k, n, c) components of a function at reference points (n, d) of elements (k,)."""
+        return self._table(self._fields[name], elements, points)
+
+    def _table(self, function: Any, elements: Ints, points: Floats) -> Floats:
+        """(k, n, c) values; the library takes points as records of coordinates and an element's number."""
+        records = np.repeat(self._first, len(elements) * len(points))
+        for axis, name in enumerate("xyz"):
+            own = points[:, axis] if axis < points.shape[1] else np.zeros(len(points))
+            records[name] = np.tile(own, len(elements))
+        records["nr"] = np.repeat(elements, len(points))
+        found = np.asarray(function(records), np.float64) if len(records) else np.empty((0, 1))
+        return found.reshape(len(elements), len(points), -1)
 
 
 def export(
@@ -58,89 +130,92 @@ def export(
     """Write a mesh and its functions to ``path``, a name that ends in ``.npz``.
 
     fields  grid functions by name, or coefficient functions, for which ``order`` must be given
-    order   polynomial degree of the samples; that of the spaces and of the map where it is not given
+    order   polynomial degree of the samples; where it is not given, that of the spaces and of the map, or a higher one
+            for functions that are no polynomials of it
+
+    The file tells by how much polynomials through the samples differ from the functions.
     """
     path = Path(path)
-    data = samples(mesh, fields, order)
+    session = Session(mesh, fields, order)
+    if order is None:
+        session.orders = {name: own + _added(session, name) for name, own in session.orders.items()}
+    data = samples(session)
     if time is not None:
         data["time"] = np.array(time)
     with replacing(path) as temporary, Path(temporary).open("wb") as file:
         np.savez(file, **data)
 
 
-def samples(mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> dict[str, Any]:
+def samples(session: Session) -> dict[str, Any]:
     """What a file holds: for each shape its elements, their vertices, reference points, and values there."""
-    import ngsolve
-
-    orders = {name: _order(name, field, order) for name, field in fields.items()}
-    bend = 0 if mesh.deformation is None else mesh.deformation.space.globalorder
-    geometry = max(mesh.GetCurveOrder(), bend, 1)
-    highest = max([geometry, *orders.values()])
-    elements = _elements(mesh.Elements(ngsolve.VOL))
-    if not elements:
-        raise ElvisError("expected elements, found none")
-    rules = {name: _rule(SHAPES[name], highest) for name in elements}
-    own = {getattr(ngsolve.ET, name.upper()): _own_rule(ngsolve, points) for name, points in rules.items()}
-    mapped = mesh.MapToAllElements(own, ngsolve.VOL)
-    place = ngsolve.CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim])
-    values = {"xyz": _table(place(mapped)), **{f"f_{name}": _table(field(mapped)) for name, field in fields.items()}}
-    data: dict[str, Any] = {"order": np.array([geometry, highest])}
-    data["continuous"] = np.array([name for name, field in fields.items() if _is_continuous(field)], dtype="U")
-    data |= {f"order_{name}": np.array(each) for name, each in orders.items()}
-    for name, (numbers, vertices, regions, _) in elements.items():
-        rows = np.isin(mapped["nr"], numbers)
-        data |= {f"{name}_elem": numbers, f"{name}_verts": vertices, f"{name}_region": regions}
-        data[f"{name}_ref"] = rules[name]
-        data |= {f"{name}_{key}": v[rows].reshape(len(numbers), len(rules[name]), -1) for key, v in values.items()}
-    for name, (_, vertices, regions, indices) in _elements(mesh.Elements(ngsolve.BND)).items():
-        data |= {f"boundary_{name}_verts": vertices, f"boundary_{name}_region": regions}
-        data[f"boundary_{name}_number"] = indices + 1
-    return data
+    data = session.description()
+    highest = max([session.geometry, *session.orders.values()])
+    for name, (numbers, *_) in session.elements.items():
+        points = _rule(SHAPES[name], highest)
+        data |= {f"{name}_ref": points, f"{name}_xyz": session.positions(numbers, points)}
+        data |= {f"{name}_f_{field}": session.values(field, numbers, points) for field in session.orders}
+    data |= {f"error_{field}": np.array(_error(session, field, highest)) for field in session.orders}
+    return data | {"error": np.array(_error(session, None, highest))}
 
 
-def _order(name: str, field: Any, order: int | None) -> int:
+def _values(session: Session, field: str | None, elements: Ints, points: Floats) -> Floats:
+    """(k, n, c) values of a function, or places."""
+    return session.positions(elements, points) if field is None else session.values(field, elements, points)
+
+
+def _error(session: Session, field: str | None, order: int) -> float:
+    """The largest difference between a function, or the map, and polynomials through samples of an order."""
+    worst = 0.0
+    for name, (numbers, *_) in session.elements.items():
+        shape, nodes = SHAPES[name], _rule(SHAPES[name], order)
+        points = affine_image(check_points(shape, _INSIDE)[: -len(shape.vertices)], shape.vertices, UNIT[shape].frame)
+        table = unit_basis(shape, order, nodes).at(affine_image(points, UNIT[shape].frame, shape.vertices))
+        ours = np.einsum("pn,knc->kpc", table, _values(session, field, numbers, nodes))
+        off = np.abs(ours - _values(session, field, numbers, points))
+        worst = max(worst, float(np.nanmax(off, initial=0.0)))
+    return worst
+
+
+def _added(session: Session, field: str) -> int:
+    """How many orders more than its own a function needs."""
+    own = session.orders[field]
+    nodes = [(numbers, _rule(SHAPES[name], own)) for name, (numbers, *_) in session.elements.items()]
+    values = [session.values(field, numbers, points) for numbers, points in nodes]
+    low, high = (float(f([f(each) for each in values])) for f in (np.nanmin, np.nanmax))
+    goal = error_limit(GOAL, high - low, max(abs(low), abs(high)))
+    return added_orders(lambda added: _error(session, field, own + added), goal, lambda added: own + added <= _HIGHEST)
+
+
+def _order(mesh: Any, name: str, field: Any, order: int | None) -> int:
+    """The order that is asked for, or the highest of the elements of the field's space."""
     space = getattr(field, "space", None)
     if order is None and space is None:
         raise ElvisError(f"expected an order for {name}, which is no grid function, found none")
     if order is not None:
         return order
     assert space is not None
-    return int(space.globalorder) + (_VECTOR if space.type in ("hdivho", "hcurlho") else 0)
-
-
-def _is_continuous(field: Any) -> bool:
-    space = getattr(field, "space", None)
-    return space is not None and space.type in _CONTINUOUS
+    # orders may differ by element (SetOrder), which the order of the space doesn't tell
+    return max([int(space.globalorder), *(int(space.GetFE(element).order) for element in mesh.Elements())])
 
 
 def _elements(found: Any) -> dict[str, tuple[Ints, Ints, Any, Ints]]:
-    """Of each shape the numbers of the elements, (n, n_vertices) vertices, and names and numbers of regions."""
+    """Of each shape the numbers of the elements, (n, n_vertices) vertices, and names and indices of regions."""
     parts: dict[str, tuple[list[int], list[list[int]], list[str], list[int]]] = {}
     for element in found:
         numbers, vertices, regions, indices = parts.setdefault(element.type.name.lower(), ([], [], [], []))
         numbers.append(element.nr)
         vertices.append([vertex.nr for vertex in element.vertices])
         regions.append(element.mat)
-        indices.append(int(element.index))
+        indices.append(element.index)
     return {
-        name: (
-            np.array(numbers, np.int64),
-            np.array(vertices, np.int64),
-            np.array(regions, dtype="U"),
-            np.array(indices),
-        )
-        for name, (numbers, vertices, names, indices) in parts.items()
+        name: (np.array(own[0], np.int64), np.array(own[1], np.int64), np.array(own[2], dtype="U"), np.array(own[3]))
+        for name, own in parts.items()
     }
 
 
-def _table(values: Any) -> Floats:
-    array = np.asarray(values, np.float64)
-    return array.reshape(len(array), -1)
-
-
-def _own_rule(ngsolve: Any, points: Floats) -> Any:
-    padded = [tuple(point) + (0.0,) * (3 - len(point)) for point in points.tolist()]
-    return ngsolve.IntegrationRule([point[: points.shape[1]] for point in padded], [1.0] * len(padded))
+def _one_point(ngsolve: Any, shape: Shape) -> Any:
+    """A rule of one point inside of an element."""
+    return ngsolve.IntegrationRule([(0.2,) * shape.dimension], [1.0])
 
 
 @bounded_cache
@@ -174,15 +249,15 @@ def _pivots(shape: Shape, order: int, many: Floats) -> list[int]:
 
 
 class Library:
-    """What the library does with files, in a process of its own: samples of a mesh and of functions as arrays."""
+    """What the library does with files, in a process of its own: a mesh and functions, evaluated anywhere."""
 
     def __init__(self) -> None:
         import ngsolve
 
         self._ngsolve: Any = ngsolve
 
-    def samples(self, path: str, named: str, fields: Mapping[str, tuple[str, str, int]]) -> dict[str, Any]:
-        """See `samples`; ``fields`` are file, space and order by name.
+    def read(self, path: str, named: str, fields: Mapping[str, tuple[str, str, int]]) -> dict[str, Any]:
+        """The `Session.description` of a mesh and functions; ``fields`` are file, space and order by name.
 
         FormatError where a function has another number of values than its space, or, naming ``named``, where the
         samples can't be made.
@@ -193,9 +268,18 @@ class Library:
             for name, (file, kind, order) in fields.items()
         }
         try:
-            return samples(mesh, functions)
+            self._session = Session(mesh, functions)
         except ElvisError as error:
             raise FormatError(str(error), file=named) from error
+        return self._session.description()
+
+    def positions(self, elements: Ints, points: Floats) -> Floats:
+        """See `Session.positions`."""
+        return self._session.positions(elements, points)
+
+    def values(self, name: str, elements: Ints, points: Floats) -> Floats:
+        """See `Session.values`."""
+        return self._session.values(name, elements, points)
 
 
 def _function(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int) -> Any:

@@ -21,7 +21,7 @@ import numpy as np
 
 from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.inputs import is_count
-from elvis.core.arrays import Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import content, leading, unpacked_limit
 from elvis.plugins.discovery import installing
@@ -71,8 +71,37 @@ def _is_compressed(path: Path) -> bool:
     return leading(path, len(_GZIP)) == _GZIP
 
 
-def run_samples(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
-    """What the samples of a mesh and its functions are: see `ngsolve_export.samples`.
+class Reader:
+    """A mesh and its functions in the library's process; ``path`` is the mesh.
+
+    FormatError where the library fails.
+    """
+
+    def __init__(self, path: Path, fields: Mapping[str, tuple[str, str, int]], size: int) -> None:
+        self._path, self._library = path, Apart(_WORKER, size)
+        with _link(path) as link:
+            self.data: dict[str, Any] = self._ask("read", str(link), str(path), dict(fields), size=size)
+        self._counts = {key[6:]: int(array) for key, array in self.data.items() if key.startswith("count_")}
+
+    def positions(self, elements: Ints, points: Floats) -> Floats:
+        """See `elvis.converters.ngsolve_export.Session`."""
+        return np.asarray(self._ask("positions", elements, points, size=24 * len(elements) * len(points)))
+
+    def values(self, name: str, elements: Ints, points: Floats) -> Floats:
+        """See `elvis.converters.ngsolve_export.Session`."""
+        size = 8 * self._counts[name] * len(elements) * len(points)
+        return np.asarray(self._ask("values", name, elements, points, size=size))
+
+    def _ask(self, method: str, *given: Any, size: int) -> Any:
+        try:
+            return self._library.ask(method, *given, size=size)
+        except LibraryError as failure:
+            message = f"expected a mesh that NGSolve reads, found {failure.reason}"
+            raise FormatError(message, file=self._path) from failure
+
+
+def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], Path, Reader]:
+    """The description of a mesh and its functions (`ngsolve_export.Session`), the mesh, and the library to be asked.
 
     spaces  of the functions, as ``H1:5,L2:4``, in the order of their files
     FormatError for damaged files; ElvisError where spaces are missing or don't fit.
@@ -90,19 +119,8 @@ def run_samples(paths: Sequence[Path], spaces: str | None) -> dict[str, Any]:
     notes = _check(meshes[0], text)
     fields = {_name(meshes[0], path): (str(path), *own) for path, own in named}
     size = len(text) + sum(path.stat().st_size for path in functions)
-    with _link(meshes[0]) as link:
-        data = _apart(meshes[0], link, fields, size)
-    return {**data, "notes": np.array(notes, dtype="U")}
-
-
-def _apart(path: Path, link: Path, fields: Mapping[str, tuple[str, str, int]], size: int) -> dict[str, Any]:
-    """The samples, made by another process; FormatError with what that says."""
-    try:
-        with Apart(_WORKER, size) as library:
-            data: dict[str, Any] = library.ask("samples", str(link), str(path), dict(fields), size=size)
-    except LibraryError as failure:
-        raise FormatError(f"expected a mesh that NGSolve reads, found {failure.reason}", file=path) from failure
-    return data
+    reader = Reader(meshes[0], fields, size)
+    return {**reader.data, "notes": np.array(notes, dtype="U")}, meshes[0], reader
 
 
 @contextmanager

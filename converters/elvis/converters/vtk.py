@@ -18,19 +18,15 @@ from elvis.converters.inputs import STEP, step_number
 from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, array_names, files_by_time, kind_of, other_kind, overlap, read
 from elvis.converters.vtk_hdf import times_in
+from elvis.converters.vtk_nodes import FAMILIES, node_family
 from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
 from elvis.converters.vtk_times import time_in
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
-from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
-
-#: cells whose edges tell where the nodes lie, and the share of an edge that a node may be off
-_ENOUGH, _OFF = 2000, 1e-5
-
 
 #: the end of the name of a file of one process, as DOLFINx writes it
 _PROCESS = re.compile(r"(?P<stem>.*)_p(?P<number>\d+)_(?P<step>\d{6})(?P<suffix>\.\w+)")
@@ -56,7 +52,7 @@ class Vtk(NodalConverter):
     )
     needs = ("vtk",)
     options = (
-        Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", "equispaced", "gll"), "auto"),
+        Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", *FAMILIES), "auto"),
         Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("auto", "as-read", "exchanged"), "auto"),
         Option(
             "wedges", "How the third quadrilateral of Lagrange wedges is numbered.", ("auto", "as-read", "vtk8"), "auto"
@@ -197,21 +193,15 @@ class Vtk(NodalConverter):
                 self.notes = [*self.notes, note]
 
     def _place_nodes(self, nodes: str) -> None:
-        """Move the nodes of Lagrange cells to Gauss-Lobatto places where asked, or where edges show them."""
-        known = [part for part in self._every() if part.cell.is_even and part.cell.order > 2]
-        even, warped = np.sum([_votes(part) for part in known], axis=0) if known else (0, 0)
-        if nodes == "gll" or (nodes == "auto" and warped > even):
-            for part in known:
-                part.cell.warp()
-            if nodes == "auto" and known:
-                self.notes = [
-                    *self.notes,
-                    "nodes lie at Gauss-Lobatto places, which VTK doesn't expect, and were taken there (option nodes)",
-                ]
-        elif nodes == "auto" and known and not even:
-            self.notes = [*self.notes, "all edges are curved; nodes were taken to be evenly spaced (option nodes)"]
-        elif nodes == "equispaced" and warped > even:
-            self.notes = [*self.notes, f"nodes of {warped} edges seem to lie at Gauss-Lobatto places (option nodes)"]
+        """Move the nodes of Lagrange cells to Gauss or Gauss-Lobatto places where asked, or where cells show them."""
+        known = [part for part in self._every() if part.cell.is_even]
+        found = node_family(known)
+        family = found.name if nodes == "auto" else nodes
+        self.notes = [*self.notes, *found.notes(nodes)]
+        if nodes == "auto" and found.doubt:
+            self.warnings = [*self.warnings, found.doubt]
+        for part in known:
+            part.cell.place_nodes(family)
 
     def _add_fields(self, on_points: bool) -> None:
         """Point data, continuous where they agree; or cell data, constant."""
@@ -397,20 +387,3 @@ def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
             f"expected wedges of one numbering, found {found}; choose one with the option wedges", file=file
         )
     return bool(other)
-
-
-def _votes(part: Part) -> tuple[int, int]:
-    """How many edges are simple, with their nodes evenly spaced and with them at Gauss-Lobatto places.
-
-    Simple is an edge that is a polynomial two degrees below the cell's order: nodes taken to lie elsewhere never are.
-    """
-    cell = part.cell
-    places = part.places(part.nodes[:_ENOUGH][:, cell.edge_nodes()])
-    length = np.linalg.norm(places[:, :, -1] - places[:, :, 0], axis=2)
-    counts = []
-    for line in (np.linspace(-1, 1, cell.order + 1), lobatto(cell.order + 1)[0]):
-        powers = np.linalg.qr(np.vander(line, cell.order - 1))[0]
-        rest = np.eye(cell.order + 1) - powers @ powers.T
-        off = np.linalg.norm(np.matmul(rest, places), axis=3).max(axis=2)
-        counts.append(int(np.sum((off < _OFF * length) & (length > 0))))
-    return counts[0], counts[1]

@@ -9,9 +9,9 @@ import numpy as np
 
 from elvis.converters.unit import SIMPLEX_AXES, UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.collapse import collapse
-from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import (
@@ -137,9 +137,14 @@ class Cell(ShapeFunctions):
         """Whether this is a Lagrange cell of one degree with as many nodes as its space has functions."""
         return self.kind.type in LAGRANGE and self.kind.nodes == space_size(self.shape, self.order)
 
-    def warp(self) -> None:
-        """From here on the nodes lie at Gauss-Lobatto places, and where a simplex is warped so that its edges have."""
-        nodes = warped(self.shape, self.order, self.nodes)
+    def place_nodes(self, family: str) -> None:
+        """From here on the nodes lie at the places of a family, ``equispaced``, ``gll`` or ``gauss``.
+
+        ElvisError for Gauss points in shapes that are no products of lines.
+        """
+        if family == "equispaced":
+            return
+        nodes = moved(self.shape, self.order, self.nodes, family)
         self._warped = unit_basis(self.shape, self.order, nodes[:, : self.shape.dimension])
         self._tables.clear()
 
@@ -177,13 +182,27 @@ class Cell(ShapeFunctions):
         return result
 
 
-def warped(shape: Shape, order: int, nodes: Floats) -> Floats:
-    """(n, 3) Gauss-Lobatto places of the evenly spaced nodes (n, 3) of a cell in [0, 1]^3.
+def is_tensor(shape: Shape) -> bool:
+    """Whether a shape is a product of lines."""
+    return bool(len(shape.vertices) == 2**shape.dimension)
+
+
+def family_line(family: str, order: int) -> Floats:
+    """(order + 1,) the nodes of a family on [-1, 1]."""
+    if family == "equispaced":
+        return np.linspace(-1, 1, order + 1)
+    return (lobatto if family == "gll" else gauss)(order + 1)[0]
+
+
+def moved(shape: Shape, order: int, nodes: Floats, family: str) -> Floats:
+    """(n, 3) places in a family of the evenly spaced nodes (n, 3) of a cell in [0, 1]^3.
 
     On simplices every barycentric coordinate a moves by the sum over the others b of a b w(a - b), where w makes the
-    edges have Gauss-Lobatto nodes: the lattice of Basix that it calls GLL warped.
+    edges have Gauss-Lobatto nodes: the lattice of Basix that it calls GLL warped.  ElvisError for Gauss points there.
     """
-    line = (lobatto(order + 1)[0] + 1) / 2
+    if family == "gauss" and not is_tensor(shape):
+        raise ElvisError(f"expected cells that are products of lines for the option nodes=gauss, found {shape.label}")
+    line = (family_line(family, order) + 1) / 2
     result = line[np.rint(nodes * order).astype(np.int64)]
     simplex = SIMPLEX_AXES.get(shape, 0)
     if not simplex:

@@ -157,8 +157,9 @@ def _grid(path: str, name: str, data: Any) -> dict[str, Any]:
     for own in (on_points, on_cells):
         own.pop("vtkOriginalPointIds", None)
         own.pop("vtkOriginalCellIds", None)
-    degrees, ghosts = on_cells.pop(_DEGREES, None), on_cells.pop(_GHOSTS, np.zeros((count, 1)))
-    weights = on_points.pop(_WEIGHTS, None)
+    ghosts = on_cells.pop(_GHOSTS, np.zeros((count, 1)))
+    degrees = on_cells.pop(_marked(data.GetCellData().GetHigherOrderDegrees(), _DEGREES), None)
+    weights = on_points.pop(_marked(data.GetPointData().GetRationalWeights(), _WEIGHTS), None)
     on_points.pop(_GHOSTS, None)
     return {
         "name": name,
@@ -213,3 +214,8 @@ def _time(data: Any) -> float | None:
         if array is not None and array.GetNumberOfTuples():
             return float(array.GetTuple1(0))
     return None
+
+
+def _marked(array: Any, usual: str) -> str:
+    """The name of the array that a file marks for a purpose; the usual one where it marks none."""
+    return usual if array is None else str(array.GetName())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from os.path import isfile
@@ -15,6 +15,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from elvis.core.arrays import Ints
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
@@ -237,7 +238,7 @@ class _Reader:
         metadata = {**self._mesh_metadata, **self._field_metadata}
         bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh))
         self._decode(bare)
-        return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=self._left_out(mesh))
+        return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=self._told(mesh, metadata))
 
     def parts(self, names: list[str]) -> DatasetParts:
         """All that was taken in, to be read by parts; FormatError where there is no mesh."""
@@ -247,8 +248,14 @@ class _Reader:
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
         self._decode(whole)
         fields = fields_input.without_values(self._sections, whole.mesh)
-        whole = replace(whole, fields=fields, remarks=self._left_out(whole.mesh))
+        whole = replace(whole, fields=fields, remarks=self._told(whole.mesh, metadata))
         return DatasetParts(raw, whole, self._sections, rules, self._remarks)
+
+    def _told(self, mesh: Mesh, metadata: Mapping[str, str]) -> tuple[str, ...]:
+        """What is to be said of the data: fields on elements that the mesh lacks, errors of an earlier conversion."""
+        errors = ConversionErrors.of(metadata)
+        lost = (f"the data were converted with {errors.sentence()}",) if errors else ()
+        return (*self._left_out(mesh), *lost)
 
     def _left_out(self, mesh: Mesh) -> tuple[str, ...]:
         """What is to be said of fields on elements that the mesh lacks."""

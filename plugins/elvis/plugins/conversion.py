@@ -122,11 +122,13 @@ class Boundary:
 
     vertices  arrays (n, k) of the source's vertex numbers, in any order, each for faces of k vertices
     sides     triples of a block's number, rows (n,) of elements in it, and the local face (n,) of each, as in `Shape`
+    number    by which the source calls it in addition, from 1; several boundaries of one name have several
     """
 
     name: str
     vertices: Sequence[Ints] = ()
     sides: Sequence[tuple[int, Ints, Ints]] = ()
+    number: int | None = None
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,9 @@ class Converter(ABC):
     blocks, fields, boundaries   the data; fields and boundaries may be empty
     time, metadata               of the dataset
     precision                    relative rounding of the source's numbers
+    errors                       by which the source itself is known to miss what it stands for, and the derivative of
+                                 this in space (infinite where it is not known): of the map, whose name is empty, and
+                                 of fields by name
     is_conforming                False where faces of elements meet parts of others (hanging nodes)
     mortars                      sides of elements that meet parts of others, as far as the source tells; those that it
                                  doesn't tell are found by place
@@ -206,6 +211,7 @@ class Converter(ABC):
     time: float | None = None
     metadata: Mapping[str, str] = {}
     precision: float = DOUBLE
+    errors: Mapping[str, tuple[float, float]] = {}
     is_conforming: bool = True
     mortars: Sequence[tuple[int, Ints, Ints]] = ()
     notes: Sequence[str] = ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -22,8 +23,9 @@ from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.curves import with_curves
 from elvis.plugins.projection.fitting import FieldFit, beyond, field_modes, fit_positions, mapped, padded
-from elvis.plugins.projection.placing import in_space, worse
+from elvis.plugins.projection.measuring import is_exact_map, measure
 from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance, fit_joined
+from elvis.plugins.projection.raising import added_to_field, added_to_map, raised
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given_topology, topology
@@ -37,6 +39,9 @@ PyramidChoice = Literal["exact", "native"]
 
 #: coefficients below this share of the largest are rounding
 _LOST = 1e-12
+
+#: the largest error is somewhat greater than the largest that is found, as it lies between points
+_BETWEEN = 1.25
 
 #: the highest order that is asked of a source; more is a slip
 HIGHEST = 30
@@ -74,12 +79,41 @@ class Conversion:
 
     blocks  how each element lies in the source's
     maps    the coordinates as fields, where the mesh file can't hold them
+    fields  of the source, with the orders at which they were converted
     """
 
     dataset: Dataset
     report: Report
     blocks: tuple[NativeBlock, ...]
     maps: tuple[FieldFit, ...] = ()
+    fields: tuple[SourceField, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """A conversion with the orders that a source tells.
+
+    fields    those that are converted
+    fitted    the same on the native blocks
+    maps      the coordinates as fields, where the mesh file can't hold them
+    straight  what was found of the map of the mesh file alone
+    findings  what was found of the data
+    """
+
+    source: Converter
+    plan: Topology
+    fields: Sequence[SourceField]
+    dataset: Dataset
+    blocks: list[NativeBlock]
+    fitted: list[FieldFit]
+    maps: list[FieldFit]
+    straight: Findings
+    findings: Findings
+
+    def report(self, files: Sequence[str]) -> Report:
+        """How far off everything is."""
+        has_map = bool(self.maps)
+        return _report(self.source, self.plan, self.findings, self.straight, self.fitted, has_map, files)
 
 
 def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
@@ -89,30 +123,18 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     ElvisError where the source can't be represented, or contradicts itself.
     """
     settings = settings or Settings()
-    fields = _choose_fields(source, settings.fields)
-    plan, sampler = _plan(source, fields, settings), Sampler(source)
-    mesh = plan.mesh if source.mesh is not None else _curve(sampler, plan)
-    projected = _project(sampler, mesh, plan, fields, settings)
-    blocks, fitted, findings = projected.blocks, projected.fields, projected.findings
-    straight = findings
-
-    # where the mesh file can't hold the map, it travels as fields
-    has_map = settings.geometry == "map" or (settings.geometry == "auto" and findings.exceeding)
-    maps = _maps(sampler, mesh, blocks) if has_map else []
-    dataset = _dataset(source, mesh, blocks, fields, [*fitted, *maps], has_map)
-    if has_map:
-        findings = check(sampler, Maps(dataset), blocks, (), source.precision)
-        findings.fields = straight.fields
-    if not _of_map(source, plan, findings).is_exact:
-        placed = in_space(sampler, dataset, blocks, fitted)
-        findings.fields = [worse(*pair) for pair in zip(findings.fields, placed, strict=True)]
-    interfaces = with_interfaces(dataset, plan.outline, source.precision, [plan.mortars])
+    attempt = _attempt(source, _choose_fields(source, settings.fields), settings)
+    for better in (_with_better_map, _with_better_fields):
+        higher = better(attempt, settings)
+        if higher is not None:
+            attempt = _attempt(*higher, settings)
+    interfaces = with_interfaces(attempt.dataset, attempt.plan.outline, source.precision, [attempt.plan.mortars])
     dataset, invalid = interfaces.dataset, folded(interfaces.dataset)
-    findings.inverted.append(invalid.wrong)
-    report = _report(source, plan, findings, straight, fitted, has_map, [Path(file).name for file in files])
+    attempt.findings.inverted.append(invalid.wrong)
+    report = attempt.report([Path(file).name for file in files])
     report = replace(report, warnings=(*report.warnings, *interfaces.warnings, *invalid.sentences()))
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
-    return Conversion(dataset, report, tuple(blocks), tuple(maps))
+    return Conversion(dataset, report, tuple(attempt.blocks), tuple(attempt.maps), tuple(attempt.fields))
 
 
 def convert_again(source: Converter, before: Conversion, quantities: Sequence[str] = ()) -> Dataset:
@@ -123,7 +145,9 @@ def convert_again(source: Converter, before: Conversion, quantities: Sequence[st
     Mesh and blocks are those of then, as is what the metadata say of errors: the error is not measured again.
     ElvisError where the fields can't be represented.
     """
-    mesh, blocks, fields = before.dataset.mesh, list(before.blocks), _choose_fields(source, None)
+    orders = {field.name: field for field in before.fields}
+    fields = [_at_order_of(field, orders.get(field.name)) for field in _choose_fields(source, None)]
+    mesh, blocks = before.dataset.mesh, list(before.blocks)
     wanted = _needed(source, before, fields, quantities) if quantities else fields
     fitted = fit_joined(Sampler(source), mesh, blocks, wanted)
     dataset = _dataset(source, mesh, blocks, fields, [*fitted, *before.maps], bool(before.maps))
@@ -131,10 +155,82 @@ def convert_again(source: Converter, before: Conversion, quantities: Sequence[st
     return on_mesh_of(before.dataset, dataset)
 
 
-def converted_object(source: Converter, name: str) -> Dataset:
+def _at_order_of(field: SourceField, before: SourceField | None) -> SourceField:
+    """A field at the order at which another state of it was converted."""
+    if before is None:
+        return field
+    return replace(field, order=before.order, is_polynomial=before.is_polynomial)
+
+
+def converted_object(source: Converter, name: str, settings: Settings | None = None) -> Dataset:
     """The dataset of a source that is no file; a remark calls it ``name`` and tells with what error it arrived."""
-    conversion = convert(source, files=(name,))
+    conversion = convert(source, settings, files=(name,))
     return replace(conversion.dataset, remarks=conversion.report.remarks())
+
+
+def _attempt(source: Converter, fields: Sequence[SourceField], settings: Settings) -> _Attempt:
+    """The data at the orders of the source, measured."""
+    plan, sampler = _plan(source, fields, settings), Sampler(source)
+    mesh = plan.mesh if source.mesh is not None else _curve(sampler, plan)
+    projected = _project(sampler, mesh, plan, fields, settings)
+    blocks, fitted, straight = projected.blocks, projected.fields, projected.findings
+
+    # where the mesh file can't hold the map, it travels as fields
+    has_map = settings.geometry == "map" or (settings.geometry == "auto" and straight.exceeding)
+    maps = _maps(sampler, mesh, blocks) if has_map else []
+    dataset = _dataset(source, mesh, blocks, fields, [*fitted, *maps], has_map)
+    first = straight
+    if has_map:
+        first = check(sampler, Maps(dataset), blocks, (), source.precision)
+        first.fields = straight.fields
+    findings = measure(sampler, Maps(dataset), blocks, fitted, first)
+    return _Attempt(source, plan, fields, dataset, blocks, fitted, maps, straight, findings)
+
+
+#: a source, and those of its fields that are converted
+_Choice = tuple[Converter, Sequence[SourceField]]
+
+
+def _with_better_map(attempt: _Attempt, settings: Settings) -> _Choice | None:
+    """The source with higher orders of a map that is not exact; None where nothing is gained, or allowed."""
+    source, findings = attempt.source, attempt.findings
+    if source.mesh is not None or settings.geometry == "curves" or is_exact_map(findings, source.precision):
+        return None
+    added = added_to_map(Sampler(source), attempt.blocks, findings.coordinates)
+    own = copy(source)
+    own.blocks = [raised(block, added) for block in source.blocks]
+    return (own, attempt.fields) if added else None
+
+
+def _with_better_fields(attempt: _Attempt, settings: Settings) -> _Choice | None:
+    """The source with higher orders of fields that are not exact; None where nothing is gained, or the user chose."""
+    if settings.order is not None or settings.tolerance is not None or settings.pyramids == "native":
+        return None
+    orders = _added_orders(attempt, Sampler(attempt.source))
+    if not any(orders.values()):
+        return None
+    return attempt.source, [_with_more(field, orders.get(field.name, 0)) for field in attempt.fields]
+
+
+def _added_orders(attempt: _Attempt, sampler: Sampler) -> dict[str, int]:
+    """How many orders are added to each field that is not exact."""
+    found: dict[str, int] = {}
+    exact = {own.name: own.is_exact for own in attempt.report(()).fields}
+    for fit, tally in zip(attempt.fitted, attempt.findings.fields, strict=True):
+        if not exact[fit.field.name]:
+            added = added_to_field(sampler, attempt.blocks, fit.field, tally)
+            found[fit.field.name] = max(added, found.get(fit.field.name, 0))
+    return found
+
+
+def _with_more(field: SourceField, added: int) -> SourceField:
+    """A field that is fitted with more orders."""
+    if not added:
+        return field
+    if isinstance(field.order, int):
+        return replace(field, order=field.order + added, is_polynomial=False)
+    orders = [None if order is None else order + added for order in field.order]
+    return replace(field, order=orders, is_polynomial=False)
 
 
 def _needed(
@@ -324,7 +420,7 @@ def _report(
         _of_map(source, plan, findings),
         straight.deviation,
         has_map,
-        tuple(_of_fields(fitted, findings.fields, source.precision)),
+        tuple(_of_fields(fitted, findings.fields, source)),
         listed,
         (*source.notes, *_notes(source, plan, fitted)),
         (*source.warnings, *source.declared.check(source), *plan.notes),
@@ -336,10 +432,10 @@ def _of_map(source: Converter, plan: Topology, findings: Findings) -> Measure:
     diagonal = float(np.sqrt((np.ptp(findings.box, axis=0) ** 2).sum()))
     magnitude = float(np.abs(findings.box).max(initial=0))
     order = max(block.source.order for block in plan.blocks)
-    return _measure("coordinates", order, findings.coordinates, diagonal, magnitude, source.precision, None)
+    return _measure("coordinates", order, findings.coordinates, diagonal, magnitude, source)
 
 
-def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], precision: float) -> Iterator[Measure]:
+def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], source: Converter) -> Iterator[Measure]:
     """How far off the fields are; where one has several planes, the worst of their coefficients."""
     pairs = zip(fitted, tallies, strict=True)
     for name, group in groupby(pairs, lambda pair: pair[0].field.name):
@@ -349,24 +445,33 @@ def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], precision: 
         magnitude = max(abs(tally.low), abs(tally.high)) if np.isfinite(spread) else 0.0
         order = max((n for each in planes for n in each.modes), default=1) - 1
         is_continuous = all(each.is_continuous for each in planes)
-        yield _measure(name, order, tally, spread, magnitude, precision, is_continuous)
+        yield _measure(name, order, tally, spread, magnitude, source, is_continuous)
 
 
 def _measure(
-    name: str, order: int, tally: Tally, spread: float, magnitude: float, precision: float, continuous: bool | None
+    name: str,
+    order: int,
+    tally: Tally,
+    spread: float,
+    magnitude: float,
+    source: Converter,
+    continuous: bool | None = None,
 ) -> Measure:
-    exact = is_rounding(tally.worst, spread, magnitude, precision)
+    """The error of coordinates or a field; that of the source itself adds to what was found."""
+    before, before_slope = source.errors.get(name if continuous is not None else "", (0.0, 0.0))
+    exact = is_rounding(tally.worst + before, spread, magnitude, source.precision)
     return Measure(
         name,
         order,
-        max=tally.worst,
+        max=before + tally.worst * (1.0 if exact else _BETWEEN),
         l2=float(np.sqrt(tally.square)),
         range=spread if np.isfinite(spread) else 0.0,
         magnitude=magnitude,
-        precision=precision,
+        precision=source.precision,
         element=tally.element,
         is_exact=exact,
         is_continuous=continuous,
+        slope=before_slope + tally.slope * _BETWEEN,
     )
 
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from elvis.core.conversion_errors import REPORT
 from elvis.core.relative import error_limit, scale
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
 
-#: keys of the metadata of what was converted
-CONVERTED, REPORT = "ConvertedFrom", "ConversionReport"
+#: key of the metadata of what was converted
+CONVERTED = "ConvertedFrom"
 #: what may be the matter with elements
 LISTED = ("inverted", "degenerate", "detached", "not finite")
 #: ids of elements in a sentence
@@ -35,6 +36,7 @@ class Measure:
     element     id of the element in the file where the difference is largest, -1 where there is none
     is_exact    whether the difference is rounding
     is_continuous  whether elements that share a face hold the same values there; None for the coordinates
+    slope       the largest derivative of the difference in space, infinite where it is not known
     """
 
     name: str
@@ -47,6 +49,7 @@ class Measure:
     element: int
     is_exact: bool
     is_continuous: bool | None = None
+    slope: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -74,6 +77,8 @@ class Measure:
             "range": _finite(self.range),
             "element": self.element,
         }
+        if not self.is_exact:
+            facts["slope"] = _finite(self.slope)
         return facts if self.is_continuous is None else {**facts, "continuous": self.is_continuous}
 
 

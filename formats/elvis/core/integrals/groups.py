@@ -46,6 +46,7 @@ class Sums:
     is_exact   (k,)  whether all rules are exact, so that the error is that of rounding alone
     is_bound   (k,)  whether the error is a bound, derived over whole boxes; else it is an estimate
     places     where an expression has no value, or another dataset has nothing, by the expression's number
+    converted  (k,)  by which they may differ from those of the source of converted data, not part of ``error``
     """
 
     value: Floats
@@ -57,13 +58,15 @@ class Sums:
     is_exact: Bools
     is_bound: Bools
     places: dict[int, Floats] = field(default_factory=dict)
+    converted: Floats = field(default_factory=lambda: np.zeros(1))
 
     @staticmethod
     def none(count: int) -> Sums:
         """Integrals over nothing."""
         value, error, rounding, magnitude, measure, beyond = np.zeros((6, count))
         every = np.ones(count, bool)
-        return Sums(value, error, rounding, magnitude, measure, beyond, every, every.copy())
+        converted = np.zeros(count)
+        return Sums(value, error, rounding, magnitude, measure, beyond, every, every.copy(), converted=converted)
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(
@@ -76,6 +79,7 @@ class Sums:
             self.is_exact & other.is_exact,
             self.is_bound & other.is_bound,
             {**other.places, **self.places},
+            self.converted + other.converted,
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
@@ -12,12 +12,13 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.integrals.coefficients import Coefficients
+from elvis.core.integrals.conversion import ConversionTerms
 from elvis.core.integrals.curves import KINDS, Curve
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.integrals.refinement import Summation
-from elvis.core.integrals.targets import DOMAIN, ELEMENT, Places, Targets, has_outer_boundaries, overlap
+from elvis.core.integrals.targets import DOMAIN, ELEMENT, Part, Places, Targets, has_outer_boundaries, overlap
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
@@ -39,7 +40,7 @@ class Integral:
     over       what it goes over
     integrand  what is integrated
     value      NaN where the integrand has none somewhere
-    error      by which the value may differ from the truth
+    error      by which the value may differ from the truth, errors of a conversion included
     measure    length, area or volume of what it goes over, as far as all fields are there
     exact      whether the rule is exact for the integrand, so that the error is that of rounding
     kind       of the error: ``exact`` for rounding, ``bound`` if derived over whole elements, ``estimate`` if rules are
@@ -217,10 +218,11 @@ def integrate(
     expressions = [each.expression for each in wanted]
     summation = Summation(dataset, evaluator, expressions, error, (), None, progress, reached, best_effort)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
-    rows = list(_sums(targets, places, wanted, summation, ranks, task))
+    terms = ConversionTerms(dataset, evaluator, expressions)
+    rows = list(_sums(targets, places, wanted, (summation, terms), ranks, task))
     is_finished = not any(ranks.exchange(summation.is_unfinished, "finished")) if best_effort else True
     found = [each for name, sums in rows for each in _rows(name, wanted, sums, is_finished)]
-    return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error)])
+    return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error), *_lost(rows, wanted, terms)])
 
 
 def _span(dataset: Dataset) -> list[Expression]:
@@ -233,7 +235,7 @@ def _sums(
     targets: Targets,
     places: Places,
     wanted: Sequence[Integrand],
-    summation: Summation,
+    work: tuple[Summation, ConversionTerms],
     ranks: Ranks,
     task: str,
 ) -> Iterator[tuple[str, Sums]]:
@@ -244,7 +246,8 @@ def _sums(
             integrand.check(target.name, target.pieces)
     (is_own,) = places.somewhere([targets.total is not None and overlap(targets.rows, targets.total)])
     taken = every if is_own else targets.rows
-    own = [summation.over(places.shared(target.pieces, ranks)) for target in taken]
+    summation, terms = work
+    own = [_with_terms(places.shared(target.pieces, ranks), summation, terms) for target in taken]
     parts = ranks.gather(own, task)
     if parts:
         sums = [sum(some, Sums.none(len(wanted))) for some in zip(*parts, strict=True)]
@@ -253,14 +256,22 @@ def _sums(
         yield from zip((target.name for target in every), sums, strict=True)
 
 
+def _with_terms(pieces: Sequence[Part], summation: Summation, terms: ConversionTerms) -> Sums:
+    """The integrals over pieces, with what a conversion may have lost of them."""
+    return replace(summation.over(pieces), converted=terms.over(pieces))
+
+
 def _rows(name: str, wanted: Sequence[Integrand], sums: Sums, is_finished: bool) -> Iterator[Integral]:
     for number, each in enumerate(wanted):
         value, error, measure = (float(column[number]) for column in (sums.value, sums.error, sums.measure))
+        lost = float(sums.converted[number])
+        error += lost if np.isfinite(lost) else 0.0
         if each.is_average:
             value, error = (value / measure, error / measure) if measure else (np.nan, np.nan)
-        exact = bool(sums.is_exact[number])
-        kind = EXACT if exact else BOUND if sums.is_bound[number] else ESTIMATE
-        yield Integral(name, each.text, value, error, measure, exact, kind, exact or is_finished)
+        # errors of conversions are measured at points, so that what includes them is an estimate
+        exact = bool(sums.is_exact[number]) and not lost
+        kind = EXACT if exact else BOUND if sums.is_bound[number] and not lost else ESTIMATE
+        yield Integral(name, each.text, value, error, measure, exact, kind, bool(sums.is_exact[number]) or is_finished)
 
 
 def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
@@ -268,6 +279,14 @@ def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
     forces = [each.text for each in wanted if each.text.startswith(("force_", "moment_")) and not each.expression.order]
     if forces:
         yield f"no viscosity is known, so {', '.join(forces)} are of the pressure alone; write force(mu=…)"
+
+
+def _lost(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], terms: ConversionTerms) -> Iterator[str]:
+    """A sentence on integrals whose errors don't include those of the conversion of the data."""
+    numbers = [number for _, sums in rows for number in np.flatnonzero(np.isinf(sums.converted)).tolist()]
+    if numbers:
+        texts = ", ".join(dict.fromkeys(wanted[number].text for number in numbers))
+        yield f"the errors of {texts} do not include those of the conversion: {terms.errors.sentence()}"
 
 
 def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], error: float) -> Iterator[str]:

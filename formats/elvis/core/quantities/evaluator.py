@@ -47,7 +47,7 @@ class Evaluator:
 
     def values_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:
         """(n,) values of some of its expressions at points, or one number; NaN where there is no value."""
-        leaf = cache(_leaves(self.names, self.attributes, places))
+        leaf = self.leaves_at(places)
         return (_folded(expression, leaf) for expression in expressions)
 
     def sizes_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:
@@ -66,6 +66,10 @@ class Evaluator:
 
         with np.errstate(all="ignore"):
             yield from (fold(expression.root, sized, _sized)[1] for expression in expressions)
+
+    def leaves_at(self, places: ElementPoints) -> Callable[[Node], Floats | float]:
+        """What the leaves of its expressions are at points: (n,) values, or one number."""
+        return cache(_leaves(self.names, self.attributes, places))
 
     def at(self, expression: Expression, element_ids: Ints, reference: Floats) -> Floats:
         """(n,) values in elements with these ids (n,) at reference points (n, 3); those of the element come first."""

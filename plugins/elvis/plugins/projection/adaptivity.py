@@ -111,7 +111,7 @@ def _needed(
         good = np.ones(len(left), bool)
         for field, bound in zip(fields, bounds, strict=True):
             if field.is_on(block.number):
-                good &= _errors(sampler, part, field) <= _SHARE * bound
+                good &= errors_of(sampler, part, field) <= _SHARE * bound
         modes[left[good]] = order + 1
         left = left[~good]
         if not len(left):
@@ -131,7 +131,7 @@ def _last_order(block: NativeBlock, field: SourceField) -> int:
     return max(1, order if held else order + _BEYOND)
 
 
-def _errors(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:
+def errors_of(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:
     """(n,) largest difference on each element; values that are not finite make none."""
     assert block.modes is not None
     which, own = operator(block, field, block.modes), check_points(block.shape, _INSIDE, block.is_collapsed)

@@ -85,11 +85,17 @@ class NativeBlock:
         own = np.asarray(np.linalg.solve(matrix, (own - offset).T).T, np.float64)
         return collapse(Shape.PYRAMID, own) if self.is_collapsed else own
 
-    def batches(self, size: int) -> Iterator[tuple[int, slice | Ints]]:
-        """Rows of this block, of one vertex order and ``size`` at most, with the number of the order."""
+    def batches(self, size: int, only: Ints | None = None) -> Iterator[tuple[int, slice | Ints]]:
+        """Rows of this block, of one vertex order and ``size`` at most, with the number of the order.
+
+        only  ids of the elements that are meant; None for all
+        """
         size, numbers = max(1, size), np.unique(self.order).tolist()
+        is_meant = None if only is None else np.isin(self.ids, only)
         for number in numbers:
             own = np.flatnonzero(self.order == number) if len(numbers) > 1 else None
+            if is_meant is not None:
+                own = np.flatnonzero(is_meant & (self.order == number))
             for start in range(0, len(self) if own is None else len(own), size):
                 yield number, slice(start, min(start + size, len(self))) if own is None else own[start : start + size]
 

@@ -13,6 +13,9 @@ from elvis.core.shapes import Shape
 #: points inside, in all and at least and at most an element
 _IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000
 
+#: how near to a vertex, as a share of the way to a point inside, the field is looked at
+_NEAR_VERTEX = (1e-3, 3e-2)
+
 #: how far below the apex of a pyramid its field is looked at
 _BELOW_APEX = 1e-2
 
@@ -24,7 +27,8 @@ def inside_count(elements: int) -> int:
 
 @bounded_cache
 def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Floats:
-    """(n, d) reference points: ``inside`` evenly distributed ones first, then half as many on faces, then the vertices.
+    """(n, d) reference points: ``inside`` evenly distributed ones first, then half as many on faces, then some on the
+    edges of solids, points near the vertices, and the vertices.
 
     The same ones every time.  In hexahedra that stand for pyramids (``is_collapsed``) none lies on the upper face, for
     a field with jumps has as many values at an apex as there are directions to come from.
@@ -37,10 +41,25 @@ def check_points(shape: Shape, inside: int, is_collapsed: bool = False) -> Float
         corners = shape.vertices[list(local)]
         axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
         points.append(corners[0] + t @ (axes - corners[0]))
+    if shape.dimension == 3:
+        points += [_on_edge(shape.vertices[list(ends)], rng) for ends in shape.edges]
+    points += [_near(vertex, points[0], rng) for vertex in shape.vertices]
     own = np.concatenate([*points, shape.vertices])
     if is_collapsed:
         own[:, 2] = np.minimum(own[:, 2], 1 - _BELOW_APEX)
     return frozen_floats(own)
+
+
+def _on_edge(ends: Floats, rng: np.random.Generator) -> Floats:
+    """(1, d) a point on an edge from its ends (2, d)."""
+    t = rng.random()
+    return np.asarray((1 - t) * ends[:1] + t * ends[1:])
+
+
+def _near(vertex: Floats, inside: Floats, rng: np.random.Generator) -> Floats:
+    """(2, d) points near a vertex (d,), on the ways to two of those inside (n, d)."""
+    targets = inside[rng.integers(len(inside), size=2)]
+    return np.asarray(vertex + np.array(_NEAR_VERTEX)[:, None] * (targets - vertex))
 
 
 def _scatter(shape: Shape, count: int, rng: np.random.Generator) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
@@ -47,39 +48,40 @@ def composites(
     vertices  of each block's elements as the source has them, (n, v) in its local order, to tell which sides are outer
     numbers   (n_vertices,) the source's number of each vertex of the mesh
     """
-    domain: list[Composite] = []
-    for shape, name, ids in _regions(blocks):
-        domain.append(Composite(len(domain), ((shape.tag, frozen_ints(ids)),), name))
+    # the source's own numbers of boundaries are the ids of their composites, all others get what is left
+    own = {boundary.number for boundary in source.boundaries if boundary.number is not None}
+    free = (number for number in count() if number not in own)
+    domain = [Composite(next(free), ((shape.tag, frozen_ints(ids)),), name) for shape, name, ids in _regions(blocks)]
 
     # the boundaries that the source names
     notes: list[str] = []
-    boundaries: list[tuple[str, Ints]] = []
+    boundaries: list[tuple[str, Ints, int | None]] = []
     known = Sides(mesh, numbers)
     for boundary in source.boundaries:
         rows, lost = _boundary_rows(boundary, mesh, blocks, known)
         if lost:
             notes.append(f"{lost} entries of the boundary {boundary.name!r} are sides of no element")
-        boundaries.append((boundary.name, rows))
+        boundaries.append((boundary.name, rows, boundary.number))
 
     # outer sides that none of them has make one more
-    named = _concatenate([rows for _, rows in boundaries])
+    named = _concatenate([rows for _, rows, _ in boundaries])
     outer = _concatenate(
         [_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in _outer_sides(blocks, vertices)]
     )
     periodic = known.repeated(outer)
     unnamed = np.setdiff1d(np.setdiff1d(outer, named), periodic)
-    boundaries += [(PERIODIC, periodic), (OUTER, unnamed)]
+    boundaries += [(PERIODIC, periodic, None), (OUTER, unnamed, None)]
 
     tag = _TAGS[mesh.dimension]
     every = list(domain)
     for shape, name, ids in _other_regions(blocks):
-        every.append(Composite(len(every), ((shape.tag, frozen_ints(ids)),), name))
-    for name, rows in boundaries:
+        every.append(Composite(next(free), ((shape.tag, frozen_ints(ids)),), name))
+    for name, rows, number in boundaries:
         if len(rows):
-            every.append(Composite(len(every), ((tag, frozen_ints(rows)),), name))
+            every.append(Composite(next(free) if number is None else number, ((tag, frozen_ints(rows)),), name))
     mortars = _concatenate([_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in source.mortars])
     outline = OUTER if len(unnamed) else None
-    return Naming(tuple(every), tuple(range(len(domain))), tuple(notes), outline, mortars)
+    return Naming(tuple(every), tuple(each.id for each in domain), tuple(notes), outline, mortars)
 
 
 def _concatenate(rows: Sequence[Ints]) -> Ints:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
 from elvis.core.mapping.tangents import determinants, duals
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.terminal import track
@@ -20,18 +19,26 @@ from elvis.plugins.projection.verification import VOLUMES, Maps, Tally
 
 
 def in_space(
-    sampler: Sampler, dataset: Dataset, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit]
+    sampler: Sampler,
+    maps: Maps,
+    blocks: Sequence[NativeBlock],
+    fitted: Sequence[FieldFit],
+    only: Ints | None = None,
+    inside: int | None = None,
 ) -> list[Tally]:
     """For each field, its differences to the source at the same places in space.
+
+    only    ids of the elements to look at; None for all
+    inside  points inside of each; None for as many as there is time for
 
     Where the map is off by x - x_h at reference coordinates xi, the place x has the coordinates xi + J^-1 (x - x_h) in
     the converted element, to first order; there the field is taken, along its gradient.
     """
-    maps, tallies = Maps(dataset), [Tally() for _ in fitted]
-    inside = inside_count(sum(map(len, blocks)))
+    tallies = [Tally() for _ in fitted]
+    inside = inside or inside_count(sum(map(len, blocks)))
     for i, block in track(list(enumerate(blocks)), "checking places"):
         own = check_points(block.shape, inside, block.is_collapsed)
-        for rows, points in sampler.batches(block, own):
+        for rows, points in sampler.batches(block, own, only=only):
             shifts, jacobians = _shifts(maps, block.ids[rows], own, sampler.positions(block, rows, points))
             weights = jacobians[:, :inside] * (VOLUMES[block.shape] / inside)
             for tally, each in zip(tallies, fitted, strict=True):

@@ -22,13 +22,16 @@ class Sampler:
         self.source = source
         self._last: tuple[NativeBlock, slice | Ints, Elements] | None = None
 
-    def batches(self, block: NativeBlock, points: Floats, size: int = BATCH) -> Iterator[tuple[slice | Ints, Floats]]:
+    def batches(
+        self, block: NativeBlock, points: Floats, size: int = BATCH, only: Ints | None = None
+    ) -> Iterator[tuple[slice | Ints, Floats]]:
         """Rows of the block in batches, each with the source's points for native ``points`` (n, d).
 
         size  numbers in an array of samples of one field
+        only  ids of the elements that are meant; None for all
         """
         cache: dict[int, Floats] = {}
-        for order, part in block.batches(size // max(1, len(points))):
+        for order, part in block.batches(size // max(1, len(points)), only):
             if order not in cache:
                 cache[order] = np.ascontiguousarray(block.points(order, points))
             yield part, cache[order]

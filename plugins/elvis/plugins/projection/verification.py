@@ -38,6 +38,9 @@ _DEVIATION = 1e-11
 #: numbers in an array of samples: several batches are held at once
 _BATCH = BATCH // 4
 
+#: how many of the elements with the largest differences a tally remembers
+_LEADERS = 16
+
 #: Jacobians below this share of an element's size to the power d are zero
 _FLAT = 1e-12
 
@@ -51,6 +54,8 @@ class Tally:
     low, high  of the source's values
     broken   ids of elements where the source's values are not finite
     bound    and ids of the elements where the difference is ``beyond`` it
+    leaders  (k,) ids of the elements with the largest differences, and these (k,)
+    slope    the largest derivative of the difference in space, as far as it was looked for
     """
 
     worst: float = 0.0
@@ -61,6 +66,8 @@ class Tally:
     broken: list[Ints] = field(default_factory=list)
     bound: float = np.inf
     beyond: list[Ints] = field(default_factory=list)
+    leaders: tuple[Ints, Floats] = (np.empty(0, np.int64), np.empty(0))
+    slope: float = 0.0
 
     def add(self, ids: Ints, differences: Floats, weights: Floats, values: Floats) -> None:
         """Take in differences (k, n) with weights (k, i), of which the first i points count in the integral."""
@@ -75,6 +82,7 @@ class Tally:
         if most[first] > self.worst or self.element < 0:
             self.worst, self.element = float(most[first]), int(ids[first])
         self.beyond.append(ids[most > self.bound])
+        self._lead(ids, most)
         self.square += float((weights * differences[:, : weights.shape[1]] ** 2).sum())
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
@@ -86,6 +94,23 @@ class Tally:
         self.low, self.high = min(self.low, other.low), max(self.high, other.high)
         self.broken += other.broken
         self.beyond += other.beyond
+        self._lead(*other.leaders)
+
+    def sharpen(self, other: Tally) -> None:
+        """Take in the worst difference and the range of what was found at more points of the same elements."""
+        if other.worst > self.worst:
+            self.worst, self.element = other.worst, other.element
+        self.low, self.high = min(self.low, other.low), max(self.high, other.high)
+
+    def steepen(self, slopes: Floats) -> None:
+        """Take in derivatives of the difference; those that are no numbers count for nothing."""
+        self.slope = max(self.slope, float(slopes[np.isfinite(slopes)].max(initial=0.0)))
+
+    def _lead(self, ids: Ints, most: Floats) -> None:
+        """Remember those of elements, with their differences, that are among the largest."""
+        all_ids, all_most = np.concatenate([self.leaders[0], ids]), np.concatenate([self.leaders[1], most])
+        first = np.argsort(-all_most, kind="stable")[:_LEADERS]
+        self.leaders = all_ids[first], all_most[first]
 
 
 def joint(tallies: Sequence[Tally]) -> Tally:
@@ -93,7 +118,8 @@ def joint(tallies: Sequence[Tally]) -> Tally:
     worst = max(tallies, key=lambda each: each.worst)
     low, high = min(each.low for each in tallies), max(each.high for each in tallies)
     broken = [ids for each in tallies for ids in each.broken]
-    return Tally(worst.worst, worst.element, sum(each.square for each in tallies), low, high, broken)
+    slope = max(each.slope for each in tallies)
+    return Tally(worst.worst, worst.element, sum(each.square for each in tallies), low, high, broken, slope=slope)
 
 
 @dataclass(eq=False)
@@ -235,19 +261,25 @@ def check(
     fitted: Sequence[FieldFit],
     precision: float,
     bounds: Sequence[float] = (),
+    only: Ints | None = None,
+    inside: int | None = None,
 ) -> Findings:
     """Compare the map of a dataset, and the fields, with the source.
 
     precision  relative rounding of the source's coordinates
     bounds     for each field, the error beyond which elements are listed
+    only       ids of the elements to look at; None for all
+    inside     points inside of each; None for as many as there is time for
 
     The source is asked in the calling thread alone; others compare meanwhile, and what they find is added up in order.
     """
     limits = [*bounds, *[np.inf] * (len(fitted) - len(bounds))]
-    inside = inside_count(sum(map(len, blocks)))
+    inside = inside or inside_count(sum(map(len, blocks)))
     work = _Check(maps, blocks, fitted, inside, limits, precision)
     parts = [
-        (i, *part) for i, block in enumerate(blocks) for part in sampler.batches(block, work.points(block), _BATCH)
+        (i, *part)
+        for i, block in enumerate(blocks)
+        for part in sampler.batches(block, work.points(block), _BATCH, only)
     ]
     jobs = (partial(work.compare, part[0], work.sample(sampler, *part)) for part in parts)
     findings = Findings.none(limits)

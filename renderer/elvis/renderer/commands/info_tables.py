@@ -32,9 +32,10 @@ def print_opened(facts: Facts) -> None:
 
 def print_facts(facts: Facts, many: int | None) -> None:
     """Print the facts as tables, lists of more than ``many`` cut with a word."""
+    from elvis.core.conversion_errors import REPORT
     from elvis.core.dataset import MAP_KEY
     from elvis.core.terminal import print_table
-    from elvis.plugins.report import CONVERTED, REPORT, RecordedReport
+    from elvis.plugins.report import CONVERTED, RecordedReport
 
     maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
     fields = [_field_row(field) for field in facts["fields"]]

@@ -1,0 +1,77 @@
+"""What a conversion lost, as the metadata of converted data tell it: errors that add to whatever is computed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import inf, isfinite
+from typing import Any
+
+#: key of the metadata under which the report of a conversion stands
+REPORT = "ConversionReport"
+
+
+@dataclass(frozen=True)
+class Loss:
+    """By how much a quantity differs from that of the source, at most as far as was measured.
+
+    value     of the quantity itself
+    slope     of its derivative in space; infinite where that is not known
+    relative  the first as a share of the range, or of the mesh's diagonal
+    """
+
+    value: float = 0.0
+    slope: float = 0.0
+    relative: float = 0.0
+
+
+@dataclass(frozen=True)
+class ConversionErrors:
+    """The errors of converted data that are more than rounding.
+
+    place   of the coordinates; its slope is the share by which lengths are wrong
+    fields  by name; exact ones are not there
+    """
+
+    place: Loss = field(default_factory=Loss)
+    fields: Mapping[str, Loss] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, metadata: Mapping[str, str]) -> ConversionErrors:
+        """Those that the metadata of a dataset tell; none where they tell nothing that can be read."""
+        return _parsed(metadata[REPORT]) if REPORT in metadata else cls()
+
+    def __bool__(self) -> bool:
+        return bool(self.fields) or self.place.value > 0
+
+    def sentence(self) -> str:
+        """How large the errors are."""
+        named = [("coordinates", self.place)] if self.place.value else []
+        named += sorted(self.fields.items(), key=lambda item: -item[1].relative)[:1]
+        told = " and ".join(f"{loss.relative:.2g} in {name}" for name, loss in named)
+        return f"errors of up to {told}, in parts of its range"
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> ConversionErrors:
+    """The errors in a report, which anybody may have written."""
+    try:
+        facts = json.loads(text)
+        fields = {str(name): _loss(own) for name, own in facts.get("fields", {}).items() if not own["exact"]}
+        place = Loss() if facts["geometry"]["exact"] else _loss(facts["geometry"])
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        return ConversionErrors()
+    return ConversionErrors(place, fields)
+
+
+def _loss(facts: Mapping[str, Any]) -> Loss:
+    value, slope, relative = (_number(facts.get(key)) for key in ("max", "slope", "relative"))
+    return Loss(value, slope, relative)
+
+
+def _number(value: Any) -> float:
+    """A number that is not negative; infinite where there is none."""
+    found = inf if value is None else float(value)
+    return found if isfinite(found) and found >= 0 else inf
