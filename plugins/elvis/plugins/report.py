@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from elvis.core.conversion_errors import REPORT
+from elvis.core import conversion_errors
 from elvis.core.relative import error_limit, scale
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
 
-#: key of the metadata of what was converted
+#: keys of the metadata of what was converted, and with which errors
 CONVERTED = "ConvertedFrom"
+REPORT = conversion_errors.REPORT
 #: what may be the matter with elements
 LISTED = ("inverted", "degenerate", "detached", "not finite")
 #: ids of elements in a sentence
