@@ -93,6 +93,27 @@ bcnames
 
 endmesh
 """
+#: a triangle in MFEM's own text
+PLAIN = """MFEM mesh v1.0
+
+dimension
+2
+
+elements
+1
+1 2 0 1 2
+
+boundary
+1
+1 1 0 1
+
+vertices
+3
+2
+0 0
+1 0
+0 1
+"""
 ROWS = ["2 1 0 0 3 1 2 5", "2 1 0 0 3 2 3 5", "2 1 0 0 3 3 4 5", "2 1 0 0 3 4 1 5"]
 
 
@@ -175,3 +196,18 @@ def test_boundaries_of_one_name_are_told_apart_by_number(tmp_path):
         found = tuple(row.value for row in integrate(dataset, ["length", "y"], name))
         assert found == pytest.approx(values, abs=1e-13)
     assert "boundary2" not in [composite.name for composite in dataset.mesh.composites]
+
+
+def test_elements_that_the_library_drops_are_missed(tmp_path, monkeypatch):
+    """Counts that a file declares are compared with what arrives."""
+    pytest.importorskip("ngsolve")
+    pytest.importorskip("mfem.ser")
+    names = "\n".join(f"{i} default" for i in range(1, 5))
+    (tmp_path / "m.vol").write_text(VOL.format(rows="\n".join(ROWS), names=names))
+    (tmp_path / "p.mesh").write_text(PLAIN)
+    for path, counter in (("m.vol", "ngsolve_files._declared"), ("p.mesh", "mfem.declared_elements")):
+        monkeypatch.setattr(f"elvis.converters.{counter}", lambda *_: 7)
+        with pytest.raises(FormatError, match="expected 7 elements, as the files declare, found"):
+            read(tmp_path / path, cache=False)
+        monkeypatch.undo()
+        assert len(read(tmp_path / path, cache=False).mesh.elements)

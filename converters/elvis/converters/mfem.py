@@ -20,6 +20,7 @@ from elvis.converters.mfem_files import (
     building_seconds,
     check_mesh,
     check_space,
+    declared_elements,
     header,
     is_field,
     is_mesh,
@@ -35,6 +36,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, component_names
 from elvis.plugins.projection.vertices import clusters
 
@@ -112,6 +114,9 @@ class Mfem(NodalConverter):
             parts = [_Part(number, piece, Path(folder), library) for number, piece in enumerate(found)]
         self.is_conforming = all(part.is_conforming for part in parts)
         self.precision = max(part.precision for part in parts)
+        counts = [declared_elements(piece.mesh.text) for piece in found]
+        stated = [count for count in counts if count is not None]
+        self.declared = Declared(sum(stated) if len(stated) == len(counts) else None)
         vertices = _numbered([part.vertices for part in parts])
         self.blocks, values, first = [], [], 0
         for part, numbers in zip(parts, vertices, strict=True):

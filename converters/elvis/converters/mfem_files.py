@@ -151,6 +151,12 @@ def building_seconds(text: str) -> int:
     return min(_LONGEST, max(orders, default=0) ** 9 // _PER_SECOND)
 
 
+def declared_elements(text: str) -> int | None:
+    """The number of elements that a mesh declares; None for other forms than the plain one."""
+    words = _words(text, "elements") if text.startswith("MFEM mesh") else []
+    return int(words[0]) if words and is_count(words[0]) else None
+
+
 def check_space(path: Path, space: int, dimension: int) -> None:
     """FormatError where elements of this dimension have vertices with fewer coordinates, or with more than three."""
     if not dimension <= space <= 3:

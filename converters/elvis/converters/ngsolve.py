@@ -27,6 +27,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.plain import leading
 from elvis.plugins.conversion import Boundary, Elements, Option, PyramidSpace, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, order_of_space
 
 _HIGHEST, _HEAD = 30, 4096
@@ -125,6 +126,8 @@ class NGSolve(NodalConverter):
                 "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
             ]
         self.time = self._time()
+        declared = int(self._data.get("declared", -1))
+        self.declared = Declared(declared if declared >= 0 else None)
 
     def _orders_of(self, name: str) -> Ints:
         orders = np.asarray(self._array(name)).reshape(-1)

@@ -120,7 +120,8 @@ def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], P
     fields = {_name(meshes[0], path): (str(path), *own) for path, own in named}
     size = len(text) + sum(path.stat().st_size for path in functions)
     reader = Reader(meshes[0], fields, size)
-    return {**reader.data, "notes": np.array(notes, dtype="U")}, meshes[0], reader
+    declared = np.array(_declared(meshes[0], text))
+    return {**reader.data, "notes": np.array(notes, dtype="U"), "declared": declared}, meshes[0], reader
 
 
 @contextmanager
@@ -168,6 +169,16 @@ def _check(path: Path, text: str) -> list[str]:
             _check_elements(path, section, _rows(section, lines[at:], number, column), column, count)
     has_end = any(line.strip() == "endmesh" for line in lines)
     return [] if has_end else [_unended(path, text, starts)]
+
+
+def _declared(path: Path, text: str) -> int:
+    """The number of elements of the mesh's dimension that a file declares; -1 for meshes of lines."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    starts = {line.strip(): at for at, line in enumerate(lines) if line[0].isalpha()}
+    if "volumeelements" in starts and _count(path, lines, starts, "volumeelements"):
+        return _count(path, lines, starts, "volumeelements")
+    found = [_count(path, lines, starts, name) for name in _ELEMENTS if name in starts and name != "volumeelements"]
+    return sum(found) or -1
 
 
 def _text(path: Path) -> str:
