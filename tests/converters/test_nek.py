@@ -8,8 +8,9 @@ from archives import arrays_of
 
 from elvis.converters.nek import Nek
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import lobatto
-from elvis.formats import open_series
+from elvis.formats import integrate, open_series
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -216,3 +217,20 @@ def test_element_maps_of_any_kind(tmp_path, kind):
     places[:, :2] = x[:, :, 5]
     wanted = polynomial(places[:, :2, None])["P"].reshape(-1)
     assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-11
+
+
+def test_periodic_sides_are_no_outer_boundary(tmp_path):
+    x = lattice((2, 1, 1), 4)
+    field, mesh = write(tmp_path / "a0.f00001", x, polynomial(x)), tmp_path / "a.re2"
+    head, tag = b"#v003        2  3        2 this is the hdr".ljust(80), np.array([6.54321], "<f4").tobytes()
+    sides = [(1, 4, b"P"), (2, 2, b"P"), *((element, side, b"W") for element in (1, 2) for side in (1, 3, 5, 6))]
+    rows = b"".join(
+        np.array([element, side, *[0] * 5], "<f8").tobytes() + code.ljust(8) for element, side, code in sides
+    )
+    counts = [np.array([0.0], "<f8").tobytes(), np.array([len(sides)], "<f8").tobytes()]
+    mesh.write_bytes(head + tag + np.zeros(2 * 25).tobytes() + b"".join(counts) + rows)
+    dataset = convert(Nek([field, mesh])).dataset
+    counts = {c.name: len(c.parts[0][1]) for c in dataset.mesh.composites[1:]}
+    assert counts == {"W": 8, PERIODIC: 2}
+    outer, walls = (integrate(dataset, "1", name).value for name in ("all", "W"))
+    assert outer == pytest.approx(walls, rel=1e-12)

@@ -15,6 +15,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import leading
+from elvis.core.mesh import PERIODIC
 
 MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
 
@@ -25,7 +26,9 @@ _TAG = 6.54321
 _FIELDS = {"U": "velocity", "P": "pressure", "T": "temperature"}
 
 #: codes of sides whose condition is looked up by a number of the mesh generator; and of sides inside the mesh
-_NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "P", "p", "J", "SP", "")
+_NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "J", "SP", "")
+#: codes of sides that the mesh identifies with others
+_PERIODIC = ("P", "p")
 
 #: more points along an edge are a slip
 _MOST_POINTS = 64
@@ -192,6 +195,13 @@ def _table(path: Path, data: bytes, start: int, order: str, width: int) -> tuple
     return data[start + width : end], end
 
 
+def _name(label: str, number: float) -> str:
+    """What sides with a code and a number of a mesh generator are called."""
+    if label in _PERIODIC:
+        return PERIODIC
+    return f"{label}_{int(number)}" if number > 0 and label in _NUMBERED else label
+
+
 def _label(table: bytes, order: str, width: int) -> Sides:
     """Sides with their names: the code of the condition, and the number that a mesh generator gave it."""
     kind = np.dtype(f"{order}f{width}" if width == 8 else f"{order}i4")
@@ -201,6 +211,6 @@ def _label(table: bytes, order: str, width: int) -> Sides:
     own = np.nan_to_num(np.frombuffer(table, f"{order}f{width}").reshape(-1, 8)[:, 6])
     kept = ~np.isin(labels, _INSIDE)
     pairs = zip(labels[kept].tolist(), own[kept].tolist(), strict=True)
-    names = [f"{label}_{int(number)}" if number > 0 and label in _NUMBERED else label for label, number in pairs]
+    names = [_name(label, number) for label, number in pairs]
     places = numbers[kept, :2].astype(np.int64)
     return Sides(places[:, 0], places[:, 1], names)
