@@ -128,7 +128,7 @@ def write_hopr(path, boxes, bend, order=2):
 
 def areas(elvis_json, *files):
     """Area of the outer boundary by name."""
-    found = elvis_json("integrate", *files, "--over", "all", "--field", "1", "--no-cache")
+    found = elvis_json("integrate", *files, "--over", "all", "--field", "1", "--error", "1e-12", "--no-cache")
     return {row["over"]: row["value"] for row in found}
 
 
