@@ -362,3 +362,10 @@ def test_nodes_that_hold_themselves(tmp_path):
     path.write_bytes(raw)
     with pytest.raises(FormatError, match=r"a\.cgns"):
         Cgns([path])
+
+
+@pytest.mark.parametrize("version", [np.nan, np.inf, -1.0])
+def test_versions_that_are_none(tmp_path, version):
+    path = written(tmp_path, filled(HEXA_8)[1], version=version)
+    with pytest.raises(FormatError, match="CGNSLibraryVersion: expected a version from 1 to 100, found"):
+        Cgns([path])

@@ -28,6 +28,9 @@ from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, nearest
 #: the name of nothing in lists of names
 _NULL = "Null"
 
+#: above the version of any library
+_NO_VERSION = 100
+
 #: units of a base, in the order of the standard
 _UNITS = ("mass", "length", "time", "temperature", "angle")
 
@@ -90,7 +93,7 @@ class Cgns(NodalConverter):
         dimension, physical = base.ints(2).tolist()
         if not 1 <= dimension <= 3 or not dimension <= physical <= 3:
             raise FormatError(f"expected dimensions 1 to 3, found {dimension} and {physical}", place=base.place)
-        version = round(1000 * float(root.required("CGNSLibraryVersion").floats(1)[0]))
+        version = _version(root)
         zones = [
             _ZoneReading(read_zone(node, dimension, physical, version, moment.coordinates(node)), families)
             for node in moment.zones()
@@ -356,6 +359,15 @@ def _with_control_points(kind: ElementType, points: Node) -> ElementType:
     if np.abs(own[corners] - reference_corners(kind.shape)).max() > 1e-6:
         raise FormatError("expected control points at all corners, found none at some", place=points.place)
     return replace(kind, functions=functions, corners=ours)
+
+
+def _version(root: Node) -> int:
+    """The version of the library that wrote the file, times 1000."""
+    node = root.required("CGNSLibraryVersion")
+    found = float(node.floats(1)[0])
+    if not 0 < found < _NO_VERSION:
+        raise FormatError(f"expected a version from 1 to {_NO_VERSION}, found {found}", place=node.place)
+    return round(1000 * found)
 
 
 def _base(root: Node) -> tuple[Node, list[str]]:
