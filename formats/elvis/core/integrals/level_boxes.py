@@ -26,14 +26,20 @@ from elvis.core.polynomials.boxnets import halves
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
 
-#: how often a box is halved until its signs must be known, and boxes that are looked at together
-_DEPTH, _MANY = 16, 1 << 16
-#: halvings after which ends of graphs need not be proved, as where it touches a border: differences of rules tell
+#: how often a box is halved until its signs must be known, and how many boxes are halved: at least, and for each box
+#: at first
+_DEPTH, _MANY, _MANY_OF_ONE = 24, 1 << 13, 8
+#: halvings of a graph after which its ends need not be proved, as where it touches a border: differences of rules tell
 _LOOSE = 5
+#: what moving a surface by a part of the cell's size does to integrals over it, in parts of these: as a rule of maps
+#: and integrands, whose second derivatives aren't known
+_MOVED = 10.0
+#: changes of g in a direction in which boxes needn't be halved, in parts of the greatest
+_FLAT = 0.05
 #: derivatives along the height of a graph, in parts of others
 _STEEP = 0.1
 #: what there is for each box
-_COLUMNS = ("rows", "cell", "low", "high", "nets", "rounding", "sizes", "order")
+_COLUMNS = ("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +50,15 @@ class LevelBoxes:
     cell        (n,)          the part of the reference element, see `subcells`
     low, high   (n, 3)        corners in the part's coordinates in [0, 1]^3
     nets        (n, D, D, D)  Bernstein nets of g on the boxes; the first axis has one coefficient in two dimensions
+    band        (n,)          magnitudes of g below which a point may be on either side of the surface
+    age         (n,)          halvings for which g = 0 has been a graph with ends that aren't proved
     rounding    (n, e)        of e expressions
     sizes       (n, e)        of their values
     order       (n, 3)        the axes that are i, j, k
     lost        (e,)          what expressions may amount to on boxes that were given up
     is_filled   whether the rule is one for the part where g < 0, not for the surface
     enough      points on a line in a box that integrate exactly what is integrated, where these are known
+    moved       (e,)          by how much moving g may have changed integrals beyond ``rounding``
     """
 
     patch: Patch
@@ -58,12 +67,15 @@ class LevelBoxes:
     low: Floats
     high: Floats
     nets: Floats
+    band: Floats
+    age: Ints
     rounding: Floats
     sizes: Floats
     order: Ints
     lost: Floats
     is_filled: bool = False
     enough: int | None = None
+    moved: Floats | float = 0.0
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -71,7 +83,7 @@ class LevelBoxes:
     def part(self, chosen: Ints | Bools | slice) -> LevelBoxes:
         """Some of the boxes."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _COLUMNS}
-        return replace(self, **columns, lost=np.zeros_like(self.lost))
+        return replace(self, **columns, lost=np.zeros_like(self.lost), moved=0.0)
 
     @property
     def is_whole(self) -> Bools:
@@ -82,48 +94,113 @@ class LevelBoxes:
         """The boxes halved in every direction, as far as the surface meets them."""
         return self._halved().resolved()
 
-    def _halved(self) -> LevelBoxes:
+    def _halved(self, is_flat: Bools | None = None) -> LevelBoxes:
+        """The boxes halved in every direction, but for those (n, 3) in which g hardly changes."""
         parts = self
+        flat = np.zeros((len(self), 3), bool) if is_flat is None else is_flat
         for axis in range(3):
             if self.nets.shape[1 + axis] == 1:
                 continue
-            nets = np.concatenate(halves(parts.nets, axis))
-            middle = (parts.low[:, axis] + parts.high[:, axis]) / 2
-            parts = parts.part(np.tile(np.arange(len(parts)), 2))
+            whole, cut = np.flatnonzero(flat[:, axis]), np.flatnonzero(~flat[:, axis])
+            chosen = np.concatenate([whole, cut, cut])
+            flat = flat[chosen]
+            lower, upper = halves(parts.nets[cut], axis)
+            nets = np.concatenate([parts.nets[whole], lower, upper])
+            middle = (parts.low[cut, axis] + parts.high[cut, axis]) / 2
+            parts = parts.part(chosen)
             low, high = parts.low.copy(), parts.high.copy()
-            low[len(middle) :, axis], high[: len(middle), axis] = middle, middle
+            first, last = len(whole), len(whole) + len(cut)
+            high[first:last, axis] = middle
+            low[last:, axis] = middle
             parts = replace(parts, nets=nets, low=low, high=high)
         return parts
 
+    @property
+    def _is_flat(self) -> Bools:
+        """(n, 3) directions in which g changes little in comparison with the others, so that halving tells nothing."""
+        changes = np.stack([_greatest(np.diff(self.nets, axis=axis)) for axis in (1, 2, 3)], axis=1)
+        return np.asarray(changes < _FLAT * changes.max(axis=1, keepdims=True))
+
     def resolved(self) -> LevelBoxes:
         """The boxes that g = 0 meets, halved until it is a graph in each; boxes that can't be are given up."""
-        found, boxes = [self.part(slice(0))], self
+        found, boxes, lost, moved = [self.part(slice(0))], self, self.lost, self.moved
+        limit = max(_MANY, _MANY_OF_ONE * len(self))
         for depth in range(_DEPTH):
             least, most = boxes.nets.min(axis=(1, 2, 3)), boxes.nets.max(axis=(1, 2, 3))
             if self.is_filled:
-                found.append(boxes.part(most < 0))
-            boxes = boxes.part((least <= 0) & (most >= 0))
+                found.append(boxes.part(most < -boxes.band))
+            boxes = boxes.part((least <= boxes.band) & (most >= -boxes.band))
             if not len(boxes):
                 break
-            order, is_graph = _orders(boxes.nets, are_ends_free=depth >= _LOOSE)
-            found.append(replace(boxes, order=order).part(is_graph))
-            boxes = boxes.part(~is_graph)
-            if len(boxes) > _MANY:
+            graphs, boxes = boxes._graphs()
+            moved = moved + graphs.moved
+            found.append(graphs)
+            if len(boxes) > limit or depth == _DEPTH - 1:
                 break
-            boxes = boxes._halved()
-        return replace(joined(found), lost=self.lost + boxes.given_up().lost)
+            boxes = boxes._halved(boxes._is_flat)
+        return replace(joined(found), lost=lost + boxes.given_up().lost, moved=moved)
+
+    def _graphs(self) -> tuple[LevelBoxes, LevelBoxes]:
+        """Boxes in which g = 0 is a graph, with what may be lost; the others.
+
+        Boxes that moved g doesn't meet need no ends.
+        """
+        least, most = self.nets.min(axis=(1, 2, 3)), self.nets.max(axis=(1, 2, 3))
+        is_met = (least <= 0) & (most >= 0)
+        free, is_free = _orders(self.nets, are_ends_free=True)
+        order, is_proved = free.copy(), is_free & ~is_met
+        open_ended = np.flatnonzero(is_free & is_met)
+        with_ends, have_ends = _orders(self.nets[open_ended], are_ends_free=False)
+        order[open_ended[have_ends]] = with_ends[have_ends]
+        is_proved[open_ended[have_ends]] = True
+        is_graph = is_proved | (is_free & (self.age >= _LOOSE))
+        graphs = replace(self, order=order).part(is_graph)
+        others = self.part(~is_graph)
+        return graphs._moved(), replace(others, age=others.age + is_free[~is_graph])
+
+    def _moved(self) -> LevelBoxes:
+        """Graphs with the error of moving g by less than the band; unproved ends are left to differences of rules.
+
+        The volume between is at most band / |dg/dk| of a box.  A point of the surface moves so far along k; the area
+        changes with the slopes (dg/di)/(dg/dk), whose derivatives along k are bounded by second differences.
+        """
+        shift = np.zeros(len(self))
+        change = np.zeros(len(self))
+        share = np.zeros(len(self))
+        for order in sorted(set(map(tuple, self.order.tolist()))):
+            here = np.flatnonzero((self.order == order).all(axis=1))
+            turned = self.nets[here].transpose(0, *(1 + axis for axis in order))
+            shift[here], change[here] = _shifts(turned, self.band[here])
+            share[here] = _shares_of_ends(turned, self.band[here])
+        if self.is_filled:
+            return replace(self, moved=(self._extent() * np.minimum(shift, 1.0)) @ self.sizes)
+        height = np.take_along_axis(self.high - self.low, self.order[:, 2:], axis=1)[:, 0]
+        rounding = self.rounding + self.sizes * (_MOVED * shift * height + change)[:, None]
+        return replace(self, rounding=rounding, moved=(self._extent() * np.minimum(share, 1.0)) @ self.sizes)
 
     def given_up(self) -> LevelBoxes:
         """None of the boxes, with what they may amount to as lost."""
         return replace(self.part(slice(0)), lost=self._extent() @ self.sizes)
 
     def _extent(self) -> Floats:
-        """(n,) how large the surface, or the part, in each box may be, as a rule: a power of its diameter."""
+        """(n,) how large the surface, or the part, in each box may be.
+
+        A line along direction k meets g = 0 at most as often as its degree D_k, unless it lies in it.  So the integral
+        of |n_k| over the surface is at most D_k in the unit cube, and its image no larger than the sum of these times
+        the greatest areas of faces.  Tangents that are linear in each coordinate are longest at corners.
+        """
         d = self.patch.shape.dimension
-        reference, derivatives = subcell_map(self.patch.shape, self.cell, ((self.low + self.high) / 2)[:, 3 - d :])
-        columns = pointwise.jacobians(self.patch, self.rows, reference) @ derivatives
-        sides = np.linalg.norm(columns * (self.high - self.low)[:, None, 3 - d :], axis=1)
-        return np.asarray(np.linalg.norm(sides, axis=1) ** (d if self.is_filled else d - 1))
+        longest = np.zeros((len(self), d))
+        for bits in np.ndindex(*(2,) * d):
+            local = np.full((len(self), 3), 0.5)
+            local[:, 3 - d :] = bits
+            columns = self._map(np.arange(len(self)), local)[1]
+            longest = np.maximum(longest, np.linalg.norm(columns, axis=1))
+        if self.is_filled:
+            return np.asarray(longest.prod(axis=1))
+        degrees = np.array(self.nets.shape[4 - d :]) - 1
+        others = [np.delete(longest, axis, axis=1).prod(axis=1) for axis in range(d)]
+        return np.asarray(sum(degree * other for degree, other in zip(degrees, others, strict=True)))
 
     def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
@@ -207,7 +284,8 @@ class LevelBoxes:
 def joined(several: Sequence[LevelBoxes]) -> LevelBoxes:
     """Boxes of one patch together."""
     columns: dict[str, Any] = {name: np.concatenate([getattr(own, name) for own in several]) for name in _COLUMNS}
-    return replace(several[0], **columns, lost=np.sum([own.lost for own in several], axis=0))
+    lost = np.sum([own.lost for own in several], axis=0)
+    return replace(several[0], **columns, lost=lost, moved=sum((own.moved for own in several), np.zeros_like(lost)))
 
 
 def _determinants(matrices: Floats) -> Floats:
@@ -274,8 +352,7 @@ def _are_ends_graphs(nets: Floats) -> Bools:
     """(n,) whether on both faces across the last axis g has no zeros, or they are a graph with single ends."""
     found = np.ones(len(nets), bool)
     for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
-        flat = face.reshape(len(face), -1)
-        is_free = (flat.min(axis=1) > 0) | (flat.max(axis=1) < 0)
+        is_free = (face.min(axis=(1, 2)) > 0) | (face.max(axis=(1, 2)) < 0)
         has_single_ends = (_changes(face[:, :, 0]) <= 1) & (_changes(face[:, :, -1]) <= 1)
         found &= is_free | ((_steepness(face) > _STEEP) & has_single_ends)
     return found
@@ -285,3 +362,36 @@ def _changes(coefficients: Floats) -> Ints:
     """(n,) how often the sign changes along coefficients (n, D): by Descartes' rule the roots, where that is 0 or 1."""
     is_positive = coefficients >= 0
     return np.asarray((is_positive[:, 1:] != is_positive[:, :-1]).sum(axis=1))
+
+
+def _shifts(nets: Floats, band: Floats) -> tuple[Floats, Floats]:
+    """(n,) how far moving g by the band moves its graph along the last axis; (n,) how much the area changes, in parts.
+
+    With r = g_i / g_k and |g_k| >= m: |dr/dk| <= (|g_ik| m + |g_i| |g_kk|) / m^2.
+    """
+    axes = tuple(range(1, nets.ndim))
+    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes]
+    last = slopes[-1]
+    steepness = np.maximum(last.min(axis=axes), -last.max(axis=axes))
+    shift = band / steepness
+    bend = _greatest(np.diff(last, axis=3) * (nets.shape[3] - 2))
+    change = np.zeros(len(nets))
+    for slope in slopes[:-1]:
+        mixed = _greatest(np.diff(slope, axis=3) * (nets.shape[3] - 1))
+        change += shift * (mixed / steepness + _greatest(slope) * bend / steepness**2)
+    return shift, change
+
+
+def _shares_of_ends(nets: Floats, band: Floats) -> Floats:
+    """(n,) bounds of the shares of (i, j) in [0, 1]^2 over which the ends of graphs move, where these are graphs."""
+    found = np.zeros(len(nets))
+    for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
+        is_met = (face.min(axis=(1, 2)) <= 0) & (face.max(axis=(1, 2)) >= 0) & (_steepness(face) > _STEEP)
+        slopes = np.diff(face[is_met], axis=2) * (face.shape[2] - 1)
+        found[is_met] += 2 * band[is_met] / np.abs(slopes).min(axis=(1, 2), initial=np.inf)
+    return found
+
+
+def _greatest(nets: Floats) -> Floats:
+    """(n,) greatest magnitudes of coefficients; 0 for none."""
+    return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim)), initial=0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -38,8 +38,6 @@ _FAR = 1e-9
 _NOTHING = 1e-280
 #: rounding of values on borders, and jumps there that are still taken for rounding, in parts of the size of values
 _ROUNDING, _MOST_JUMP = 2e-15, 1e-10
-#: what moving a level does to integrals over its surface, as a rule, in parts of how far it is moved
-_MOVED = 50.0
 #: the same within which they are 0 at the apex of a pyramid
 _AT_APEX = 4.0
 
@@ -145,12 +143,13 @@ class Level:
         state = np.broadcast_to(self.region.holds(signs), len(piece))
         met = np.flatnonzero(state == 0)
         zeros = [each.of(met) for each in seen.values()]
-        away = np.max([each.away for each in zeros], axis=0, initial=0.0)
-        rounding = sizes[met] * (parts[met] + _MOVED * away)[:, None]
+        rounding = sizes[met] * parts[met, None]
         found: list[LevelBoxes] = []
         for cell in range(len(corners(piece.patch.shape))) if len(met) else ():
             nets = {each.zero.expression.root: each.nets(cell) for each in zeros}
-            found += self._cell(piece, met, cell, nets, (rounding, sizes[met]), is_filled)
+            band = {each.zero.expression.root: each.band for each in zeros}
+            whole = CellBoxes.whole(nets, band)
+            found += self._cell(piece, met, cell, whole, (rounding, sizes[met]), is_filled)
         if not is_filled:
             for each in zeros:
                 if each.zero.expression.root in self.region.every_surface:
@@ -162,30 +161,30 @@ class Level:
         piece: Piece,
         met: Ints,
         cell: int,
-        nets: Mapping[Node, Floats],
+        whole: CellBoxes,
         sizes: tuple[Floats, Floats],
         is_filled: bool,
     ) -> Iterator[LevelBoxes]:
         """Boxes in one cell of elements that are met."""
-        known = separated(self.region, CellBoxes.whole(nets))
+        known = separated(self.region, whole)
 
-        def boxes(some: CellBoxes, own: Floats) -> LevelBoxes:
+        def boxes(some: CellBoxes, own: Floats, band: Floats) -> LevelBoxes:
             rounding, size = (each[some.index] for each in sizes)
             rows = piece.rows[met[some.index]]
             count = np.full(len(rows), cell)
             order = np.tile(np.arange(3), (len(rows), 1))
             lost = np.zeros(size.shape[1])
             box = (some.low, some.high)
-            return LevelBoxes(piece.patch, rows, count, *box, own, rounding, size, order, lost, is_filled)
+            age = np.zeros(len(rows), np.int64)
+            return LevelBoxes(piece.patch, rows, count, *box, own, band, age, rounding, size, order, lost, is_filled)
 
         for node, some in known.single:
             if is_filled or node in self.region.every_surface:
-                yield boxes(some, some.nets[node]).resolved()
-        inside = np.full([1 if size == 1 else 2 for size in next(iter(nets.values())).shape[1:]], -1.0)
+                yield boxes(some, some.nets[node], some.band[node]).resolved()
         for some in known.whole if is_filled else ():
-            yield boxes(some, np.broadcast_to(inside, (len(some), *inside.shape)))
+            yield boxes(some, _inside(some), np.zeros(len(some)))
         if len(known.left):
-            yield boxes(known.left, np.broadcast_to(inside, (len(known.left), *inside.shape))).given_up()
+            yield boxes(known.left, _inside(known.left), np.zeros(len(known.left))).given_up()
 
 
 def _of_degrees(boxes: Sequence[LevelBoxes]) -> Iterator[LevelBoxes]:
@@ -194,6 +193,11 @@ def _of_degrees(boxes: Sequence[LevelBoxes]) -> Iterator[LevelBoxes]:
     for own in boxes:
         groups.setdefault(own.nets.shape[1:], []).append(own)
     yield from map(joined, groups.values())
+
+
+def _inside(boxes: CellBoxes) -> Floats:
+    """(n, D, D, D) nets of a negative number, of the highest degrees of all polynomials."""
+    return np.full(np.max([own.shape for own in boxes.nets.values()], axis=0), -1.0)
 
 
 def _surface(dataset: Dataset, name: str) -> tuple[Node, float] | None:
@@ -279,7 +283,9 @@ class ZeroSet:
         near = np.flatnonzero(signs == 0)
         doubt = self._doubt(evaluator, patch, piece.rows[near], whole)
         within, moved = doubt.within(degree), doubt.away * doubt.size
-        signs[near] = (least[near] + moved > within).astype(np.int64) - (most[near] + moved < -within)
+        signs[near] = (least[near] > within).astype(np.int64) - (most[near] + moved < -within)
+        is_nothing = np.maximum(most[near], -least[near]) <= within
+        signs[near[is_nothing]] = 1
         every = _Doubt(np.zeros(len(piece)), np.zeros(len(piece)))
         every.size[near], every.jump[near] = doubt.size, doubt.jump
         return Seen(self, piece, evaluator, degree, signs, every)
@@ -371,9 +377,9 @@ class Seen:
         return replace(self, piece=self.piece.part(chosen), signs=self.signs[chosen], doubt=self.doubt.part(chosen))
 
     @property
-    def away(self) -> Floats:
-        """(n,) by how much of its size the polynomial is moved."""
-        return np.where(self.signs == 0, self.doubt.away, 0.0)
+    def band(self) -> Floats:
+        """(n,) magnitudes of the moved polynomial up to which the unmoved one may be zero."""
+        return np.asarray(self.doubt.away * self.doubt.size + self.doubt.within(self.degree))
 
     @cached_property
     def _moved(self) -> NetsOf:
@@ -403,4 +409,4 @@ def _nothing(piece: Piece, lost: Floats, sizes: Floats) -> LevelBoxes:
     nets = np.zeros((0, 2, 2, 2) if piece.patch.shape.dimension == 3 else (0, 1, 2, 2))
     none = np.zeros(0, np.int64)
     order = np.zeros((0, 3), np.int64)
-    return LevelBoxes(piece.patch, none, none, low, low, nets, sizes[:0], sizes[:0], order, lost)
+    return LevelBoxes(piece.patch, none, none, low, low, nets, low[:, 0], none, sizes[:0], sizes[:0], order, lost)

@@ -102,10 +102,12 @@ class Summation:
         self._roundings = further * np.array(precision or np.ones(len(expressions)))
         self._places: dict[int, Floats] = {}
         self._lost = np.zeros(len(self._expressions))
+        self._moved = np.zeros(len(self._expressions))
 
     def over(self, pieces: Sequence[Piece | LevelPiece | CurvePiece]) -> Sums:
         """The integrals over some pieces together."""
         self._places, self._lost = {}, np.zeros(len(self._expressions))
+        self._moved = np.zeros(len(self._expressions))
         total = Sums.none(len(self._expressions))
         rough: list[Group] = []
         for whole in pieces:
@@ -126,7 +128,8 @@ class Summation:
                     else:
                         total += self._exact(piece, numbers, counts)
         total += self._refined(rough, total.magnitude)
-        return replace(total, error=total.error + self._lost, places=self._places)
+        error = total.error + self._lost + self._moved
+        return replace(total, error=error, rounding=total.rounding + self._moved, places=self._places)
 
     def _by_counts(self, held: list[int], rules: DegreeRules) -> Iterator[tuple[list[int], Counts | None]]:
         """Numbers of expressions that have the same exact rule, or none, and its points in each direction."""
@@ -154,7 +157,7 @@ class Summation:
         # what is a polynomial on elements is one on boxes that are whole, and along lines that end at a root
         found = []
         for boxes in every:
-            cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, enough=enough)
+            cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, moved=boxes.moved, enough=enough)
             inner = replace(boxes.part(boxes.is_whole), enough=enough)
             found += [self._known(inner, numbers, (enough,) * whole.dimension)]
             found += [self._compared(cut, numbers, counts, False)]
@@ -248,6 +251,7 @@ class Summation:
         """What several rules say of expressions on boxes."""
         if isinstance(boxes, LevelBoxes):
             self._lost[numbers] += boxes.lost
+            self._moved[numbers] += boxes.moved
         every = compared_counts(counts)
         self._planned += _points(boxes, every)
         *lesser, best = (self._integrate(boxes, numbers, own) for own in every)

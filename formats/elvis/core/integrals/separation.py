@@ -24,19 +24,21 @@ class CellBoxes:
     index      (n,)          numbers of elements
     low, high  (n, 3)        corners in the cell's coordinates in [0, 1]^3
     nets       (n, D, D, D)  of each polynomial on the boxes
+    band       (n,)          magnitudes below which the sign of each polynomial is unknown
     """
 
     index: Ints
     low: Floats
     high: Floats
     nets: Mapping[Node, Floats]
+    band: Mapping[Node, Floats]
 
     @staticmethod
-    def whole(nets: Mapping[Node, Floats]) -> CellBoxes:
+    def whole(nets: Mapping[Node, Floats], band: Mapping[Node, Floats]) -> CellBoxes:
         """Whole cells of as many elements as nets are of."""
         count = len(next(iter(nets.values())))
         low = np.zeros((count, 3))
-        return CellBoxes(np.arange(count), low, low + 1, nets)
+        return CellBoxes(np.arange(count), low, low + 1, nets, band)
 
     def __len__(self) -> int:
         return len(self.index)
@@ -44,7 +46,8 @@ class CellBoxes:
     def part(self, chosen: Ints | Bools) -> CellBoxes:
         """Some of the boxes."""
         nets = {node: own[chosen] for node, own in self.nets.items()}
-        return CellBoxes(self.index[chosen], self.low[chosen], self.high[chosen], nets)
+        band = {node: own[chosen] for node, own in self.band.items()}
+        return CellBoxes(self.index[chosen], self.low[chosen], self.high[chosen], nets, band)
 
     def halved(self) -> CellBoxes:
         """Both halves in every direction that polynomials depend on."""
@@ -61,11 +64,11 @@ class CellBoxes:
         return boxes
 
     def signs(self) -> dict[Node, Ints]:
-        """(n,) of each polynomial: 1, -1, or 0 where its net has both."""
+        """(n,) of each polynomial: 1, -1, or 0 if unknown."""
         found = {}
         for node, own in self.nets.items():
-            axes = tuple(range(1, own.ndim))
-            found[node] = (own.min(axis=axes) > 0).astype(np.int64) - (own.max(axis=axes) < 0)
+            axes, band = tuple(range(1, own.ndim)), self.band[node]
+            found[node] = (own.min(axis=axes) > band).astype(np.int64) - (own.max(axis=axes) < -band)
         return found
 
 
@@ -112,5 +115,5 @@ def _oriented(region: Region, boxes: CellBoxes) -> tuple[list[tuple[Node, CellBo
         for sign in (1, -1):
             part = boxes.part((own == 0) & (if_less == sign) & (if_greater == -sign))
             if len(part):
-                turning.append((node, replace(part, nets={node: sign * part.nets[node]})))
+                turning.append((node, replace(part, nets={node: sign * part.nets[node]}, band={node: part.band[node]})))
     return turning, same
