@@ -23,6 +23,7 @@ from elvis.renderer import (
     Light,
     MeshLines,
     Plane,
+    Scene,
     SceneError,
     Sphere,
     Status,
@@ -211,6 +212,25 @@ def test_quantities_of_their_own(draw, cube):
     assert np.abs(frame.color[..., 0] - frame.field).max() <= 1 / 256
     assert [legend.title for legend in frame.legends] == ["x*y", "u"]
     assert frame.legends[0].palette.high == 1.0
+
+
+@pytest.mark.parametrize("device", ["renderer", "reference"])
+def test_isosurfaces_have_the_colours_of_the_scenes_field(draw, cube, device):
+    """One of another quantity, where no style says what colours it: values, colour map and bar are the field's."""
+    from elvis.reference.picture import render as reference
+
+    scene = {"field": "u", "objects": (Isosurface((0.3,), "x*x"),), "palette": "gray", "size": (24, 20)}
+    scene["camera"] = Camera((3.0, 0.4, 0.6), (0.5, 0.5, 0.5), height=1.2)
+    frame = draw(cube, **scene) if device == "renderer" else reference(cube, Scene(**scene))
+    seen, position = frame.seen, frame.position
+    assert seen.any()
+    assert np.abs(position[seen][:, 0] - 0.3**0.5).max() < 1e-9
+    assert np.abs(frame.field[seen] - value(position[seen])).max() < 1e-9
+    assert len(np.unique(frame.color[seen][:, 0])) > 20
+    (legend,) = frame.legends
+    assert legend.title == "u"
+    assert legend.constant is None
+    assert legend.palette.low == pytest.approx(frame.field[seen].min())
 
 
 def test_colours_are_means_over_samples(draw, cube):

@@ -252,14 +252,14 @@ class Stages:
         return DrawCall(name, item.style, own, draw, item.style.lit is not False)
 
     def _level(self, name: str, item: Isosurface, value: float, scene: Scene) -> DrawCall:
-        """One value of an isosurface, which its style may colour by another quantity."""
+        """One value of an isosurface; the quantity of its style, by default the scene's field, colours it."""
         of = self.parts_quantity(item.quantity, scene)
         asked = item.quantity or scene.field
         # bounds of a distance take longer than its picture, so only an empty one asks for them
         is_distance = self.distances.knows(of)
         if not is_distance:
             self._in_range(asked, of, value)
-        own = of if item.style.quantity is None else self.parts_quantity(item.style.quantity, scene)
+        own = self.parts_quantity(item.style.quantity, scene)
 
         def draw(view: View, beyond: Floats | None) -> HitBuffer:
             hits = self._at_level(view, of, value, beyond)

@@ -56,7 +56,7 @@ class Faces(Model, of="faces"):
 
 @dataclass(frozen=True, repr=False)
 class Isosurface(Model, of="an isosurface"):
-    """Where a quantity has one of the values; the quantity of its style may colour it."""
+    """Where a quantity has one of the values; the quantity of its style, by default the scene's field, colours it."""
 
     values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")]
     quantity: Annotated[Quantity | None, Setting("What has the values.", default="the scene's field")] = None
