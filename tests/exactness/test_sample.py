@@ -25,6 +25,8 @@ SAMPLE = {
     "isosurfaces: sheets": (3, 4),
     "isosurfaces: near pairs": (2,),
     "volumes": (5,),
+    "volumes: kinks": (10,),
+    "contours: expressions": (0,),
     "waves": (1,),
     "probes": (0, 1, 2, 3, 5),
 }

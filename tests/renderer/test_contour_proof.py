@@ -151,6 +151,20 @@ def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):
     assert "contours" not in draw(data, **scene).stats
 
 
+def test_pairs_of_lines_in_one_pixel_are_ambiguous(draw):
+    """Of an expression with a kink: lines an eighth of a pixel apart; single lines elsewhere are certain."""
+    data = with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[..., 1] - 0.43, 2)
+    for quantity, levels, is_pair in (("abs(u)", (0.0015,), True), ("abs(u)+x", (1.2,), False)):
+        style = Style(contours=Contours(values=levels, quantity=quantity))
+        scene = {"objects": (CutSurface(PLANE, style),), "camera": CAMERAS["straight on"], "size": SIZE}
+        frame = draw(data, **scene, stats="counts.json")
+        near = frame.seen & (np.abs(frame.position[..., 1] - 0.43) < 0.01)
+        assert (frame.line_status[near] == Status.AMBIGUOUS).all() == is_pair
+        far = frame.seen & (np.abs(frame.position[..., 1] - 0.43) > 0.2)
+        assert (frame.line_status[far] == Status.CERTAIN).mean() > 0.8
+        assert draw(data, **scene).line_status[near].min() == Status.AMBIGUOUS
+
+
 def test_an_eye_among_faces_leaves_contours_ambiguous(draw):
     """Newton's method for places behind the eye comes to where the map has no inverse."""
     data = with_field(curved(grid(Shape.TETRAHEDRON, 3), ripple(0.1), 2), circles, 3)

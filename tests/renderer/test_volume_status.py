@@ -8,7 +8,7 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
-from elvis.core.testing import curved, grid, with_field
+from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer import Camera, Isosurface, SceneError, Status
@@ -159,3 +159,26 @@ def test_volume_integrals_converge_with_the_error_asked_for(integrate):
     assert (np.array(errors) <= np.maximum(asked, 1e-13)).all()
     order = np.log10(errors[0] / errors[-1]) / 9
     assert order > 0.8, f"errors {errors} for 1e-1 to 1e-10"
+
+
+@pytest.mark.parametrize("text", ["max(w-abs(x-0.37),0)", "sign(w-abs(u-0.37))"])
+def test_kinks_and_jumps_between_samples_are_found(draw, text):
+    """A tent, or a slab, a hundredth wide: every ray in the direction of x has the optical depth 1."""
+    mesh = Dataset(grid(Shape.HEXAHEDRON, 2))
+    parts = {"u": lambda p: p[:, 0], "w": lambda p: np.full(len(p), 0.005)}
+    data = Dataset(mesh.mesh, tuple(approximated(mesh, name, part, 2) for name, part in parts.items()))
+    ends, density = ((0.0, 0.005), 200.0) if "max" in text else ((-1.0, 1.0), 100.0)
+    volume = VolumeRendering(Transfer(ends, (0.0, density), ((1.0, 1.0, 1.0),) * 2), text)
+    view = Camera((3.0, 0.5, 0.5), (0.5, 0.5, 0.5), height=0.9)
+    frame = draw(data, objects=(volume,), camera=view, size=(6, 6), background=(0.0, 0.0, 0.0))
+    assert (frame.status == Status.CERTAIN).all()
+    assert np.abs(frame.color + np.expm1(-1.0)).max() < 1e-3
+
+
+def test_pixels_without_proof_are_ambiguous(draw):
+    """Of second derivatives nothing is known between samples."""
+    data = rising(curved(grid(Shape.HEXAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3), 4)
+    volume = VolumeRendering(Transfer((-1.0, 1.0), (0.0, 1.0), ((1.0, 1.0, 1.0),) * 2), "laplacian(u)")
+    frame = draw(data, objects=(volume,), camera=CAMERA, size=(12, 10))
+    assert (frame.status == Status.AMBIGUOUS).sum() > 10
+    assert not (frame.status == Status.CERTAIN).any()

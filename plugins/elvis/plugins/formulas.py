@@ -44,6 +44,7 @@ _FUNCTIONS: Mapping[str, str] = {
 #: functions that are continuous everywhere, analytic but for kinks; and those that are so where they are finite
 _CONTINUOUS = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh", "abs", "min", "max")
 _WHERE_FINITE = ("/", "^", "sqrt", "log", "tan", "asin", "acos")
+_WITH_DISCS = (*LEAVES, *_CONTINUOUS, *_WHERE_FINITE, "sign", "step", "atan2")
 
 #: distances in an expression that is enclosed: numbers of a vector of `ILeaves.away`
 MOST_DISTANCES = 3
@@ -162,6 +163,13 @@ class Formula:
             return False
         return all(map(self._is_known, self._leaves)) and all(is_continuous(r, self.is_finite) for r in self._enclosed)
 
+    @property
+    def is_bounded(self) -> bool:
+        """Whether discs of its values follow likewise, poles and jumps included."""
+        if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
+            return False
+        return all(map(self._is_known, self._leaves)) and all(n.op in _WITH_DISCS for n in ordered(*self._enclosed))
+
     def _is_known(self, leaf: Node) -> bool:
         """Whether there are discs of a leaf; where there are distances, too, of its gradient."""
         if leaf.op == "attribute":
@@ -177,6 +185,12 @@ class Formula:
     @property
     def _leaves(self) -> Sequence[Node]:
         return leaves(*self._enclosed)
+
+    @property
+    def kinds(self) -> Mapping[str, bool]:
+        """What an Enclosure says of it: whether it has distances, jumps or poles, and derivatives of fields."""
+        slopes = any(leaf.op == "field" and leaf.axes for leaf in self._leaves)
+        return {"distances": bool(self.targets), "continuous": self.is_enclosed, "slopes": bool(slopes)}
 
     def _of(self) -> Iterator[str]:
         """The value by leaves at a point, which distances are none of."""
@@ -196,7 +210,7 @@ class Formula:
 
     def _within(self) -> Iterator[str]:
         """The same of discs."""
-        if not self.is_enclosed:
+        if not self.is_bounded:
             yield "spurious = anything();"
             yield "return anything();"
             return
@@ -239,7 +253,7 @@ class Formula:
     def _away(self) -> Iterator[str]:
         """The distances of a place."""
         yield "double3 found = 0.0lf;"
-        if self.is_enclosed and self.targets:
+        if self.is_bounded and self.targets:
             yield f"[loop] for (uint k = 0u; k < {len(self.targets)}u; ++k) found[k] = nearest(k, position).distance;"
         yield "return found;"
 

@@ -35,7 +35,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """What a quantity that is no polynomial is made of, so that its isosurfaces are proved (``enclosures.slang``).
+    """What a quantity that is no polynomial is made of, so that what is drawn of it is proved (``enclosures.slang``).
 
     type        the type that implements ILeaves
     fields      number of fields among the leaves
@@ -45,6 +45,8 @@ class Enclosure:
     is_total    whether ``degree`` is that of all coordinates together
     errors      (n, 3 + fields) how far computed values of the leaves may be from the true ones in each element
     distances   whether there are distances among the leaves
+    continuous  whether it has neither jumps nor poles; isosurfaces are proved of those that have none
+    slopes      whether it is made of derivatives of fields, too
     """
 
     type: str
@@ -55,6 +57,8 @@ class Enclosure:
     is_total: bool
     errors: Callable[[], Floats]
     distances: bool = False
+    continuous: bool = True
+    slopes: bool = True
 
 
 @dataclass(frozen=True, eq=False)

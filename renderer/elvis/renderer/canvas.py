@@ -120,6 +120,7 @@ class Canvas:
         drawing = Drawing(arrays["depth"], arrays["normal"], arrays["color"], legends)
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         through = arrays["through"] if self.scene.is_clear else None
+        drawing = replace(drawing, line_status=arrays["line_status"] if self._proves else None)
         drawing = replace(drawing, through=through, strokes=self.tracer.strokes())
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         remarks = self.painter.remarks(self.draw_calls)
@@ -182,7 +183,8 @@ class Canvas:
         if self.scene.is_traced:
             self.tracer.note(drawn, band.view, band.own)
         if self._proves:
-            found = inner(self.painter.contour_status(drawn, band.view))
+            found, coverage = map(inner, self.painter.contour_status(drawn, band.view))
+            self._keep("line_status", rows, coverage)
             self.contours.update({word: int((found == word).sum()) for word in (Status.CERTAIN, Status.AMBIGUOUS)})
         self._keep("color", rows, color if self.records else whole(np.asarray(color)))
         self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
@@ -244,7 +246,8 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
     shape = view.height, view.width
     color, through = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape)
     record = _record(shape, np.full) if records else _no_record(shape)
-    return {"color": color, "through": through, "status": np.zeros(shape, np.uint8), **record}
+    status, line_status = np.zeros((2, *shape), np.uint8)
+    return {"color": color, "through": through, "status": status, "line_status": line_status, **record}
 
 
 def _record(shape: tuple[int, int], full: Callable[..., NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -20,6 +20,7 @@ from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.layouts import dtype_of
+from elvis.renderer.leaf_types import enclosure_of, leaves, leaves_along_rays
 from elvis.renderer.memory import CLOSED, Buffer, Pool
 from elvis.renderer.pacing import Pace, Watch, grid_of, rows_of
 
@@ -32,7 +33,9 @@ SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdi
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
-COMPACT = ("line_draw", "trace_follow")
+COMPACT = ("line_draw", "trace_follow", "volume_bends")
+#: stages that bound quantities along rays
+ALONG_RAYS = ("volume_trace", "volume_bends")
 #: pixels that a thread of cut_draw works on: CPUs like few long threads, GPUs many short ones
 ROWS = {True: 8, False: 1}
 #: degree of the polynomials that stand for what isn't one, over a sub-element
@@ -405,8 +408,12 @@ WORKING = _Working()
 
 def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) -> str:
     """Slang text that makes a type a stage's ``TheVolume``."""
-    chosen_leaves = _leaves(chosen) if stage.startswith("iso_") else ""
-    together, compact = stage in TOGETHER, stage in COMPACT or chosen.type.startswith(("Expressed<", "Stacked<"))
+    chosen_leaves = leaves(chosen) if stage.startswith("iso_") else ""
+    if stage in ALONG_RAYS:
+        chosen_leaves = leaves_along_rays(part, chosen)
+    together = stage in TOGETHER
+    is_long = chosen.type.startswith(("Expressed<", "Stacked<")) or (stage == "volume_trace" and part.collapsed)
+    compact = stage in COMPACT or is_long
     degree = chosen.degree or stand_in(chosen)
     return (
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
@@ -430,21 +437,6 @@ def _condition(chosen: Part | Quantity) -> str:
 
 def stand_in(chosen: Part | Quantity) -> int:
     """Degree of polynomials that stand for a quantity that is none, over a sub-element; with distances, of its map."""
-    if (enclosure := chosen.enclosure) is None or enclosure.distances:
+    if (enclosure := enclosure_of(chosen)) is None or enclosure.distances:
         return STAND_IN if enclosure is None else enclosure.degree
     return max(ENCLOSED, enclosure.map_degree)
-
-
-def _leaves(chosen: Part | Quantity) -> str:
-    """Slang text that says what a quantity is made of where it is no polynomial, but enclosed."""
-    if chosen.degree or (enclosure := chosen.enclosure) is None:
-        return ""
-    return (
-        f"export struct TheLeaves : ILeaves = {enclosure.type};"
-        "export static const bool analytic = true;"
-        f"export static const int leaf_fields = {enclosure.fields};"
-        f"export static const int leaf_degree = {enclosure.degree};"
-        f"export static const int leaf_base_degree = {enclosure.base_degree or enclosure.degree};"
-        f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
-        f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
-    )

@@ -250,15 +250,17 @@ class Painter:
                 found |= self.stages.still(view, hits, draw_call.style.lic, self.scene)
         return found
 
-    def contour_status(self, drawn: Drawn, view: View) -> NDArray[np.uint8]:
-        """(n,) what is proved of the contours in each pixel's square, of all surfaces together (see contour_proof)."""
-        status = np.zeros(view.count, np.uint8)
+    def contour_status(self, drawn: Drawn, view: View) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """What contour_proof proves of all contours: (n,) in each pixel's square, and (n,) of how far they cover it."""
+        status, coverage = np.zeros((2, view.count), np.uint8)
         for draw_call, hits in drawn:
-            if draw_call.style.contours is not None:
+            contours = draw_call.style.contours
+            if contours is not None:
                 quantity, lines = self.of_contours(draw_call), self.stages.lines
                 proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(draw_call), quantity)
                 status = np.maximum(status, proof.status)
-        return status
+                coverage = np.maximum(coverage, proof.coverage(contours.width))
+        return status, coverage
 
     def _palette(self, quantity: str | None, style: Style) -> Palette:
         """A colour map, made when it is first used."""

@@ -21,6 +21,8 @@ from elvis.scene.view import View
 APART = 1e-11
 #: part of values that is rounding where a plugin says nothing of it
 ROUNDING = 1e-13
+#: values along a part of a ray beyond those that a polynomial has, as in volume_trace.slang
+MORE = 4
 
 
 class Traversal:
@@ -137,18 +139,18 @@ def _line(degree: int) -> dict[str, Floats]:
 
     nodes     (degree + 1,) Chebyshev points
     net       matrix from values there to Bernstein coefficients
-    places    (degree + 3,) two more
-    fit       matrix from values there to the Bernstein coefficients of a Chebyshev series, then to the two terms that
+    places    (degree + 1 + MORE,) more
+    fit       matrix from values there to the Bernstein coefficients of a Chebyshev series, then to the terms that
               it lacks
     net_size  (1,) the greatest sum of magnitudes in a row of ``net``
     """
     nodes = _extremes(degree)
     net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))
 
-    # the series through all places, without its last two terms, by its values at the nodes
-    places = _extremes(degree + 2)
-    series = np.linalg.inv(chebvander(places, degree + 2))
-    fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-2], series[-2:]])
+    # the series through all places, without its last terms, by its values at the nodes
+    places = _extremes(degree + MORE)
+    series = np.linalg.inv(chebvander(places, degree + MORE))
+    fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-MORE], series[-MORE:]])
     size = np.abs(net).sum(axis=-1).max(keepdims=True)
     arrays = {"nodes": (nodes + 1) / 2, "net": net, "places": (places + 1) / 2, "fit": fit, "net_size": size}
     return {name: frozen_floats(array) for name, array in arrays.items()}

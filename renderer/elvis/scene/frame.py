@@ -178,8 +178,13 @@ class Frame:
 
     @property
     def line_status(self) -> NDArray[np.uint8]:
-        """(h, w) what is known of the pixels' contours and hits together; that of the hits where no more is known."""
+        """(h, w) what is known of how far contours cover the pixels, and of hits, together.
+
+        Where nothing is proved of contours, as statistics and records ask for it, hits that have some are ambiguous.
+        """
         told = None if self.drawing is None else self.drawing.line_status
+        if told is None and has_contours(self.scene):
+            told = np.where(self.seen, np.uint8(Status.AMBIGUOUS), np.uint8(Status.MISS))
         return self.status if told is None else np.maximum(self.status, told)
 
     @cached_property
@@ -325,6 +330,12 @@ class Frame:
 def whole(color: Floats | NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Colours in [0, 1], or already in [0, 255], in [0, 255]."""
     return color if color.dtype == np.uint8 else np.rint(255 * color).astype(np.uint8)  # type: ignore[return-value]
+
+
+def has_contours(scene: Scene) -> bool:
+    """Whether an object of a scene has contours."""
+    styles = [getattr(item, "style", None) for item in scene.every_object]
+    return any(style is not None and style.contours is not None for style in styles)
 
 
 def constant_of(scene: Scene, values: Floats) -> float | None:

@@ -204,6 +204,8 @@ class _Drawing:
         self._take(self._moments.at(scene.moment))
         if content["is_draft"]:
             scene = draft_of(scene, content["part"])
+        # statistics ask for what is proved of contours
+        scene = replace(scene, stats="proof.json") if content["proof"] and is_final else scene
         with stopped_when(lambda: self._newest.value > number), nullcontext() if is_final else drafted():
             frame = self._pictures.draw(scene)
         drawn = perf_counter()

@@ -192,7 +192,7 @@ class Elements:
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
         """What a formula is made of, on solid elements."""
         shape, names = self.geometry.shape, tuple(formula.fields)
-        if shape.dimension < 3 or not formula.is_enclosed:
+        if shape.dimension < 3 or not formula.is_bounded:
             return None
         return Enclosure(
             f"LeavesOf<{type}, Given>",
@@ -201,7 +201,7 @@ class Elements:
             map_degree=max(self.geometry.degrees),
             is_total=shape is Shape.TETRAHEDRON,
             errors=cache(partial(self._leaf_errors, names)),
-            distances=bool(formula.targets),
+            **formula.kinds,
         )
 
     def _slope_bounds(self, expression: Expression) -> SlopeBounds | None:
@@ -303,7 +303,7 @@ class Elements:
             return None
         quantity = self._quantity(Expression(f"{expression.text} at {value!r}", found.root), found)
         if not quantity.degree:
-            return None if quantity.enclosure is None else (quantity, found.value)
+            return (quantity, found.value) if quantity.enclosure and quantity.enclosure.continuous else None
         rounding = quantity.rounding
         assert rounding is not None
         return replace(quantity, rounding=lambda: rounding() + LEVEL_ROUNDING * abs(found.value)), found.value

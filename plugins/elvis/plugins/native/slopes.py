@@ -23,13 +23,13 @@ from itertools import combinations_with_replacement, permutations, product
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.quantities.functions import function, partials
-from elvis.core.quantities.intervals import Interval, number
+from elvis.core.quantities.intervals import Interval, minus, number
 from elvis.core.quantities.tree import LEAVES, Node, leaves, ordered, whole_exponent
 from elvis.core.quantities.tree import partial as partial_derivative
 from elvis.core.shapes import Shape
@@ -42,6 +42,8 @@ _Regions = Callable[[BernsteinSpace], Region]
 #: operators and functions that are analytic wherever the intervals of their derivatives are finite
 _OPERATORS, _ROOTS = frozenset("+-*/"), frozenset(("sqrt", "log", "asin", "acos"))
 _SMOOTH = _OPERATORS | _ROOTS | {"exp", "sin", "cos", "tan", "atan", "sinh", "cosh", "tanh"}
+#: those that have a kink where their operands are equal, or zero: first derivatives alone are bounded there
+_KINKED = frozenset(("abs", "min", "max"))
 #: leaves of expressions whose second derivatives are bounded
 _MOST_LEAVES = 24
 #: roundings of an operation, and as many times as large errors beside the elements are as in them
@@ -119,13 +121,13 @@ class _Leaf:
 
 
 def has_slopes(root: Node) -> bool:
-    """Whether the derivatives of an expression can be bounded: no kinks or jumps, no second derivatives of fields."""
+    """Whether the derivatives of an expression can be bounded: no jumps, no second derivatives of fields."""
     found = leaves(root)
     if len(found) > _MOST_LEAVES or not found:
         return False
     known = all(leaf.op == "coordinate" or (leaf.op == "field" and len(leaf.axes) <= 1) for leaf in found)
     rest = [node for node in ordered(root) if node.op not in LEAVES]
-    return known and all(node.op in _SMOOTH or whole_exponent(node) is not None for node in rest)
+    return known and all(node.op in _SMOOTH | _KINKED or whole_exponent(node) is not None for node in rest)
 
 
 def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], regions: _Regions) -> Slopes:
@@ -150,8 +152,21 @@ def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], re
             for other in leaves(parts[one]):
                 both = about[one].first.sum(axis=1) * about[other].first.sum(axis=1)
                 curvature = curvature + _times(bounds.size(partial_derivative(parts[one], other)), both)
+        curvature = np.where(_may_have_kinks(root, bounds), np.inf, curvature)
     noise = np.broadcast_to(noise, gradient.shape)
     return Slopes(_or_infinite(gradient), _or_infinite(curvature), _or_infinite(noise))
+
+
+def _may_have_kinks(root: Node, bounds: _Bounds) -> Bools:
+    """(n,), or (), whether the operands of a part with a kink may be equal, or zero, somewhere."""
+    found: Bools = np.zeros((), bool)
+    for node in ordered(root):
+        if node.op not in _KINKED:
+            continue
+        operands = [bounds.ends(operand) for operand in node.operands]
+        low, high = operands[0] if len(operands) == 1 else minus(*operands)
+        found = found | ~((low > 0) | (high < 0))
+    return found
 
 
 def _or_infinite(some: Floats) -> Floats:

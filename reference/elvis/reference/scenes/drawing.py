@@ -203,7 +203,7 @@ class Scenery:
         for part in fragments:
             covered = part.pixel[part.alpha > 0]
             status.ravel()[covered[status.ravel()[covered] == Status.MISS]] = Status.CERTAIN
-        status[unknown.reshape(status.shape) & (status == Status.CERTAIN)] = Status.AMBIGUOUS
+        status[unknown.reshape(status.shape) & (status <= Status.CERTAIN)] = Status.AMBIGUOUS
         status[failed.reshape(status.shape)] = Status.FAILED
         palette = Palette.of_name(scene.palette, *ends).over_range(scene.bar)
         legend = Legend(scene.field, palette, bar=scene.bar, constant=constant_of(scene, made.field))
@@ -226,13 +226,16 @@ class Scenery:
         ]
         begun, patches = beginnings(lambda: self.locator, view, self.box), self.quantities.patches
         every = [segments_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
-        found, errors = [], np.zeros(view.count)
+        found, errors, unbounded = [], np.zeros(view.count), np.zeros(view.count, bool)
         for patch, own in zip(patches, without_overlaps(every, self.size), strict=True):
             rays = VolumeRays(patch, self.quantities, view, self.size, self._greatest(view))
             fragments, error = rays.fragments(own.between(cuts), scene.clip, media)
             errors += np.bincount(fragments.pixel, error, view.count)
             found.append(fragments)
-        return found, errors > min(item.error for item in shown)
+            # samples say nothing of what lies between them where a quantity is no polynomial of the element
+            if any(self.quantities.expansion(name, patch) is None for name in names):
+                unbounded[own.pixel] = True
+        return found, unbounded | (errors > min(item.error for item in shown))
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
         """The surfaces of one object, nearest first, as far as they are seen."""

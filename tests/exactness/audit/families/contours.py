@@ -29,16 +29,28 @@ EXPRESSIONS = {
     ("sqrt(u)", 0.5): [0.25],
     ("u/(u-0.5)", 3.0): [0.75],
 }
+#: functions of u = y - c that grow with |u|, with kinks and without: lines at c - d and c + d
+EVEN = {
+    "abs(u)": abs,
+    "max(u,-u)": abs,
+    "cosh(u)": np.cosh,
+    "1-exp(-u^2)": lambda d: -np.expm1(-d * d),
+    "sqrt(u^2+0.01)": lambda d: np.sqrt(d * d + 0.01),
+    "u*tanh(u)": lambda d: d * np.tanh(d),
+}
 
 
 def case(family, rng, size):
     """Contours on one picture, seen from above with any side up."""
     # each shape has kernels of its own for every expression
-    dimension = 2 if family == "poles" else int(rng.choice([2, 3]))
-    shapes = (Shape.HEXAHEDRON,) if dimension == 3 else (Shape.QUADRILATERAL,) if family == "poles" else None
+    dimension = 2 if quantities_differ(family) else int(rng.choice([2, 3]))
+    flat = (Shape.QUADRILATERAL,) if quantities_differ(family) else None
+    shapes = (Shape.HEXAHEDRON,) if dimension == 3 else flat
     own = world(rng, dimension, shapes, placements=("plain", "off", "mirrored"))
-    quantity, level, roots, field = _poles(rng) if family == "poles" else _pair(rng)
+    quantity, level, roots, field = {"poles": _poles, "expressions": _even}.get(family, _pair)(rng)
     data, multiple, _ = exact(own, field, 4)
+    if family == "expressions":
+        level = float(EVEN[quantity](level * multiple))
     angle, width = float(rng.uniform(0, 2 * np.pi)), float(rng.choice([1.0, 1.5, 3.0]))
     middle = own.placed(own.bent(rng.uniform(0.2, 0.8, (1, 3)) * [1, 1, dimension == 3]))[0]
     x, y, z = map(float, middle)
@@ -47,11 +59,16 @@ def case(family, rng, size):
     values = (level if quantity else level * multiple,)
     style = Style(color=(1.0, 1.0, 1.0), lit=False, contours=Contours(values, width=width, quantity=quantity))
     item = CutSurface(Plane((0.0, 0.0, z), (0.0, 0.0, 1.0)), style)
-    scene = {"field": "u", "camera": view, "size": size, "objects": (item,)}
+    scene = {"field": "u", "camera": view, "size": size, "objects": (item,), "stats": "counts.json"}
     told = f"{quantity or 'u'} = {values[0]!r}, lines at y = {', '.join(map(str, roots)) or 'nothing'}"
     name = f"{own.name}, {told}, width {width}, {view}"
     ordinary = len(set(roots)) > 1 and abs(roots[1] - roots[0]) > 0.1 and family != "poles"
     return Case(name, data, scene, partial(count, own, [float(root) for root in roots], width), ordinary)
+
+
+def quantities_differ(family):
+    """Whether a family is of expressions, each of which has kernels of its own."""
+    return family in ("poles", "expressions")
 
 
 def _poles(rng):
@@ -59,6 +76,13 @@ def _poles(rng):
     names = list(EXPRESSIONS)
     quantity, level = names[rng.integers(len(names))]
     return quantity, level, EXPRESSIONS[quantity, level], Y
+
+
+def _even(rng):
+    """As _poles: two lines as near to one another as d is small; the value is that of u."""
+    names, middle = list(EVEN), Fraction(int(rng.integers(8, 56)), 64)
+    half = Fraction(1, 2 ** int(rng.integers(4, 13)))
+    return names[rng.integers(len(names))], float(half), [middle - half, middle + half], Y - middle
 
 
 def _pair(rng):
@@ -82,7 +106,7 @@ def count(own, roots, width, case, frame):
             distance = np.minimum(distance, _to_segment(frame.view, ends, columns, rows))
     expected = np.clip(0.5 * width + 0.5 - distance, 0.0, min(1.0, width))
     found, hit = 1.0 - frame.color.reshape(-1, 3).mean(axis=1), frame.element.reshape(-1) >= 0
-    status = getattr(frame, "line_status", frame.status).reshape(-1)
+    status = frame.line_status.reshape(-1)
     wrong = hit & (status == Status.CERTAIN) & ~(np.abs(found - expected) <= CLOSE)
 
     def details(pixel):
@@ -111,4 +135,4 @@ def _to_segment(view, ends, columns, rows):
     return np.linalg.norm(place - part[:, None] * along, axis=1)
 
 
-FAMILIES = {f"contours: {name}": partial(case, name) for name in ("near pairs", "poles")}
+FAMILIES = {f"contours: {name}": partial(case, name) for name in ("near pairs", "poles", "expressions")}

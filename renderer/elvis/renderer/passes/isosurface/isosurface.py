@@ -16,6 +16,7 @@ from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.leaf_types import enclosure_of
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.isosurface.nodes import series
@@ -316,8 +317,7 @@ class IsosurfaceDrawer:
 
     def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
         """What a quantity that is no polynomial is made of; None where it is one, or isn't enclosed."""
-        own = self.loaded.quantity(number, quantity)
-        return None if own.degree else own.enclosure
+        return enclosure_of(self.loaded.quantity(number, quantity))
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
         """What the stages before the drawing read beside a part's own buffers: on the device once."""
@@ -330,7 +330,7 @@ class IsosurfaceDrawer:
     def _arrays(self, own: Part | Quantity) -> dict[str, Floats]:
         """Chebyshev points and what belongs to them, for a quantity and for the leaves of one that is enclosed."""
         degree = own.degree or stand_in(own)
-        enclosure = None if own.degree else own.enclosure
+        enclosure = enclosure_of(own)
         nodes, transform = series(degree)
         leaf_nodes, leaf_series = series(1 if enclosure is None else enclosure.degree)
         leaf_transform = powers(leaf_series)

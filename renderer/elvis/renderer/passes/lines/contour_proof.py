@@ -10,6 +10,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.orientation import chunks
@@ -39,7 +40,17 @@ class ContourProof:
     status  (n,) of frame.Status by pixel: CERTAIN where every level is proved to be taken in the square or not to be,
             else AMBIGUOUS; MISS where nothing is hit
     taken   (n,) whether one of the levels is proved to be taken there
+    is_single  (n,) whether what is taken is one line of each level in each element: two may be nearer than is drawn
     """
+
+    def coverage(self, width: float) -> NDArray[np.uint8]:
+        """(n,) what is known of how far lines of a width in pixels cover each pixel: by all squares near enough."""
+        is_open = (self.status == Status.AMBIGUOUS) | ~self.is_single
+        near = is_open.reshape(self._view.height, self._view.width)
+        for _ in range(int(np.ceil(0.5 * width))):
+            near = beside(near)
+        is_doubtful = near.reshape(-1) & (self.status != Status.MISS)
+        return np.where(is_doubtful, np.uint8(Status.AMBIGUOUS), self.status)
 
     def __init__(
         self,
@@ -59,6 +70,7 @@ class ContourProof:
         self._charts: dict[int, CutChart] = {}
         is_hit = hits.owner != NOBODY
         self.taken = np.zeros(view.count, bool)
+        self.is_single = np.ones(view.count, bool)
         self.status = np.where(is_hit, np.uint8(Status.CERTAIN), np.uint8(Status.MISS))
 
         # by element, whether it may have one of the values
@@ -153,7 +165,9 @@ class ContourProof:
         """Statuses of the pixels of some items with their squares."""
         is_due = self._holds[items.element] & ~squares.is_outside
         squares.decide(self._levels)
-        self.taken[items.pixel[is_due & squares.takes(self._levels)]] = True
+        is_taken = is_due & squares.takes(self._levels)
+        self.taken[items.pixel[is_taken]] = True
+        self.is_single[items.pixel[is_taken & ~squares.is_monotone]] = False
         self.status[items.pixel[is_due & squares.in_doubt(self._levels)]] = Status.AMBIGUOUS
 
     def _is_known(self, number: int) -> bool:

@@ -126,7 +126,8 @@ class Squares:
     """Squares of pixels in elements: their extent, whether they lie inside, and which decisions are proved.
 
     is_outside, is_inside  (n,) whether no, or every, point of the square is proved to be in the element
-    is_good                (n,) for which the bounds of derivatives hold
+    is_good                (n,) for which the bounds of derivatives hold; second ones may be infinite, at kinks
+    is_monotone            (n,) in which values grow along one of the sides: they have one line of a level at most
     at_centre              what the elements have at the centres
     radius                 (n,) how far squares reach from their centres in coordinates of the element
     bulge                  (n,) by how much distances from facets differ from linear ones in the square
@@ -200,8 +201,17 @@ class Squares:
 
         is_good = (growth < 0.1) & (bend < 0.9) & (self._warp < 0.1) & (self._missed < 1e-9)
         is_good &= self._chart.reaches(self._element, self._centre, steps, curved)
-        is_good &= np.isfinite(self._bounds.gradient) & np.isfinite(self._bounds.curvature)
+        is_good &= np.isfinite(self._bounds.gradient)
         self.is_good = is_good & np.isfinite(self._value)
+
+        # derivatives along the sides change by less than they are, so that one of them vanishes nowhere
+        gradient = self.at_centre.gradient
+        across = np.einsum("ni,ni->n", gradient, 0.5 * (steps[2] + steps[3]))
+        down = np.einsum("ni,ni->n", gradient, 0.5 * (steps[1] + steps[3]))
+        with np.errstate(invalid="ignore"):
+            change = 2 * self._curvature(np.arange(len(rho))) * self._rho**2
+            change = change + self._warp * self._bounds.gradient * self._rho
+        self.is_monotone = self.is_good & (np.maximum(np.abs(across), np.abs(down)) > 1.1 * change)
 
         # a square lies inside where its corners do, by more than its sides bulge
         margins = [facet_distances(self._facets, self._centre + step).min(axis=1) for step in steps]
@@ -215,7 +225,8 @@ class Squares:
     def _curvature(self, some: Ints) -> Floats:
         """(n,) M + G m of some squares, see the head of this module."""
         bounds = self._bounds
-        return np.asarray(bounds.curvature[some] + bounds.gradient[some] * self._turn[some])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(bounds.curvature[some] + bounds.gradient[some] * self._turn[some])
 
     @property
     def margins(self) -> Floats:
@@ -313,7 +324,8 @@ class Squares:
         step = np.linalg.solve(regular(found.jacobian), gap[..., None])[..., 0]
         values = found.value + np.einsum("ni,ni->n", found.gradient, step)
         length = np.abs(step).max(axis=1).reshape(count, -1).max(axis=1)
-        noise = self._bounds.noise[some] + self._curvature(some) * length**2
+        with np.errstate(invalid="ignore"):
+            noise = self._bounds.noise[some] + self._curvature(some) * length**2
         shape = (count, cells + 1, cells + 1)
         return values.reshape(shape), places.reshape(*shape, -1), noise
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,10 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import STAND_IN, Kernel
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.faces.faces import FaceDrawer, pixel_bounds
+from elvis.renderer.passes.volume.bends import Bends
+from elvis.renderer.passes.volume.steepness import steepest, tolerance
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE, bin_sections, corners_of, empty_tiles, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
@@ -27,6 +30,10 @@ from elvis.scene.view import View
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20
 LANES = TILE * TILE
+#: as many times the tolerance, for the diagonal of all elements, may be proved: a quarter of the error asked for, too
+_PROVED = 1.0
+#: part of the error asked for that a part of a ray may have which holds a kink or a jump
+_OF_A_KINK = 2.0**-10
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class RayIntegrals:
     alpha      (n,)   part in [0, 1] of what lies behind that is hidden
     coverage   (n,)   the same of the volumes alone
     length     (n,)   of the segments in elements, as far as light comes from them, in units of length
-    error      (n,)   estimated error of the colour
+    error      (n,)   of the colour: what quadrature estimates, and what follows from how far quantities may be off
     segments   (n,)   their number; where there are none there is nothing else either
     undefined  (n,)   segments left out because their field is not a number
     lost       (n,)   places in curved elements, and ends of segments, that were not found
@@ -77,8 +84,8 @@ class RayIntegrals:
 
     def __init__(self, tally: NDArray[np.uint32], lost: Ints, integrals: Callable[[], NDArray[Any]]) -> None:
         """From what volume_march.slang counts, and what reads its integrals."""
-        self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 1, lost
-        self._covers, self._read = tally[:, 1] & 1, integrals
+        self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 2, lost
+        self._covers, self._is_open, self._read = tally[:, 1] & 1, tally[:, 1] & 2, integrals
 
     @cached_property
     def _lights(self) -> NDArray[Any]:
@@ -94,8 +101,9 @@ class RayIntegrals:
 
     def status(self) -> NDArray[np.uint8]:
         """(n,) what is known of the volumes (see frame.Status): failed where something was not found, ambiguous where
-        elements without numbers are left out."""
+        elements without numbers are left out, and where less is proved than the error asked for."""
         known = np.where(self._covers, Status.CERTAIN, Status.MISS)
+        known[self._is_open > 0] = Status.AMBIGUOUS
         known[self.undefined > 0] = Status.AMBIGUOUS
         known[self.lost > 0] = Status.FAILED
         return known.astype(np.uint8)
@@ -111,6 +119,7 @@ class _VisibleElements:
 
     quantity_index  number of the quantity
     rows    (tiles,) of entries, one for each pixel, that each needs: at most, or likely where elements are curved
+    proof   what bounds of the quantity are made of, on the device
     """
 
     number: int
@@ -119,6 +128,7 @@ class _VisibleElements:
     tiles: NDArray[Any]
     rows: Ints
     data: dict[str, NDArray[Any]]
+    proof: dict[str, Buffer] = field(default_factory=dict)
 
     @cached_property
     def places(self) -> Ints:
@@ -167,6 +177,7 @@ class _Media:
     curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
     chosen      for each of them and each part the elements of which media show or hide something
     march       the kernel that marches along rays
+    rooms       entries that tiles' lists had to have in the last picture, by the numbers of their places
     buffers     the media and their transfer functions
     """
 
@@ -180,6 +191,7 @@ class _Media:
         self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
         self.march = loaded.device.kernel("volume_march", line_degree=self.degree, media=len(media))
         self.buffers = self._buffers()
+        self.rooms: dict[int, int] = {}
 
     def _counts(self, quantity: str | None, number: int) -> Bools:
         """(n,) elements of a part of which a quantity's media show or hide something."""
@@ -199,6 +211,9 @@ class _Media:
         medium["list"] = [self.quantities.index(own.quantity) for own in self.media]
         medium["count"], medium["first"] = counts, np.cumsum(counts) - counts
         medium["gate"] = [own.gate for own in self.media]
+        medium["steepest"] = [steepest(own.transfer) for own in self.media]
+        densest = [max(own.transfer.densities) for own in self.media]
+        medium["densest"] = [sum(densest) if own.gate else most for own, most in zip(self.media, densest, strict=True)]
         buffers = {"medium": device.buffer(medium)}
         for name in ("values", "densities", "colors"):
             numbers = [np.asarray(getattr(own.transfer, name), np.float64) for own in self.media]
@@ -214,6 +229,7 @@ class VolumeRenderer:
 
     def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
+        self.bends = Bends(loaded)
         self._last: _Media | None = None
 
     def draw(
@@ -281,7 +297,7 @@ class _March:
         self.chosen = [[own[n] & ~hidden[n] for n in parts] for own in shown.chosen]
         bent = [[own[n] & (n in at) for own, at in zip(self.chosen, self.curved, strict=True)] for n in parts]
         self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
-        self.march, self.shared = shown.march, shown.buffers
+        self.march, self.shared, self.rooms = shown.march, shown.buffers, shown.rooms
         self.lost = np.zeros(view.count, np.int64)
         self.fixed = {**self.traversal.lines(self.degree), **fragments.buffers}
         self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
@@ -297,7 +313,7 @@ class _March:
         own = [medium for medium in self.media if medium.quantity == quantity]
         densest = max(max(medium.transfer.densities) for medium in self.media)
         gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
-        return min(gate, *(_tolerance(medium.transfer, self.error, length) for medium in own))
+        return min(gate, *(tolerance(medium.transfer, self.error, length) for medium in own))
 
     def _kernel(self, stage: str, number: int, quantity_index: int) -> Kernel:
         part, quantity = self.loaded.parts[number], self.quantities[quantity_index]
@@ -319,14 +335,21 @@ class _March:
         patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
         patches = patches[self.chosen[quantity_index][number][patches["element"]]]
         tiles, order = bin_sections(*pixel_bounds(patches, self.view), kernel.dtype("tiles"))
+        length, densest = 4.0 * self.loaded.extent, sum(max(own.transfer.densities) for own in self.media)
+        own = self._tolerance(self.quantities[quantity_index])
         wanted = np.zeros(1, kernel.dtype("wanted"))
-        wanted["tolerance"], wanted["apart"] = self._tolerance(self.quantities[quantity_index]), APART
+        wanted["tolerance"], wanted["apart"] = own, APART
+        # what the field is off by is told by what it makes of colours: at most densities times lengths
+        wanted["proof"] = own * _PROVED * length / float(np.linalg.norm(np.ptp(self.loaded.box, axis=0)))
+        wanted["most"] = own * 4.0 / self.error * length * densest
+        wanted["quota"] = _OF_A_KINK * own * length
         # as many segments as there are elements in a tile
         fresh = np.append(True, np.diff(patches["element"][order].astype(np.int64)) != 0)[: len(order)]
         fresh[tiles["first"]] = True
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
+        proof = self.renderer.bends.buffers(number, self.quantities[quantity_index], self.degree)
         buffers = {"order": order, "patches": patches, "view": view, "wanted": wanted}
-        return _VisibleElements(number, quantity_index, kernel, tiles, counts, buffers)
+        return _VisibleElements(number, quantity_index, kernel, tiles, counts, buffers, proof)
 
     def bands(self) -> Iterator[_Band]:
         """Groups of tiles whose lists have room together."""
@@ -336,7 +359,7 @@ class _March:
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
             rows[some.quantity_index, np.searchsorted(places, some.places)] += some.rows
-        most = rows.max(axis=0)
+        most = np.maximum(rows.max(axis=0), [self.rooms.get(place, 0) for place in places.tolist()])
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
         fixed = self.march.dtype("stops").itemsize * self.visibility.most
         number = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
@@ -386,6 +409,7 @@ class _March:
             counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(band)]
             needed = counts.reshape(-1, len(band), LANES).max(axis=(0, 2))
             if (needed <= band.lists["room"]).all():
+                self.rooms.update(zip(band.places.tolist(), needed.tolist(), strict=True))
                 return lists
             band.give(np.maximum(needed, band.lists["room"]))
 
@@ -415,20 +439,7 @@ class _March:
         held, own = band.of(some)
         if held.any():
             arrays = {**some.data, "tiles": some.tiles[held], "lists": own}
-            data = {name: self.device.buffer(array) for name, array in arrays.items()}
+            data = {name: self.device.buffer(array) for name, array in arrays.items()} | some.proof
             data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(own))
             bound = self.loaded.bindings(some.number, self.quantities[some.quantity_index])
             some.kernel(len(own), {**bound, **lists, **data}, groups=True, work=some.rows[held])
-
-
-def _tolerance(transfer: Transfer, error: float, length: float) -> float:
-    """Error of the quantity that changes colours by less than a quarter of ``error`` along rays of some length."""
-    values, densities, colors = (
-        np.asarray(x, np.float64) for x in (transfer.values, transfer.densities, transfer.colors)
-    )
-    if len(values) < 2:
-        return float("inf")
-    steps = np.diff(values)
-    steepest = np.abs(np.diff(densities) / steps).max()
-    steepest += densities.max() * np.abs(np.diff(colors, axis=0) / steps[:, None]).max()
-    return float(0.25 * error / max(steepest * length, 1e-300))

@@ -1,0 +1,59 @@
+"""What quantities are made of, as the Slang text that kernels are linked with (enclosures.slang)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.plugins.volume import Enclosure, Part, Quantity
+
+
+def enclosure_of(chosen: Part | Quantity) -> Enclosure | None:
+    """What a quantity that is no polynomial is made of where its isosurfaces are proved; None where they aren't."""
+    enclosure = chosen.enclosure
+    return None if chosen.degree or enclosure is None or not enclosure.continuous else enclosure
+
+
+def along_rays(part: Part, chosen: Part | Quantity) -> Enclosure | None:
+    """What a quantity is made of along rays: polynomials are their own leaves; None where nothing is known."""
+    if not chosen.degree:
+        return chosen.enclosure
+    type, rounding = f"Itself<{chosen.type}>", chosen.rounding
+
+    def errors() -> Floats:
+        """Places are as exact as rays are followed; of values, the rounding that plugins tell."""
+        values = np.zeros(len(part)) if rounding is None else rounding()
+        return np.column_stack([np.zeros((len(part), 3)), values])
+
+    degree, base = chosen.degree, chosen.base_degree
+    return Enclosure(type, 1, degree, base, degree, False, errors, slopes=False)
+
+
+def leaves_along_rays(part: Part, chosen: Part | Quantity) -> str:
+    """Slang text that says what a quantity is made of for stages of volumes."""
+    enclosure = along_rays(part, chosen)
+    if enclosure is None:
+        return ""
+    is_plain = str(chosen.degree > 0).lower()
+    return (
+        f"export static const bool bounded = true; export static const bool plain = {is_plain};"
+        f"export static const bool leaf_slopes = {str(enclosure.slopes).lower()};{_leaf_constants(enclosure)}"
+    )
+
+
+def leaves(chosen: Part | Quantity) -> str:
+    """Slang text that says what a quantity is made of where it is no polynomial, but enclosed."""
+    enclosure = enclosure_of(chosen)
+    return "" if enclosure is None else f"export static const bool analytic = true;{_leaf_constants(enclosure)}"
+
+
+def _leaf_constants(enclosure: Enclosure) -> str:
+    """Slang text that declares the leaves and their degrees."""
+    return (
+        f"import enclosures; export struct TheLeaves : ILeaves = {enclosure.type};"
+        f"export static const int leaf_fields = {enclosure.fields};"
+        f"export static const int leaf_degree = {enclosure.degree};"
+        f"export static const int leaf_base_degree = {enclosure.base_degree or enclosure.degree};"
+        f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
+        f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
+    )

@@ -1,0 +1,89 @@
+"""How much quantities bend along rays, for proofs of volumes (volume_bends.slang, volume_enclose.slang)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.plugins.volume import Enclosure
+from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.leaf_types import along_rays
+from elvis.renderer.memory import Buffer
+from elvis.renderer.passes.isosurface.nodes import series
+from elvis.renderer.traversal import MORE
+
+#: long half axes of ellipses in elements' cubes that bends are known on, as many as in volume_enclose.slang
+CUBE_AXES = (1.02, 1.08, 1.2, 1.45, 2.0, 3.0, 5.0, 9.0, 16.0)
+#: those of ellipses around parts of rays that are tried, as many as there: the first is the part itself
+LINE_AXES = (1.0, 1.3, 1.8, 2.8, 4.5, 8.0)
+#: numbers on the device together on the way
+_AT_ONCE = 1 << 22
+
+
+class Bends:
+    """Sums of first and second derivatives of the leaves of a volume's quantities, on and around each element."""
+
+    def __init__(self, loaded: DeviceVolume) -> None:
+        self._loaded = loaded
+        self._known: dict[tuple[int, str | None], dict[str, Buffer]] = {}
+
+    def buffers(self, number: int, quantity: str | None, degree: int) -> dict[str, Buffer]:
+        """What volume_trace.slang reads of a part's quantity, where the polynomials along rays have a degree."""
+        if (number, quantity) not in self._known:
+            self._known[number, quantity] = self._find(number, quantity)
+        tails = self._loaded.device.buffer(line_tails(degree + MORE))
+        return {**self._known[number, quantity], "line_tails": tails}
+
+    def _find(self, number: int, quantity: str | None) -> dict[str, Buffer]:
+        """The same but for what depends on the degree."""
+        device, part = self._loaded.device, self._loaded.parts[number]
+        enclosure = along_rays(part, self._loaded.quantity(number, quantity))
+        arrays = {"cube_axes": np.array(CUBE_AXES), "line_axes": np.array(LINE_AXES)}
+        found = {name: device.buffer(array) for name, array in arrays.items()}
+        found["leaf_errors"] = device.buffer(np.zeros(1) if enclosure is None else enclosure.errors())
+        found["bent"] = device.buffer(np.zeros(1) if enclosure is None else self._bent(number, quantity, enclosure))
+        return found
+
+    def _bent(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats:
+        """(elements, leaves, ellipses, 2) of a part's quantity that is made of leaves."""
+        loaded, device, part = self._loaded, self._loaded.device, self._loaded.parts[number]
+        kernel = device.kernel("volume_bends", part, quantity)
+        nodes, transform = series(enclosure.degree)
+        arrays = {"leaf_nodes": nodes, "leaf_chebyshev": transform, "grown": _grown(enclosure.degree)}
+        arrays["leaf_errors"] = enclosure.errors()
+        buffers = {name: device.buffer(array) for name, array in arrays.items()} | loaded.bindings(number, quantity)
+        leaves, terms = 3 + enclosure.fields, (enclosure.degree + 1) ** 3
+        most = max(1, _AT_ONCE // ((leaves + 1) * terms))
+        size, found = 2 * leaves * len(CUBE_AXES), list[Floats]()
+        for first in range(0, len(part), most):
+            count = min(most, len(part) - first)
+            wanted = np.zeros(1, kernel.dtype("wanted"))
+            wanted["first"], wanted["count"], wanted["ellipses"] = first, count, len(CUBE_AXES)
+            own = {"wanted": device.buffer(wanted), "bent": device.empty(np.float64, count * size)}
+            own["values"] = device.empty(np.float64, count * (leaves + 1) * terms)
+            kernel(count, {**buffers, **own})
+            found.append(device.read(own["bent"], np.float64)[: count * size].copy())
+        return np.concatenate(found)
+
+
+@lru_cache(maxsize=16)
+def line_tails(degree: int) -> Floats:
+    """(ellipses,) 4 r^-degree / (r - 1), r = a + sqrt(a^2 - 1), as in volume_enclose.slang; infinite for a = 1."""
+    axes = np.array(LINE_AXES)
+    ratio = axes + np.sqrt(axes * axes - 1.0)
+    with np.errstate(divide="ignore"):
+        return frozen_floats(4.0 * ratio**-degree / (ratio - 1.0))
+
+
+@lru_cache(maxsize=16)
+def _grown(degree: int) -> Floats:
+    """(ellipses, degree + 1, 3) greatest values of T_k and of its first and second derivative: at the axes' ends."""
+    axes, found = np.array(CUBE_AXES), np.zeros((len(CUBE_AXES), degree + 1, 3))
+    for k in range(degree + 1):
+        for order in range(3):
+            term = np.eye(degree + 1)[k]
+            found[:, k, order] = chebyshev.chebval(axes, chebyshev.chebder(term, order) if order else term)
+    return frozen_floats(found * (1.0 + 1e-12))
