@@ -6,7 +6,7 @@ refinement       sums over the pieces: one rule where that is exact, else rules 
 groups           boxes with what rules say on them, and by how much that may be off
 eta_boxes        boxes in elements and their sides, with Gauss points
 box_discs        what expressions attain on complex neighbourhoods of boxes; analytic_error: bounds of rules from it
-levels_of_elements  planes and isosurfaces in elements; level_boxes, graphs, subcells: rules on them
+levels_of_elements  planes and isosurfaces in elements; level_boxes, graph_orders, graphs, subcells: rules on them
 touching         where surfaces lie so near sides of elements that rounding decides between these
 targets          what is integrated over, from its name
 integrands       what is integrated, from its text: forces, fluxes, averages

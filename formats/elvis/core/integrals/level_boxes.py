@@ -10,14 +10,14 @@ boxes halved where one isn't.  In two dimensions i is left out: an axis of degre
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import Any
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.integrals.graph_orders import greatest, orders, shares_of_ends, shifts
 from elvis.core.integrals.graphs import Graph, below_graph, on_graph
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping import pointwise, tangents
@@ -36,8 +36,6 @@ _LOOSE = 5
 _MOVED = 10.0
 #: changes of g in a direction in which boxes needn't be halved, in parts of the greatest
 _FLAT = 0.05
-#: derivatives along the height of a graph, in parts of others
-_STEEP = 0.1
 #: what there is for each box
 _COLUMNS = ("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order")
 
@@ -118,7 +116,7 @@ class LevelBoxes:
     @property
     def _is_flat(self) -> Bools:
         """(n, 3) directions in which g changes little in comparison with the others, so that halving tells nothing."""
-        changes = np.stack([_greatest(np.diff(self.nets, axis=axis)) for axis in (1, 2, 3)], axis=1)
+        changes = np.stack([greatest(np.diff(self.nets, axis=axis)) for axis in (1, 2, 3)], axis=1)
         return np.asarray(changes < _FLAT * changes.max(axis=1, keepdims=True))
 
     def resolved(self) -> LevelBoxes:
@@ -147,10 +145,10 @@ class LevelBoxes:
         """
         least, most = self.nets.min(axis=(1, 2, 3)), self.nets.max(axis=(1, 2, 3))
         is_met = (least <= 0) & (most >= 0)
-        free, is_free = _orders(self.nets, are_ends_free=True)
+        free, is_free = orders(self.nets, are_ends_free=True)
         order, is_proved = free.copy(), is_free & ~is_met
         open_ended = np.flatnonzero(is_free & is_met)
-        with_ends, have_ends = _orders(self.nets[open_ended], are_ends_free=False)
+        with_ends, have_ends = orders(self.nets[open_ended], are_ends_free=False)
         order[open_ended[have_ends]] = with_ends[have_ends]
         is_proved[open_ended[have_ends]] = True
         is_graph = is_proved | (is_free & (self.age >= _LOOSE))
@@ -170,8 +168,8 @@ class LevelBoxes:
         for order in sorted(set(map(tuple, self.order.tolist()))):
             here = np.flatnonzero((self.order == order).all(axis=1))
             turned = self.nets[here].transpose(0, *(1 + axis for axis in order))
-            shift[here], change[here] = _shifts(turned, self.band[here])
-            share[here] = _shares_of_ends(turned, self.band[here])
+            shift[here], change[here] = shifts(turned, self.band[here])
+            share[here] = shares_of_ends(turned, self.band[here])
         if self.is_filled:
             return replace(self, moved=(self._extent() * np.minimum(shift, 1.0)) @ self.sizes)
         height = np.take_along_axis(self.high - self.low, self.order[:, 2:], axis=1)[:, 0]
@@ -204,14 +202,14 @@ class LevelBoxes:
 
     def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
-        orders = sorted(set(map(tuple, self.order.tolist())))
+        kinds = sorted(set(map(tuple, self.order.tolist())))
         if self.is_filled:
             whole, upwards = self.is_whole, counts[-1] if self.enough is None else min(self.enough, counts[-1])
-            inner = [self._below_graphs(order, (*counts[:-1], upwards), ~whole) for order in orders]
+            inner = [self._below_graphs(order, (*counts[:-1], upwards), ~whole) for order in kinds]
             inner.append(self._inside(np.flatnonzero(whole), upwards if self.enough is None else self.enough))
             box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
             return ElementPoints(self.patch, self.rows[box], places), shares, box
-        parts = [self._on_graphs(order, counts) for order in orders]
+        parts = [self._on_graphs(order, counts) for order in kinds]
         box, places, shares, normals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
 
@@ -316,82 +314,3 @@ def _areas(tangents: Floats, upwards: Floats, graph: Graph) -> tuple[Floats, Flo
     sign = np.sign(np.einsum("nc,nc->n", normal, upwards)) * np.sign(graph.slopes[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         return stretch, normal * (sign / np.linalg.norm(normal, axis=1))[:, None]
-
-
-def _orders(nets: Floats, are_ends_free: bool) -> tuple[Ints, Bools]:
-    """For each net (n, D, D, D) the axes i, j, k in which g = 0 is a graph with such ends, and whether there are."""
-    best, order = np.zeros(len(nets)), np.tile(np.arange(3), (len(nets), 1))
-    for axes in _candidates(nets):
-        turned = nets.transpose(0, *(1 + axis for axis in axes))
-        score = _steepness(turned)
-        score = score if are_ends_free else np.where(_are_ends_graphs(turned), score, 0.0)
-        better = score > best
-        best[better], order[better] = score[better], axes
-    return order, best > _STEEP
-
-
-def _candidates(nets: Floats) -> Iterator[tuple[int, ...]]:
-    """Orders of the axes: without a first direction that stays the first."""
-    return (axes for axes in permutations(range(3)) if nets.shape[1] > 1 or axes[0] == 0)
-
-
-def _steepness(nets: Floats) -> Floats:
-    """(n,) lower bounds of the derivative along the last axis, in parts of the greatest of all; at most 0 for none.
-
-    Where it is small the surface is steep, and rules converge slowly.
-    """
-    axes = tuple(range(1, nets.ndim))
-    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes if nets.shape[axis] > 1]
-    last = slopes[-1]
-    least = np.maximum(last.min(axis=axes), -last.max(axis=axes))
-    most = np.max([np.abs(slope).max(axis=axes) for slope in slopes], axis=0)
-    return np.asarray(least / np.where(most > 0, most, 1.0))
-
-
-def _are_ends_graphs(nets: Floats) -> Bools:
-    """(n,) whether on both faces across the last axis g has no zeros, or they are a graph with single ends."""
-    found = np.ones(len(nets), bool)
-    for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
-        is_free = (face.min(axis=(1, 2)) > 0) | (face.max(axis=(1, 2)) < 0)
-        has_single_ends = (_changes(face[:, :, 0]) <= 1) & (_changes(face[:, :, -1]) <= 1)
-        found &= is_free | ((_steepness(face) > _STEEP) & has_single_ends)
-    return found
-
-
-def _changes(coefficients: Floats) -> Ints:
-    """(n,) how often the sign changes along coefficients (n, D): by Descartes' rule the roots, where that is 0 or 1."""
-    is_positive = coefficients >= 0
-    return np.asarray((is_positive[:, 1:] != is_positive[:, :-1]).sum(axis=1))
-
-
-def _shifts(nets: Floats, band: Floats) -> tuple[Floats, Floats]:
-    """(n,) how far moving g by the band moves its graph along the last axis; (n,) how much the area changes, in parts.
-
-    With r = g_i / g_k and |g_k| >= m: |dr/dk| <= (|g_ik| m + |g_i| |g_kk|) / m^2.
-    """
-    axes = tuple(range(1, nets.ndim))
-    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes]
-    last = slopes[-1]
-    steepness = np.maximum(last.min(axis=axes), -last.max(axis=axes))
-    shift = band / steepness
-    bend = _greatest(np.diff(last, axis=3) * (nets.shape[3] - 2))
-    change = np.zeros(len(nets))
-    for slope in slopes[:-1]:
-        mixed = _greatest(np.diff(slope, axis=3) * (nets.shape[3] - 1))
-        change += shift * (mixed / steepness + _greatest(slope) * bend / steepness**2)
-    return shift, change
-
-
-def _shares_of_ends(nets: Floats, band: Floats) -> Floats:
-    """(n,) bounds of the shares of (i, j) in [0, 1]^2 over which the ends of graphs move, where these are graphs."""
-    found = np.zeros(len(nets))
-    for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
-        is_met = (face.min(axis=(1, 2)) <= 0) & (face.max(axis=(1, 2)) >= 0) & (_steepness(face) > _STEEP)
-        slopes = np.diff(face[is_met], axis=2) * (face.shape[2] - 1)
-        found[is_met] += 2 * band[is_met] / np.abs(slopes).min(axis=(1, 2), initial=np.inf)
-    return found
-
-
-def _greatest(nets: Floats) -> Floats:
-    """(n,) greatest magnitudes of coefficients; 0 for none."""
-    return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim)), initial=0.0))

@@ -1,0 +1,92 @@
+"""Directions in which surfaces g = 0 are graphs over boxes, and how far rounding moves these, from Bernstein nets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+
+#: derivatives along the height of a graph, in parts of others
+_STEEP = 0.1
+
+
+def orders(nets: Floats, are_ends_free: bool) -> tuple[Ints, Bools]:
+    """For each net (n, D, D, D) the axes i, j, k in which g = 0 is a graph with such ends, and whether there are."""
+    best, order = np.zeros(len(nets)), np.tile(np.arange(3), (len(nets), 1))
+    for axes in _candidates(nets):
+        turned = nets.transpose(0, *(1 + axis for axis in axes))
+        score = _steepness(turned)
+        score = score if are_ends_free else np.where(_are_ends_graphs(turned), score, 0.0)
+        better = score > best
+        best[better], order[better] = score[better], axes
+    return order, best > _STEEP
+
+
+def _candidates(nets: Floats) -> Iterator[tuple[int, ...]]:
+    """Orders of the axes: without a first direction that stays the first."""
+    return (axes for axes in permutations(range(3)) if nets.shape[1] > 1 or axes[0] == 0)
+
+
+def _steepness(nets: Floats) -> Floats:
+    """(n,) lower bounds of the derivative along the last axis, in parts of the greatest of all; at most 0 for none.
+
+    Where it is small the surface is steep, and rules converge slowly.
+    """
+    axes = tuple(range(1, nets.ndim))
+    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes if nets.shape[axis] > 1]
+    last = slopes[-1]
+    least = np.maximum(last.min(axis=axes), -last.max(axis=axes))
+    most = np.max([np.abs(slope).max(axis=axes) for slope in slopes], axis=0)
+    return np.asarray(least / np.where(most > 0, most, 1.0))
+
+
+def _are_ends_graphs(nets: Floats) -> Bools:
+    """(n,) whether on both faces across the last axis g has no zeros, or they are a graph with single ends."""
+    found = np.ones(len(nets), bool)
+    for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
+        is_free = (face.min(axis=(1, 2)) > 0) | (face.max(axis=(1, 2)) < 0)
+        has_single_ends = (_changes(face[:, :, 0]) <= 1) & (_changes(face[:, :, -1]) <= 1)
+        found &= is_free | ((_steepness(face) > _STEEP) & has_single_ends)
+    return found
+
+
+def _changes(coefficients: Floats) -> Ints:
+    """(n,) how often the sign changes along coefficients (n, D): by Descartes' rule the roots, where that is 0 or 1."""
+    is_positive = coefficients >= 0
+    return np.asarray((is_positive[:, 1:] != is_positive[:, :-1]).sum(axis=1))
+
+
+def shifts(nets: Floats, band: Floats) -> tuple[Floats, Floats]:
+    """(n,) how far moving g by the band moves its graph along the last axis; (n,) how much the area changes, in parts.
+
+    With r = g_i / g_k and |g_k| >= m: |dr/dk| <= (|g_ik| m + |g_i| |g_kk|) / m^2.
+    """
+    axes = tuple(range(1, nets.ndim))
+    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes]
+    last = slopes[-1]
+    steepness = np.maximum(last.min(axis=axes), -last.max(axis=axes))
+    shift = band / steepness
+    bend = greatest(np.diff(last, axis=3) * (nets.shape[3] - 2))
+    change = np.zeros(len(nets))
+    for slope in slopes[:-1]:
+        mixed = greatest(np.diff(slope, axis=3) * (nets.shape[3] - 1))
+        change += shift * (mixed / steepness + greatest(slope) * bend / steepness**2)
+    return shift, change
+
+
+def shares_of_ends(nets: Floats, band: Floats) -> Floats:
+    """(n,) bounds of the shares of (i, j) in [0, 1]^2 over which the ends of graphs move, where these are graphs."""
+    found = np.zeros(len(nets))
+    for face in (nets[:, :, :, 0], nets[:, :, :, -1]):
+        is_met = (face.min(axis=(1, 2)) <= 0) & (face.max(axis=(1, 2)) >= 0) & (_steepness(face) > _STEEP)
+        slopes = np.diff(face[is_met], axis=2) * (face.shape[2] - 1)
+        found[is_met] += 2 * band[is_met] / np.abs(slopes).min(axis=(1, 2), initial=np.inf)
+    return found
+
+
+def greatest(nets: Floats) -> Floats:
+    """(n,) greatest magnitudes of coefficients; 0 for none."""
+    return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim)), initial=0.0))
