@@ -1,7 +1,8 @@
 """Native data at the nodes of other programs' cells: what exports have in common.
 
-Every element becomes one cell of the lowest order that holds its map and its fields.  Pyramids that a program's own
-don't hold become hexahedra whose upper face is the apex: there every function of a pyramid is a polynomial.
+Every element becomes one cell of the lowest order that holds its map and its fields.  Pyramids and prisms that a
+program's own don't hold become hexahedra, of which a face or an edge is collapsed: there every function of theirs is a
+polynomial.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch, patches
@@ -21,6 +22,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss
+from elvis.plugins.nodal import nearest_nodes
 
 #: points of each element at which an export is compared with the data
 _CHECKS = 24
@@ -44,9 +46,10 @@ class Cell:
 class Target(ABC):
     """The cells of a program: of which kinds and orders, and which functions go with their nodes."""
 
-    #: the highest order of its cells, and of pyramids that are the native ones of that order
+    #: the highest order of its cells, of pyramids that are the native ones of that order, and of prisms
     highest: int
     highest_pyramid: int
+    highest_prism: int
 
     @abstractmethod
     def cell(self, shape: Shape, order: int) -> Cell:
@@ -68,8 +71,19 @@ class Piece:
 
     @property
     def is_collapsed(self) -> bool:
-        """Whether hexahedra stand for pyramids."""
+        """Whether hexahedra stand for pyramids or prisms."""
         return self.cell.shape is not self.patch.shape
+
+    @property
+    def native_nodes(self) -> Floats:
+        """(k, d) reference coordinates of the nodes in the elements."""
+        return uncollapse(self.patch.shape, self.cell.nodes) if self.is_collapsed else self.cell.nodes
+
+    @property
+    def corners(self) -> Ints:
+        """(v,) which vertex of the elements each vertex of the cells is."""
+        own = self.cell.shape.vertices
+        return nearest_nodes(self.patch.shape.vertices, uncollapse(self.patch.shape, own) if self.is_collapsed else own)
 
 
 @dataclass(eq=False)
@@ -105,8 +119,10 @@ def _piece(patch: Patch, order: int | None, target: Target) -> Piece:
     if shape is Shape.PYRAMID and (wanted > target.highest_pyramid or any(_is_ortho(own) for own in spaces)):
         shape = Shape.HEXAHEDRON
         wanted = max(_vertical(own) for own in spaces)
+    if shape is Shape.PRISM and min(order or wanted, target.highest) > target.highest_prism:
+        shape = Shape.HEXAHEDRON
     cell = target.cell(shape, min(order or max(1, wanted), target.highest))
-    nodes = uncollapse(Shape.PYRAMID, cell.nodes) if shape is not patch.shape else cell.nodes
+    nodes = uncollapse(patch.shape, cell.nodes) if shape is not patch.shape else cell.nodes
     places = evaluate(patch.geometry, patch.geometry_coefficients, nodes).transpose(0, 2, 1)
     values = tuple(
         None if own is None or coefficients is None else evaluate(own, coefficients, nodes)
@@ -130,7 +146,7 @@ def _compare(piece: Piece, target: Target, losses: Sequence[Loss]) -> None:
     patch, cell = piece.patch, piece.cell
     eta = np.random.default_rng(0).uniform(-1, 1, (_CHECKS, cell.shape.dimension))
     points = eta if piece.is_collapsed else uncollapse(cell.shape, eta)
-    native = uncollapse(Shape.PYRAMID, points) if piece.is_collapsed else points
+    native = uncollapse(patch.shape, points) if piece.is_collapsed else points
     table = target.table(cell, points)
     for part in _parts(len(patch)):
         exact = evaluate(patch.geometry, patch.geometry_coefficients[part], native)

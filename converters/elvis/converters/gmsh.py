@@ -141,7 +141,7 @@ class Gmsh(NodalConverter):
         for section in (section for path in paths for section in scan(path).sections):
             found.setdefault((section.name, section.kind), set()).add((section.time, section.step))
         longest = max((sorted(steps) for steps in found.values()), key=len, default=[])
-        return [time for time, _ in longest]
+        return [time for time, _ in longest if not np.isnan(time)]
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step)
@@ -162,7 +162,8 @@ class Gmsh(NodalConverter):
         for values in read:
             self._add(values)
             time = values.section.time
-            self.time = time if self.time is None else max(self.time, time)
+            if not np.isnan(time):
+                self.time = time if self.time is None else max(self.time, time)
 
     def take_mesh(self, mesh: Mesh) -> None:
         """Blocks, boundaries and notes of a mesh."""

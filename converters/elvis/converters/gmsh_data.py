@@ -22,6 +22,9 @@ from elvis.core.shapes import Shape
 
 MAGIC = b"$MeshFormat"
 
+#: the time of data that tell none: one object, so that keys with it are equal
+UNKNOWN = float("nan")
+
 #: how files of version 1 begin, and the ends of their sections
 MAGIC_1, _SECTIONS_1 = b"$NOD", (b"$ENDNOD", b"$ELM", b"$ENDELM")
 
@@ -347,7 +350,7 @@ def _section(
                 own.append(text)
             groups.append(own)
         names, times, (step, components, count) = groups[0], groups[1], (int(text) for text in groups[2][:3])
-        time = float(times[0]) if times else 0.0
+        time = float(times[0]) if times else UNKNOWN
     except (ValueError, IndexError):
         raise FormatError(
             "expected tags before the values, found something else", file=path, place=f"${kind}"

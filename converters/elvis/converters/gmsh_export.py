@@ -1,9 +1,14 @@
-"""Export to Gmsh: a mesh (MSH 4.1) with shared corners, and the fields as values at the nodes of each element."""
+"""Export to Gmsh: a mesh (MSH 4.1) with shared corners, and the fields as values at the nodes of each element.
+
+Boundaries and regions become physical groups of their names.  The library opens no prisms of order 3 or more, so
+collapsed hexahedra stand for these.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -15,12 +20,14 @@ from elvis.converters.exporting import Cell, Export, Piece, Target, exported
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import boundaries
 from elvis.core.files.output import replacing
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss, require
 from elvis.plugins.nodal import affine_image, nearest_nodes
+from elvis.plugins.projection.naming import local_sides
 
 _FAMILIES = {
     Shape.SEGMENT: "Line",
@@ -33,10 +40,14 @@ _FAMILIES = {
 }
 
 
+#: dimensions of elements, and further tags by which composites may hold them
+_ANY = {(1, "E"), (2, "F")}
+
+
 class GmshTarget(Target):
     """The library's complete elements; a context, for the library has a beginning and an end."""
 
-    highest, highest_pyramid = 9, 2
+    highest, highest_pyramid, highest_prism = 9, 2, 2
 
     def __enter__(self) -> GmshTarget:
         self._session = _session()
@@ -111,21 +122,24 @@ def export_msh(
 
 
 def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: float | None) -> None:
-    """A binary .msh file: each shape an entity and a physical group, then a section of data for each field."""
+    """A binary .msh file: elements and sides by physical group, then a section of data for each field."""
     gmsh = target.gmsh
     gmsh.model.add("export")
     gmsh.option.setNumber("Mesh.Binary", 1)
     gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    first, tags = len(mesh.vertex_ids) + 1, []
-    for number, piece in enumerate(export.pieces, 1):
-        first = _add(gmsh, number, piece, mesh, first)
+    model = _Model(target, mesh)
+    tags = []
+    for piece in export.pieces:
+        model.add(piece)
         tags.append(_tags(piece))
+    model.add_sides()
+    model.name_groups()
     with replacing(path) as temporary:
         gmsh.write(str(temporary))
         _check_whole(temporary)
         with temporary.open("ab") as file:
             for i, name in enumerate(export.names):
-                _write_field(file, name, 0.0 if time is None else time, export, i, tags)
+                _write_field(file, name, time, export, i, tags)
 
 
 def _check_whole(path: Path) -> None:
@@ -142,47 +156,121 @@ def _tags(piece: Piece) -> Ints:
     return piece.patch.element_ids + 1
 
 
-def _add(gmsh: Any, entity: int, piece: Piece, mesh: Mesh, first: int) -> int:
-    """Add the elements of a piece; the number of the next node."""
-    shape, cell = piece.patch.shape, piece.cell
-    corners = nearest_nodes(cell.nodes, cell.shape.vertices)
-    rows = mesh.of(shape).rows_of(piece.patch.element_ids)
-    own = local_vertices(mesh, shape)[rows]
-    if piece.is_collapsed:
-        own = own[:, [0, 1, 2, 3, 4, 4, 4, 4]]
-    nodes = np.empty((len(rows), len(cell.nodes)), np.int64)
-    inner = np.setdiff1d(np.arange(len(cell.nodes)), corners)
-    nodes[:, inner] = first + np.arange(len(rows) * len(inner)).reshape(len(rows), -1)
-    nodes[:, corners] = own + 1
+class _Model:
+    """The library's model of a mesh, as it is put together: an entity for each part of a piece that has one name."""
 
-    dimension = shape.dimension
-    gmsh.model.addDiscreteEntity(dimension, entity)
-    new = np.unique(own.reshape(-1)) if entity == 1 else np.setdiff1d(own, _present(gmsh, len(mesh.vertex_ids)) - 1)
-    places = np.empty((mesh.vertices.shape[0], 3))
-    places[own.reshape(-1)] = piece.places[:, corners].reshape(-1, 3)
-    inside = piece.places[:, inner].reshape(-1, 3)
-    gmsh.model.mesh.addNodes(
-        dimension,
-        entity,
-        np.concatenate([new + 1, nodes[:, inner].reshape(-1)]),
-        np.concatenate([places[new], inside]).reshape(-1),
-    )
-    gmsh.model.mesh.addElementsByType(entity, cell.number, _tags(piece), nodes.reshape(-1))
-    gmsh.model.addPhysicalGroup(dimension, [entity], entity, f"{shape.label.lower()} {entity}")
-    return first + len(rows) * len(inner)
+    def __init__(self, target: GmshTarget, mesh: Mesh) -> None:
+        self._target, self._gmsh, self._mesh = target, target.gmsh, mesh
+        self._next_node, self._is_there = len(mesh.vertex_ids) + 1, np.zeros(len(mesh.vertex_ids), bool)
+        self._groups: dict[tuple[int, str], list[int]] = {}
+        self._entities = 0
+        self._pieces: list[tuple[Piece, Ints]] = []
+        self._next_element = 1
+
+    def add(self, piece: Piece) -> None:
+        """Add the elements of a piece, by region."""
+        shape, cell = piece.patch.shape, piece.cell
+        corners = nearest_nodes(cell.nodes, cell.shape.vertices)
+        rows = self._mesh.of(shape).rows_of(piece.patch.element_ids)
+        own = local_vertices(self._mesh, shape)[rows][:, piece.corners]
+        inner = np.setdiff1d(np.arange(len(cell.nodes)), corners)
+        nodes = np.empty((len(rows), len(cell.nodes)), np.int64)
+        nodes[:, inner] = self._next_node + np.arange(len(rows) * len(inner)).reshape(len(rows), -1)
+        nodes[:, corners] = own + 1
+        self._next_node += len(rows) * len(inner)
+        self._next_element = max(self._next_element, int(_tags(piece).max(initial=0)) + 1)
+        self._pieces.append((piece, nodes))
+        for name, part in self._regions(piece):
+            entity = self._entity(shape.dimension, name)
+            self._add_nodes(shape.dimension, entity, piece, part, (corners, inner, own[part], nodes[part]))
+            self._gmsh.model.mesh.addElementsByType(entity, cell.number, _tags(piece)[part], nodes[part].reshape(-1))
+
+    def _add_nodes(
+        self, dimension: int, entity: int, piece: Piece, part: Ints, numbers: tuple[Ints, Ints, Ints, Ints]
+    ) -> None:
+        """Add the nodes inside of some elements, and those corners that are not there yet."""
+        corners, inner, own, nodes = numbers
+        new = np.unique(own.reshape(-1))
+        new = new[~self._is_there[new]]
+        self._is_there[new] = True
+        places = np.empty((len(self._mesh.vertices), 3))
+        places[own.reshape(-1)] = piece.places[part][:, corners].reshape(-1, 3)
+        inside = piece.places[part][:, inner].reshape(-1, 3)
+        self._gmsh.model.mesh.addNodes(
+            dimension,
+            entity,
+            np.concatenate([new + 1, nodes[:, inner].reshape(-1)]),
+            np.concatenate([places[new], inside]).reshape(-1),
+        )
+
+    def _regions(self, piece: Piece) -> Iterator[tuple[str, Ints]]:
+        """Names of regions, and the rows of the elements of a piece in them; each row once."""
+        ids, shape = piece.patch.element_ids, piece.patch.shape
+        left = np.ones(len(ids), bool)
+        for composite in self._mesh.composites:
+            held = [own for tag, own in composite.parts if tag == shape.tag or (shape.dimension, tag) in _ANY]
+            rows = np.flatnonzero(left & np.isin(ids, np.concatenate([np.empty(0, np.int64), *held])))
+            if len(rows):
+                left[rows] = False
+                yield composite.name or composite.label or f"{shape.label.lower()} {composite.id}", rows
+        if left.any():
+            yield shape.label.lower(), np.flatnonzero(left)
+
+    def add_sides(self) -> None:
+        """Add the sides that boundaries name, each as a cell on the nodes of one element."""
+        if self._mesh.dimension < 2:
+            return
+        for composite in self._mesh.composites:
+            wanted = boundaries(replace(self._mesh, composites=(composite,))).get(str(composite.id))
+            if wanted is None or not len(wanted):
+                continue
+            name, left = composite.name or composite.label or f"boundary {composite.id}", set(wanted.tolist())
+            for piece, nodes in self._pieces:
+                for kind, sides in self._sides(piece, nodes, left):
+                    entity = self._entity(self._mesh.dimension - 1, name)
+                    tags = self._next_element + np.arange(len(sides))
+                    self._next_element += len(sides)
+                    self._gmsh.model.mesh.addElementsByType(entity, kind, tags, sides.reshape(-1))
+
+    def _sides(self, piece: Piece, nodes: Ints, left: set[int]) -> Iterator[tuple[int, Ints]]:
+        """Types of cells, and nodes (n, k) of the sides of a piece that are in ``left``, from where they go."""
+        shape, cell = piece.patch.shape, piece.cell
+        rows = self._mesh.of(shape).rows_of(piece.patch.element_ids)
+        members = self._mesh.of(shape).members[rows]
+        for number, local in enumerate(local_sides(shape)):
+            here = [row for row, side in enumerate(members[:, number].tolist()) if side in left]
+            left.difference_update(members[here, number].tolist())
+            if here:
+                side = next(each for each in local_sides(cell.shape) if set(piece.corners[list(each)]) == set(local))
+                kind, places = self._side_cell(cell, side)
+                yield kind, nodes[here][:, nearest_nodes(cell.nodes, places)]
+
+    def _side_cell(self, cell: Cell, side: tuple[int, ...]) -> tuple[int, Floats]:
+        """The type of the cells of a side, and where their nodes lie in the cell that it is a side of."""
+        kind = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}[len(side)]
+        own, corners = self._target.cell(kind, cell.order), cell.shape.vertices[list(side)]
+        axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
+        return own.number, corners[0] + (1 + own.nodes) / 2 @ (axes - corners[0])
+
+    def _entity(self, dimension: int, name: str) -> int:
+        """A new entity, in the physical group of a name."""
+        self._entities += 1
+        self._gmsh.model.addDiscreteEntity(dimension, self._entities)
+        self._groups.setdefault((dimension, name), []).append(self._entities)
+        return self._entities
+
+    def name_groups(self) -> None:
+        """Make physical groups of the entities of one name."""
+        for number, ((dimension, name), entities) in enumerate(self._groups.items(), 1):
+            self._gmsh.model.addPhysicalGroup(dimension, entities, number, name)
 
 
-def _present(gmsh: Any, count: int) -> Ints:
-    """Numbers of the vertices that the library has already."""
-    tags = np.asarray(gmsh.model.mesh.getNodes()[0], np.int64)
-    return tags[tags <= count]
-
-
-def _write_field(file: BinaryIO, name: str, time: float, export: Export, number: int, tags: list[Ints]) -> None:
+def _write_field(file: BinaryIO, name: str, time: float | None, export: Export, number: int, tags: list[Ints]) -> None:
     """A binary section $ElementNodeData of one component."""
     held = [(own, piece.values[number]) for own, piece in zip(tags, export.pieces, strict=True)]
     count = sum(len(own) for own, values in held if values is not None)
-    head = f'$ElementNodeData\n1\n"{name}"\n1\n{time!r}\n3\n0\n1\n{count}\n'
+    stamp = "0" if time is None else f"1\n{time!r}"
+    head = f'$ElementNodeData\n1\n"{name}"\n{stamp}\n3\n0\n1\n{count}\n'
     file.write(head.encode())
     for own, values in held:
         if values is not None:

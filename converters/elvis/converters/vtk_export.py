@@ -25,7 +25,7 @@ _TYPES = {shape: number for number, shape in LAGRANGE.items()}
 class VtkTarget(Target):
     """Lagrange cells with evenly spaced nodes; its pyramids of any order are nobody's, so hexahedra stand for them."""
 
-    highest, highest_pyramid = 10, 0
+    highest, highest_pyramid, highest_prism = 10, 0, 10
 
     def __init__(self) -> None:
         self._known: dict[tuple[Shape, int], VtkCell] = {}
