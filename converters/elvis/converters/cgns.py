@@ -71,10 +71,9 @@ class Cgns(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         path = single(paths)
-        number = step_number(step)
-        self.notes, self.warnings = [], []
+        self.blocks, self.notes, self.warnings = [], [], []
         with opened(path) as root:
-            self._read(root, number, path)
+            self._read(root, step_number(step), path)
         self.notes = list(dict.fromkeys(self.notes))
         self.warnings = list(dict.fromkeys(self.warnings))
 
@@ -107,7 +106,6 @@ class Cgns(NodalConverter):
         kept = self._whole_zones(zones, moment)
         is_joined = len(kept) > 1
         ids = vertices = 0
-        self.blocks = []
         boundaries: dict[str, list[tuple[int, Ints, Ints]]] = {}
         for reading in kept:
             reading.part(moment.solutions(reading.zone.node), is_joined)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats
 from elvis.core.memory import free_memory, size_text
 from elvis.core.terminal import Progress
+from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.rank_rows import RankRows, joined
 from elvis.renderer.shading import Drawn, Painter, record_of
@@ -189,11 +190,16 @@ class Canvas:
         self._keep("color", rows, color if self.records else whole(np.asarray(color)))
         self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
         if self.records:
-            self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
-            known = record.uncertainty
-            self._keep("uncertainty", rows, inner(np.full(band.view.count, np.nan) if known is None else known))
-            for name in ("field", "depth", "reference", "normal"):
-                self._keep(name, rows, inner(getattr(record, name)))
+            self._keep_record(band, record)
+
+    def _keep_record(self, band: Band, record: HitBuffer) -> None:
+        """Keep the channels of a band that only records have."""
+        rows, inner = band.rows, band.cropped
+        self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
+        known = record.uncertainty
+        self._keep("uncertainty", rows, inner(np.full(band.view.count, np.nan) if known is None else known))
+        for name in ("field", "depth", "reference", "normal"):
+            self._keep(name, rows, inner(getattr(record, name)))
 
     def _keep(self, name: str, rows: slice, values: Any) -> None:
         """Put rows of a channel in their place."""

@@ -46,9 +46,7 @@ def print_facts(facts: Facts, many: int | None) -> None:
     shown_elsewhere = {MAP_KEY, *((CONVERTED, REPORT) if report else ())}
     metadata = [item for item in facts["metadata"].items() if item[0] not in shown_elsewhere]
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
-    targets: list[tuple[object, ...]] = [
-        (name, each["faces"], _sign(each)) for name, each in facts.get("distances", {}).items()
-    ]
+    targets = [_target_row(*item) for item in facts.get("distances", {}).items()]
 
     if "series" in facts:
         _print_series(facts["series"], many)
@@ -68,6 +66,11 @@ def print_facts(facts: Facts, many: int | None) -> None:
             print_table(headers, rows)
     if report:
         _print_conversion(report, many)
+
+
+def _target_row(name: str, target: Facts) -> tuple[object, ...]:
+    """A row for what distances are measured to."""
+    return name, target["faces"], _sign(target)
 
 
 def _print_series(series: Facts, many: int | None) -> None:
