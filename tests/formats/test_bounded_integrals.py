@@ -11,7 +11,8 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals import ERROR, analytic_error, integrate
 from elvis.core.integrals.box_discs import RHOS, _growths
 from elvis.core.integrals.eta_boxes import EtaBoxes, lattice_counts
-from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.reference_cells import Piece, box_rule
+from elvis.core.integrals.tree_discs import divided
 from elvis.core.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
@@ -180,3 +181,76 @@ def test_speed_near_a_wall_is_bounded():
     truth = (sqrt(2) + asinh(1)) / 4
     assert abs(row.value - truth) <= row.error <= 1.1e-5 * truth
     assert row.kind == "bound"
+
+
+def no_slip(points):
+    """A velocity of degree 3 between walls y = 0 and y = 1, of length y (1 - y) (1 + x)."""
+    x, y, _ = points.T
+    return np.outer([2 / 3, -1 / 3, 2 / 3], y * (1 - y) * (1 + x))
+
+
+@pytest.mark.parametrize(
+    ("shape", "order", "is_bent", "error"),
+    [
+        (Shape.HEXAHEDRON, 4, False, 1e-9),
+        (Shape.HEXAHEDRON, 7, True, 1e-6),
+        (Shape.PRISM, 4, False, 1e-6),
+        (Shape.PYRAMID, 4, False, 1e-3),
+        (Shape.TETRAHEDRON, 4, False, 1e-4),
+    ],
+)
+def test_speed_between_walls_takes_few_points(shape, order, is_bent, error, monkeypatch):
+    """Zeros on faces of elements come out of the root; only elements with a zero on an edge are divided."""
+    monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 17)
+    mesh = grid(shape, 1)
+    dataset = Dataset(curved(mesh, bubble, 3) if is_bent else mesh)
+    velocity = [approximated(dataset, name, lambda p, k=k: no_slip(p)[k], order) for k, name in enumerate("uvw")]
+    (row,) = integrate(replace(dataset, fields=tuple(velocity)), "sqrt(u*u + v*v + w*w)", error=error)
+    assert abs(row.value - 1 / 4) <= row.error <= 1.01 * error / 4
+    assert row.kind == "bound"
+
+
+@pytest.mark.parametrize("end", [-1.0, 1.0])
+@pytest.mark.parametrize("remainder", [0.0, 1e-14])
+def test_cofactors_with_their_slack_hold_polynomials(end, remainder):
+    """(1 - end t)^2 (2 + s) and a remainder on the face."""
+    counts = (4, 3)
+    nodes, _ = box_rule(counts)
+    t, s = nodes.T
+
+    def polynomial(t, s):
+        return (1 - end * t) ** 2 * (2 + s) + remainder * (1 + s)
+
+    found = divided(polynomial(t, s)[None], counts)
+    assert found.powers.tolist() == [[2, 0, 0, 0] if end < 0 else [0, 2, 0, 0]]
+    np.testing.assert_allclose(found.values, (2 + s)[None], atol=1e-11)
+    off = np.abs((1 - end * t) ** 2 * found.values[0] - polynomial(t, s)).max()
+    assert max(off, 2 * remainder) <= found.slack[0] < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("text", "truth"),
+    [
+        ("sqrt(x^2 + (x*y)^2)", (sqrt(2) + asinh(1)) / 4),
+        ("abs(x*(1+y))", 3 / 4),
+        ("max(x, 2*x*y)", 5 / 8),
+    ],
+)
+def test_zeros_on_faces_come_out_of_functions(text, truth):
+    (row,) = integrate(Dataset(grid(Shape.QUADRILATERAL, 2)), text, error=1e-5)
+    assert abs(row.value - truth) <= row.error <= 1.01e-5 * truth
+    assert row.kind == "bound"
+
+
+def test_slack_is_part_of_the_error(monkeypatch):
+    """A speed of 1e-13 on the wall."""
+    velocity = tuple(
+        approximated(Dataset(grid(Shape.HEXAHEDRON, 1)), name, lambda p, k=k: (p[:, 1] + 1e-13) * [1, p[:, 0]][k], 3)
+        for k, name in enumerate("uv")
+    )
+    dataset = replace(Dataset(grid(Shape.HEXAHEDRON, 1)), fields=velocity)
+    (row,) = integrate(dataset, "sqrt(u*u + v*v)", error=1e-9)
+    assert abs(row.value - (0.5 + 1e-13) * (sqrt(2) + asinh(1)) / 2) <= row.error
+    monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
+    (row,) = integrate(dataset, "sqrt(u*u + v*v)", error=1e-15)
+    assert row.error > 1e-13

@@ -79,13 +79,18 @@ def bounds(found: BoxDiscs, roots: Sequence[Node], measures: Floats) -> Bounds:
 def _analytic(found: BoxDiscs, root: Node, is_exact: bool, factors: Floats, volumes: Floats) -> Floats:
     """(n, d, s) what each direction has in the error of f D, with D the measure.
 
-    Where rules integrate D exactly they do so for c D too, so that |f - c| |D| bounds what is left.
+    Where rules integrate D exactly they do so for c D too, so that |f - c| |D| bounds what is left.  If f differs
+    from an analytic function on the box, that is added.
     """
-    d, own, measure = len(found.counts), found.disc(root), found.measure
+    d, (own, slack), measure = len(found.counts), found.disc(root), found.measure
     most = own[1] * (np.abs(measure[0]) + measure[1]) if is_exact else discs.times(own, measure)[1]
     on_ellipses = most[:, 1:].reshape(-1, d, 1, len(RHOS))
     errors = np.where(np.isfinite(on_ellipses), on_ellipses * factors, np.inf)
-    return np.asarray(errors.min(axis=3) * (2.0 ** (d - 1) * volumes)[:, None, None])
+    analytic = errors.min(axis=3) * (2.0 ** (d - 1) * volumes)[:, None, None]
+
+    # the integral and the rule have the slack as often as the measure is large
+    largest = np.broadcast_to(np.abs(measure[0]) + measure[1], (len(slack), measure[1].shape[-1]))[:, 0]
+    return np.asarray(analytic + (2 * slack * largest * 2.0**d * volumes / d)[:, None, None])
 
 
 def _enclosure(found: BoxDiscs, root: Node, is_exact: bool, volumes: Floats, measures: Floats) -> Interval:

@@ -7,16 +7,16 @@ complex; all others are in [-1, 1], where |P_k| <= 1.  Functions of leaves follo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
-from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
+from elvis.core.integrals.tree_discs import ROUNDING, Ball, TreeDiscs, divided
 from elvis.core.polynomials.collapse import collapse_jacobian
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.quantities import discs
@@ -26,13 +26,11 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, call, fold, number, ordered, whole_exponent
+from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent
 from elvis.core.shapes import Shape
 
 #: parameters of the ellipses of which the best is taken: singularities from 0.02 to 10 half lengths of a box away
 RHOS = frozen_floats(1.25 * 1.6 ** np.arange(7))
-#: rounding of values of leaves, and of their Legendre coefficients, in parts of the greatest
-_ROUNDING = 64 * float(np.finfo(np.float64).eps)
 #: steps in which the enclosure of a gradient in a bent element is made smaller
 _STEPS = 2
 _NORMALS = SIDES[:3]
@@ -82,54 +80,19 @@ class BoxDiscs:
         """(n q, k) of the points."""
         return self.boxes.eta(self.counts)
 
-    def disc(self, root: Node) -> Disc:
-        """Middles (n, 1) and radii (n, 1 + k rhos) of an expression."""
-        found: dict[Node, Disc] = {}
-        lows: dict[Node, Any] = {}
-
-        def leaf(node: Node) -> Disc:
-            found[node] = self._leaf(node)
-            return found[node]
-
-        def inner(node: Node, parts: list[Disc]) -> Disc:
-            found[node] = function(node).disc(*parts)
-            if node.op in ("sqrt", "log", "/"):
-                found[node] = self._above(node, parts, found, lows)
-            return found[node]
-
-        middle, radius = fold(_without_roots(root), leaf, inner)
+    def disc(self, root: Node) -> tuple[Disc, Floats]:
+        """Middles (n, 1) and radii (n, 1 + k rhos) of an expression, and how far (n,) it may be off at real points."""
         columns = 1 + len(self.counts) * len(RHOS)
-        return np.broadcast_to(middle, (self.count, 1)), np.broadcast_to(radius, (self.count, columns))
-
-    def _above(self, node: Node, parts: list[Disc], found: Mapping[Node, Disc], lows: dict[Node, Any]) -> Disc:
-        """The disc of a function with a singularity at 0, also by a lower bound of the real part of its operand."""
-        middle, radius = found[node]
-        for own in ordered(node.operands[-1]):
-            if own not in lows:
-                lows[own] = self._low(own, found, lows)
-        low = lows[node.operands[-1]]
-        other = _ABOVE[node.op](*parts, low)[1]
-        return middle, np.fmin(radius, other)
-
-    def _low(self, node: Node, found: Mapping[Node, Disc], lows: Mapping[Node, Any]) -> Any:
-        """A lower bound of the real part, from those of operands: of squares and their sums more than the disc has."""
-        middle, radius = found[node]
-        low = middle - radius
-        first, last = (node.operands[0], node.operands[-1]) if node.operands else (node, node)
-        if node.op == "+":
-            low = np.fmax(low, lows[first] + lows[last])
-        elif node.op == "*" and first.op == "number" and first.value > 0:
-            low = np.fmax(low, first.value * lows[last])
-        elif (node.op == "*" and first is last) or whole_exponent(node) == 2:
-            imaginary = self._imaginary.get(first, found[first][1])
-            low = np.fmax(low, discs.square_above(found[first], imaginary))
-        return low - _ROUNDING * (np.abs(middle) + np.where(np.isfinite(radius), radius, 0.0))
+        tree = TreeDiscs(self.count, _factors(len(self.counts)), self._leaf, self._cofactor)
+        found = tree.of(_without_roots(root))
+        middle, slack = (np.broadcast_to(own, (self.count, 1)) for own in (found.middle, found.slack))
+        return (middle, np.broadcast_to(found.radius, (self.count, columns))), slack[:, 0]
 
     def interval(self, root: Node) -> Interval:
         """Least and greatest value (n,) of an expression on the real boxes; infinite where nothing is known."""
 
         def leaf(node: Node) -> Interval:
-            middle, radius = self._leaf(node)
+            middle, radius = self._leaf(node).disc
             if np.ndim(middle) == 0:
                 return middle, middle
             return middle[:, 0] - radius[:, 0], middle[:, 0] + radius[:, 0]
@@ -176,48 +139,79 @@ class BoxDiscs:
             coefficients = np.moveaxis(np.tensordot(to_legendre(count), coefficients, (1, axis)), 0, axis)
         coefficients = np.ascontiguousarray(coefficients)
         middles, sizes = coefficients.reshape(self.count, -1, m)[:, 0].copy(), np.abs(coefficients)
-        rounding = _ROUNDING * np.abs(values).reshape(self.count, -1, m).max(axis=1)
+        rounding = ROUNDING * np.abs(values).reshape(self.count, -1, m).max(axis=1)
         sizes.reshape(self.count, -1, m)[:, 0] = 0.0
         return middles, [sizes.sum(axis=tuple(other for other in axes if other != axis)) for axis in axes], rounding
 
-    def _polynomial(self, node: Node, values: Floats) -> Disc:
-        """The disc of a leaf that is a polynomial with values (n q,) at the points; its imaginary part is noted."""
-        middles, sizes, rounding = self._sizes(values[:, None])
+    def _polynomial(self, values: Floats, rounding: Floats | None = None) -> Ball:
+        """The ball of a polynomial with values (n q,) at the points, which may have more rounding (n, 1)."""
+        middles, sizes, least = self._sizes(values[:, None])
+        rounding = least if rounding is None else rounding
         parts = [np.tensordot(own, _growths(own.shape[1]), (1, 1)) for own in sizes]
         real, imaginary = (np.concatenate([part[:, 0, kind] for part in parts], axis=1) for kind in (0, 1))
         radii = np.concatenate([sizes[0].sum(axis=1), real], axis=1) + rounding
-        self._imaginary[node] = np.concatenate([0 * rounding, imaginary], axis=1) + rounding
-        return middles, radii
+        return Ball(middles, radii, middles - radii, np.concatenate([0 * rounding, imaginary], axis=1) + rounding)
 
-    def _leaf(self, node: Node) -> Disc:
-        """Middle and radius of a leaf."""
+    def _cofactor(self, node: Node) -> tuple[Ints, Ball] | None:
+        """What is left of a polynomial leaf without its zeros on faces of boxes, and their powers (n, 2 k)."""
+        self._leaf(node)
+        if node not in self._values:
+            return None
+        if node not in self._divided:
+            values = self._values[node].reshape(self.count, -1)
+            own = divided(values, self.counts)
+            rounding = ROUNDING * own.growth * np.abs(values).max(axis=1)
+            ball = self._polynomial(own.values.reshape(-1), rounding[:, None])
+            slack = own.slack[:, None]
+            self._divided[node] = own.powers, ball._replace(slack=slack, root_slack=np.sqrt(slack))
+        return self._divided[node]
+
+    def _leaf(self, node: Node) -> Ball:
+        """What is known of a leaf."""
         if node.op == "number":
-            return discs.number(node.value)
+            return Ball.around(discs.number(node.value))
         if node not in self._known:
-            self._known[node] = self._found(node)
+            values = self._values_of(node)
+            if values is None:
+                self._known[node] = Ball.around(self._other(node))
+            else:
+                self._values[node] = values
+                self._known[node] = self._polynomial(values)
         return self._known[node]
 
     @cached_property
-    def _imaginary(self) -> dict[Node, Floats]:
-        """Bounds (n, 1 + k rhos) of the imaginary parts of leaves that are polynomials."""
+    def _values(self) -> dict[Node, Floats]:
+        """Values (n q,) of leaves that are polynomials."""
         return {}
 
     @cached_property
-    def _known(self) -> dict[Node, Disc]:
-        """Discs of leaves that were asked for."""
+    def _divided(self) -> dict[Node, tuple[Ints, Ball]]:
+        """Cofactors that were asked for."""
         return {}
 
-    def _found(self, node: Node) -> Disc:
+    @cached_property
+    def _known(self) -> dict[Node, Ball]:
+        """Leaves that were asked for."""
+        return {}
+
+    def _values_of(self, node: Node) -> Floats | None:
+        """Values (n q,) of a leaf at the points; None where it is not a polynomial."""
         if node.op == "coordinate":
-            return self._polynomial(node, self.places.positions[:, node.axes[0]])
-        if node.op == "attribute":
-            return self._attribute(node.name)
+            return self.places.positions[:, node.axes[0]]
+        if node.op != "field":
+            return None
         field = self.names.index(node.name)
         if not node.axes:
-            return self._polynomial(node, self.places.derivative(field, 0))
+            return self.places.derivative(field, 0)
         if self.rules.is_affine:
-            return self._polynomial(node, self.places.derivative(field, len(node.axes)).T[node.axes[::-1]])
-        gradient = self._gradient(field)
+            return np.asarray(self.places.derivative(field, len(node.axes)).T[node.axes[::-1]])
+        return None
+
+    def _other(self, node: Node) -> Disc:
+        """The disc of an attribute, or of a derivative in bent elements."""
+        if node.op == "attribute":
+            return self._attribute(node.name)
+        gradient = self._gradient(self.names.index(node.name))
         return gradient[node.axes[0]] if node.axes[0] < len(gradient) else discs.number(0.0)
 
     def _attribute(self, name: str) -> Disc:
@@ -338,8 +332,18 @@ def _growths(count: int) -> Floats:
     angles = (np.arange(count) + 0.5) * np.pi / count
     j = np.arange(1, count)[:, None]
     chebyshev = jacobi(count - 1, 0, 0, np.cos(angles)) @ np.cos(j * angles).T * 2 / count
-    rounded_up = np.maximum(chebyshev, 0.0) + _ROUNDING
+    rounded_up = np.maximum(chebyshev, 0.0) + ROUNDING
     return frozen_floats(np.stack([real, rounded_up @ ((RHOS**j - RHOS**-j) / 2)]))
+
+
+@lru_cache(maxsize=8)
+def _factors(d: int) -> Floats:
+    """(2 d, 1 + d rhos) radii of 1 + t and 1 - t around 1 for each direction: |t| on its ellipses, 1 elsewhere."""
+    radii = np.ones((d, 2, 1 + d * len(RHOS)))
+    for axis in range(d):
+        first = 1 + axis * len(RHOS)
+        radii[axis, :, first : first + len(RHOS)] = (RHOS + 1 / RHOS) / 2
+    return frozen_floats(radii.reshape(2 * d, -1))
 
 
 def _without_roots(root: Node) -> Node:
@@ -354,11 +358,3 @@ def _without_roots(root: Node) -> Node:
         return call("^", base.operands[0], number(exponent / 2 if base.op == "sqrt" else exponent))
 
     return fold(root, lambda leaf: leaf, inner)
-
-
-#: discs of functions with a singularity at 0, from a lower bound of the real part of their last operand
-_ABOVE: Mapping[str, Callable[..., Disc]] = {
-    "sqrt": discs.root_above,
-    "log": discs.logarithm_above,
-    "/": discs.over_above,
-}

@@ -25,6 +25,8 @@ _AS_GOOD = 0.5
 #: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
 _NEW = 2.0
 
+#: further points that take as long as one call of a rule
+_CALL = 4096
 #: the greatest score of a box, of which many add up to a number
 _HOPELESS = 1e200
 
@@ -274,3 +276,33 @@ class Bounded(Group):
         varied = self.gains >= _AS_GOOD * self.gains.max(axis=1, keepdims=True)
         is_large = self.boxes.high - self.boxes.low > 2 * _LEAST_SIDE
         return np.asarray(np.where(is_known[:, None], behind, varied) & is_large)
+
+
+def with_fewer_rules(steps: Ints, least: Counts) -> Ints:
+    """Steps (n, d) of rules, of which those with few boxes are replaced by steps that are no smaller.
+
+    Each rule takes a call, whatever the number of boxes: rules are joined where the points that are added take less.
+    """
+    rules, number, boxes = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
+    joined: list[tuple[Ints, int, list[int]]] = []
+    for own in np.argsort(-_points_of(rules, least), kind="stable").tolist():
+        every = [np.maximum(rule, rules[own]) for rule, _, _ in joined]
+        added = [
+            (_points_of(both, least) - _points_of(rule, least)) * count
+            + (_points_of(both, least) - _points_of(rules[own], least)) * boxes[own]
+            for both, (rule, count, _) in zip(every, joined, strict=True)
+        ]
+        best = int(np.argmin(added)) if added else -1
+        if best < 0 or added[best] > _CALL:
+            joined.append((rules[own], int(boxes[own]), [own]))
+        else:
+            _, count, members = joined[best]
+            joined[best] = every[best], count + int(boxes[own]), [*members, own]
+    for rule, _, members in joined:
+        rules[members] = rule
+    return np.asarray(rules[number.reshape(-1)])
+
+
+def _points_of(steps: Ints, least: Counts) -> Ints:
+    """Points of rules (..., d) in a box."""
+    return np.asarray((np.array(least) + np.array(FURTHER)[steps]).prod(axis=-1))

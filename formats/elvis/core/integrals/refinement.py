@@ -25,7 +25,17 @@ from elvis.core.integrals.analytic_error import FURTHER, Bounds, bounds
 from elvis.core.integrals.box_discs import BoxDiscs, is_bounded
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes, lattice_counts
-from elvis.core.integrals.groups import Bounded, Boxes, BoxIntegrals, Compared, Counts, Group, Sums, compared_counts
+from elvis.core.integrals.groups import (
+    Bounded,
+    Boxes,
+    BoxIntegrals,
+    Compared,
+    Counts,
+    Group,
+    Sums,
+    compared_counts,
+    with_fewer_rules,
+)
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.levels_of_elements import LevelPiece
 from elvis.core.integrals.reference_cells import Piece
@@ -270,6 +280,7 @@ class Summation:
 
     def _improved_bounds(self, old: Bounded, allowed: Floats) -> Iterator[Bounded]:
         steps, is_raised = old.wanted_steps(allowed)
+        steps[is_raised] = with_fewer_rules(steps[is_raised], old.least)
         for own in np.unique(steps[is_raised], axis=0):
             yield self._raised(old.part(is_raised & (steps == own).all(axis=1)), tuple(own.tolist()))
         rest = old.part(~is_raised)
@@ -385,28 +396,14 @@ def _error(known: Bounds, integrals: BoxIntegrals, steps: tuple[int, ...]) -> tu
 
 
 def _gains(values: Floats, counts: Counts) -> Floats:
-    """(n, d) how much less the range of values (n q,) at points of boxes is, on average, in halves of each direction.
+    """(n, d) how much values (n q,) at points of boxes vary along each direction, on average over lines of points.
 
-    In parts of the range, at most a half; what intervals know of an integral gets better by so much, about.
+    Halving a direction halves that, and with it what intervals leave open; also if both halves have the range of the
+    whole, as those of a parabola have.
     """
     lattice = values.reshape(-1, *counts)
-    found = np.zeros((len(lattice), len(counts)))
-    with np.errstate(all="ignore"):
-        whole = _range(lattice)
-        for axis, count in enumerate(counts):
-            lower, upper = (np.take(lattice, part, axis=1 + axis) for part in _halves(count))
-            found[:, axis] = 1 - (_range(lower) + _range(upper)) / (2 * whole)
-    return np.nan_to_num(found)
-
-
-def _halves(count: int) -> tuple[Ints, Ints]:
-    """The points in the lower and in the upper half of a direction, one in the middle in both."""
-    return np.arange((count + 1) // 2), np.arange(count // 2, count)
-
-
-def _range(lattice: Floats) -> Floats:
-    """(n,) greatest less least value of lattices (n, ...)."""
-    return np.asarray(np.ptp(lattice.reshape(len(lattice), -1), axis=1))
+    found = [np.ptp(lattice, axis=1 + axis).reshape(len(lattice), -1).mean(axis=1) for axis in range(len(counts))]
+    return np.nan_to_num(np.stack(found, axis=1))
 
 
 def _joined(groups: Sequence[Group]) -> Iterator[Bounded]:
