@@ -207,11 +207,17 @@ def _times_by_number(
 
 
 def _wholes(paths: Sequence[Path], name: str | None) -> dict[Path, list[Path]]:
-    """Files by the name of the state that they are parts of, by marks of the formats of installed converters."""
-    kinds = [each.converter for each in installed_converters() if each.converter and name in (None, each.name)]
+    """Files by the name of the state that they are parts of, by marks of the formats of installed converters.
+
+    Native files have no such marks, and no converter is loaded for them.
+    """
+    foreign = [path for path in paths if name is not None or not is_native(path)]
+    candidates = installed_converters() if foreign else []
+    kinds = [each.converter for each in candidates if each.converter and name in (None, each.name)]
     found: dict[Path, list[Path]] = {}
     for path in paths:
-        whole = next((other for kind in kinds if (other := kind.whole(path)) != path), path)
+        marks = (kind.whole(path) for kind in kinds) if path in foreign else ()
+        whole = next((other for other in marks if other != path), path)
         found.setdefault(whole, []).append(path)
     return found
 
