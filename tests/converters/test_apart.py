@@ -273,7 +273,7 @@ def test_a_library_that_dies_of_a_question_later_is_told(solvers):
     pytest.importorskip("mfem.ser")
     source = Mfem([solvers / "mfem" / "pipe_nurbs.mesh"])
     block = source.blocks[0]
-    block.key.geometry.asked._library._process.kill()
+    block.key.geometry.evaluate.__self__._asked._library._process.kill()
     with pytest.raises(FormatError, match=r"pipe_nurbs\.mesh: expected data that MFEM reads, found some"):
         source.positions(block, block.frame)
 
