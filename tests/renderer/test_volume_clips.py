@@ -239,6 +239,9 @@ def test_the_reference_shows_the_same(draw, bent, other, expression):
         ),
     }
     frames = [draw(data, device, **scene) for device in ("vulkan", "reference")]
-    assert np.array_equal(frames[0].status > 0, frames[1].status > 0)
+    # the reference has no bounds of expressions along rays: what it may have missed there is ambiguous
+    has_missed = frames[1].status == 0
+    assert not (has_missed & (frames[0].status > 0)).any()
+    assert not ((frames[1].status == 1) & (frames[0].status == 0)).any()
     assert np.abs(frames[0].color - frames[1].color).max() < 2e-4
     assert np.ptp(frames[0].color) > 0.3
