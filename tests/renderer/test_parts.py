@@ -441,5 +441,5 @@ def test_a_rank_that_fails_names_its_part_and_its_reason(files, started):
     ranks = started.ranks(files, (1, *good), (1, *bad))
     assert ranks.returncode == 1
     (sentence,) = ranks.stderr.splitlines()
-    assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld: expected")
+    assert sentence.startswith("elvis: error: part 2 of 2: damaged.fld is another file there than at part 1")
     assert not [path for path in files.iterdir() if "none" in path.name]

@@ -24,10 +24,12 @@ def check_same_files(paths: Sequence[Path], ranks: Ranks) -> None:
     if ranks.size == 1:
         return
     own = [(path.name, _fingerprint(path)) for path in paths]
-    first, *others = ranks.exchange(own, f"the files {', '.join(name for name, _ in own)}")
+    first, *others = ranks.exchange(own, "the files of one state")
     for number, found in enumerate(others, 2):
-        for (name, expected), (_, other) in zip(first, found, strict=True):
-            if other != expected:
+        if len(found) != len(first):
+            raise FormatError(f"part {number} of {ranks.size}: expected {len(first)} files, found {len(found)}")
+        for expected, (name, other) in zip(first, found, strict=True):
+            if (name, other) != expected:
                 raise FormatError(
                     f"part {number} of {ranks.size}: {name} is another file there than at part 1; "
                     "all parts must see the same data"
