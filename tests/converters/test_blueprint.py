@@ -284,3 +284,11 @@ def test_domains_with_other_fields_are_refused():
     del other["fields"]["c"]
     with pytest.raises(ElvisError, match="domain 2: expected the fields c, u as in the first, found u"):
         from_blueprint({"domain_000000": node, "domain_000001": other})
+
+
+def test_numbers_beyond_those_of_the_machine_are_refused():
+    node = bad_node(0)
+    node["state"] = {"time": 0.0}
+    node["fields"]["u"]["values"][3] = 10**400
+    with pytest.raises(ElvisError, match="field u: values: expected an array of real numbers, found"):
+        from_blueprint(node)

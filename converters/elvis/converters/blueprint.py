@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_pieces import Piece, Source
@@ -94,28 +93,16 @@ def _name_at(node: Any, path: str, what: str) -> str:
 
 def _whole_numbers(name: str, given: Any) -> Ints:
     """(n,) whole numbers of an array; ElvisError for others."""
-    found = _numbers(name, given)
-    if found.dtype.kind not in "iu":
-        is_whole = np.isfinite(found) & (found == np.rint(found)) & (np.abs(found) < _LARGEST)
-        if not is_whole.all():
-            raise _fault(f"{name}", f"expected whole numbers, found {_shown(found[~is_whole][0])}")
+    found = _real_numbers(name, given)
+    is_whole = np.isfinite(found) & (found == np.rint(found)) & (np.abs(found) < _LARGEST)
+    if not is_whole.all():
+        raise _fault(name, f"expected whole numbers, found {_shown(found[~is_whole][0])}")
     return found.astype(np.int64)
 
 
 def _real_numbers(name: str, given: Any) -> Floats:
     """(n,) numbers of an array; ElvisError for others."""
-    return _numbers(name, given).astype(np.float64)
-
-
-def _numbers(name: str, given: Any) -> NDArray[Any]:
-    """(n,) real numbers of an array of any type."""
-    try:
-        found = np.ravel(np.asarray(host_array(name, given)))
-    except (ValueError, TypeError, OverflowError) as error:
-        raise _fault(f"{name}", f"expected numbers, found: {_shown(error)}") from None
-    if found.dtype.kind not in "iufb":
-        raise ElvisError(f"Blueprint: {_shown(name)}: expected numbers, found {found.dtype}")
-    return found
+    return np.ravel(host_array(_shown(name), given))
 
 
 def _fault(place: str, sentence: str) -> ElvisError:

@@ -158,11 +158,6 @@ def node_count(number: int) -> int | None:
     return len(nodes_of_type(number)) if number in _TYPES else None
 
 
-def dimension_of(number: int) -> int:
-    """The dimension of a type of elements."""
-    return _TYPES[number][1].dimension if number in _TYPES else 0
-
-
 def basic_shape(number: int) -> Shape | None:
     """The shape of a type of elements."""
     return _TYPES[number][1] if number in _TYPES else None

@@ -75,15 +75,10 @@ class Piece:
         return self.cell.shape is not self.patch.shape
 
     @property
-    def native_nodes(self) -> Floats:
-        """(k, d) reference coordinates of the nodes in the elements."""
-        return uncollapse(self.patch.shape, self.cell.nodes) if self.is_collapsed else self.cell.nodes
-
-    @property
     def corners(self) -> Ints:
         """(v,) which vertex of the elements each vertex of the cells is."""
-        own = self.cell.shape.vertices
-        return nearest_nodes(self.patch.shape.vertices, uncollapse(self.patch.shape, own) if self.is_collapsed else own)
+        shape = self.patch.shape
+        return nearest_nodes(shape.vertices, _in_elements(shape, self.cell, self.cell.shape.vertices))
 
 
 @dataclass(eq=False)
@@ -122,13 +117,18 @@ def _piece(patch: Patch, order: int | None, target: Target) -> Piece:
     if shape is Shape.PRISM and min(order or wanted, target.highest) > target.highest_prism:
         shape = Shape.HEXAHEDRON
     cell = target.cell(shape, min(order or max(1, wanted), target.highest))
-    nodes = uncollapse(patch.shape, cell.nodes) if shape is not patch.shape else cell.nodes
+    nodes = _in_elements(patch.shape, cell, cell.nodes)
     places = evaluate(patch.geometry, patch.geometry_coefficients, nodes).transpose(0, 2, 1)
     values = tuple(
         None if own is None or coefficients is None else evaluate(own, coefficients, nodes)
         for own, coefficients in zip(patch.fields, patch.coefficients, strict=True)
     )
     return Piece(patch, cell, places, values)
+
+
+def _in_elements(shape: Shape, cell: Cell, points: Floats) -> Floats:
+    """(n, d) points of cells in the reference coordinates of the elements of a shape that these stand for."""
+    return points if cell.shape is shape else uncollapse(shape, points)
 
 
 def _is_ortho(expansion: Expansion) -> bool:
@@ -146,7 +146,7 @@ def _compare(piece: Piece, target: Target, losses: Sequence[Loss]) -> None:
     patch, cell = piece.patch, piece.cell
     eta = np.random.default_rng(0).uniform(-1, 1, (_CHECKS, cell.shape.dimension))
     points = eta if piece.is_collapsed else uncollapse(cell.shape, eta)
-    native = uncollapse(patch.shape, points) if piece.is_collapsed else points
+    native = _in_elements(patch.shape, cell, points)
     table = target.table(cell, points)
     for part in _parts(len(patch)):
         exact = evaluate(patch.geometry, patch.geometry_coefficients[part], native)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 #: where Linux tells of control groups: containers, jobs of a batch system, units of systemd
 _GROUPS = Path("/sys/fs/cgroup")
@@ -24,20 +26,27 @@ def give_back_at_once() -> None:
     Without this glibc, once an array was freed, takes memory for others up to that size, of at most 32 MiB, from one
     heap, where what is freed between others stays with the process.  Elsewhere nothing is changed.
     """
-    if not sys.platform.startswith("linux"):
-        return
-    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    set_option = _of_glibc("mallopt")
     if set_option is not None:
         set_option(_MMAP_THRESHOLD, _OWN_PAGES)
 
 
 def release_free_memory() -> None:
     """Give memory that malloc keeps for later back to the system: after compilations that are hundreds of megabytes."""
-    if not sys.platform.startswith("linux"):
-        return
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    trim = _of_glibc("malloc_trim")
     if trim is not None:
         trim(0)
+
+
+@cache
+def c_library() -> ctypes.CDLL:
+    """The C library of this process; each time that it is loaded leaves a reference cycle behind."""
+    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
+
+
+def _of_glibc(name: str) -> Any:
+    """A function that only glibc has; None elsewhere."""
+    return getattr(c_library(), name, None) if sys.platform.startswith("linux") else None
 
 
 def size_text(size: float) -> str:

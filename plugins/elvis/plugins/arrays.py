@@ -18,6 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
+from elvis.core.terminal import one_line
 from elvis.plugins.conversion import Elements
 from elvis.plugins.converting import converted_object
 from elvis.plugins.nodal import (
@@ -162,7 +163,7 @@ def host_array(what: str, values: Any) -> Floats:
         if np.iscomplexobj(found):
             raise TypeError
         return np.asarray(found, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ElvisError(f"{what}: expected an array of real numbers, found {_short_text(values)}") from error
     except (BufferError, RuntimeError) as error:
         raise ElvisError(
@@ -171,4 +172,4 @@ def host_array(what: str, values: Any) -> Floats:
 
 
 def _short_text(value: Any) -> str:
-    return f"{value!r:.60}"
+    return one_line(f"{value!r:.60}")

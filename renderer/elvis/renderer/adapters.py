@@ -13,6 +13,7 @@ from pathlib import Path
 from shutil import which
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from elvis.core.memory import c_library
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.diagnostics import errors_alone
 from elvis.renderer.drawing import slangpy_module
@@ -286,7 +287,7 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         # what C code has buffered goes nowhere too
-        _c_library().fflush(None)
+        c_library().fflush(None)
         for stream, original in zip((1, 2), saved, strict=True):
             os.dup2(original, stream)
             os.close(original)
@@ -298,9 +299,3 @@ def _vulkan() -> ctypes.CDLL:
     """Vulkan's loader, which slangpy has opened already."""
     names = {"win32": "vulkan-1.dll", "darwin": "libvulkan.1.dylib"}
     return ctypes.CDLL(names.get(sys.platform, "libvulkan.so.1"))
-
-
-@cache
-def _c_library() -> ctypes.CDLL:
-    """The C library of this process; each time that it is loaded leaves a reference cycle behind."""
-    return ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)

@@ -105,33 +105,24 @@ def root(a: Disc) -> Disc:
     return _real_power(a, 0.5)
 
 
-def _turned(value: Any, slope: Any, radius: Any) -> Any:
-    """|f(m + s) - f(m)| of sin, cos, sinh and cosh, by the theorems of addition: |f| (cosh r - 1) + |f'| sinh r."""
-    return np.abs(value) * 2 * np.sinh(radius / 2) ** 2 + np.abs(slope) * np.sinh(radius)
+def _by_addition(function: Callable[[Any], Any], slope: Callable[[Any], Any]) -> Callable[[Disc], Disc]:
+    """A function f with its derivative, but for the sign.
+
+    |f(m + s) - f(m)| <= |f| (cosh r - 1) + |f'| sinh r for |s| <= r, by the addition theorems of sin, cos, sinh, cosh.
+    """
+
+    def enclosed(a: Disc) -> Disc:
+        value = function(a[0])
+        radius = np.abs(value) * 2 * np.sinh(a[1] / 2) ** 2 + np.abs(slope(a[0])) * np.sinh(a[1])
+        return rounded(value, radius)
+
+    return enclosed
 
 
-def sine(a: Disc) -> Disc:
-    """sin a."""
-    value = np.sin(a[0])
-    return rounded(value, _turned(value, np.cos(a[0]), a[1]))
-
-
-def cosine(a: Disc) -> Disc:
-    """cos a."""
-    value = np.cos(a[0])
-    return rounded(value, _turned(value, np.sin(a[0]), a[1]))
-
-
-def hyperbolic_sine(a: Disc) -> Disc:
-    """sinh a."""
-    value = np.sinh(a[0])
-    return rounded(value, _turned(value, np.cosh(a[0]), a[1]))
-
-
-def hyperbolic_cosine(a: Disc) -> Disc:
-    """cosh a."""
-    value = np.cosh(a[0])
-    return rounded(value, _turned(value, np.sinh(a[0]), a[1]))
+sine = _by_addition(np.sin, np.cos)
+cosine = _by_addition(np.cos, np.sin)
+hyperbolic_sine = _by_addition(np.sinh, np.cosh)
+hyperbolic_cosine = _by_addition(np.cosh, np.sinh)
 
 
 def tangent(a: Disc) -> Disc:

@@ -48,15 +48,15 @@ def added_to_field(sampler: Sampler, blocks: Sequence[NativeBlock], field: Sourc
     smooth = replace(field, is_polynomial=False)
     blocks = [block for block in blocks if field.is_on(block.number)]
 
+    def order(block: NativeBlock) -> int:
+        return max(1, field.order_on(block.number) or 0)
+
     def error(added: int) -> float:
         worst = 0.0
         for block in _leading(blocks, tally):
-            own = replace(block, modes=1 + added + max(1, field.order_on(block.number) or 0))
+            own = replace(block, modes=1 + added + order(block))
             worst = max(worst, float(errors_of(sampler, own, smooth).max(initial=0.0)))
         return worst
-
-    def order(block: NativeBlock) -> int:
-        return max(1, field.order_on(block.number) or 0)
 
     return _added(error, order, blocks, _goal(tally, sampler.source.precision))
 
