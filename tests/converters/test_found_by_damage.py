@@ -45,7 +45,7 @@ def instead(name, values):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (put("ElemInfo", 0, 2, 384), "ElemInfo: expected sides 0 to 383, found 6 to 389"),
+        (put("ElemInfo", 0, 2, 384), "ElemInfo: expected sides 0 to 383, found 5 to 384"),
         (put("ElemInfo", 0, 2, -1), "ElemInfo: expected sides 0 to 383, found -1 to"),
         (put("ElemInfo", 0, slice(4, 6), (-8, 0)), "ElemInfo: expected nodes 0 to 511, found -8 to"),
         (put("ElemInfo", 0, slice(4, 6), (512, 520)), "ElemInfo: expected nodes 0 to 511, found"),

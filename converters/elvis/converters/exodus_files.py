@@ -6,6 +6,7 @@ Layout and numbering: Schoof and Yarberry, EXODUS II: A Finite Element Data Mode
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -184,11 +185,9 @@ class _Classic:
     """
 
     def __init__(self, path: Path) -> None:
-        from scipy.io import netcdf_file
-
         self._path = path
         with self._guard():
-            self._file = netcdf_file(_CheckedFile(path), "r", mmap=True)
+            self._file = _mapped(path)
             found = {name: getattr(own, "elem_type", b"") for name, own in self._file.variables.items()}
             # the length of the unlimited dimension is None
             self.sizes = {name: int(size or 0) for name, size in self._file.dimensions.items()}
@@ -208,6 +207,22 @@ class _Classic:
         except (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise FormatError(f"expected a whole netCDF file, found: {reason}", file=self._path) from error
+
+
+def _mapped(path: Path) -> Any:
+    """A netCDF file in the classic container, mapped; no part of it is used longer than the file is."""
+    from scipy.io import netcdf_file
+
+    class Mapped(netcdf_file):  # type: ignore[misc]
+        def close(self) -> None:
+            # arrays that die together with the file are told of as if they were still in use
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)
+                super().close()
+
+        __del__ = close
+
+    return Mapped(_CheckedFile(path), "r", mmap=True)
 
 
 class _CheckedFile:
