@@ -58,3 +58,39 @@ def test_no_points_give_no_values(case):
     expansion, coefficients, points, rows = case
     assert evaluation.evaluate(expansion, coefficients, points[:0]).shape == (5, 3, 0)
     assert evaluation.evaluate_at(expansion, coefficients, rows[:0], points[:0]).shape == (0, 3)
+
+
+TENSOR = [
+    Expansion(Shape.SEGMENT, (Basis.MODIFIED_A,), (5,)),
+    Expansion(Shape.QUADRILATERAL, (Basis.MODIFIED_A, Basis.GLL_LAGRANGE), (5, 3)),
+    Expansion(Shape.HEXAHEDRON, (Basis.GLL_LAGRANGE, Basis.MODIFIED_A, Basis.ORTHO_A), (3, 5, 4)),
+]
+
+
+@pytest.mark.parametrize("expansion", TENSOR, ids=lambda e: e.shape.label)
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0), (2, 1, 0)])
+@pytest.mark.parametrize("counts", [(4, 2, 3), (5, 3, 1)])
+def test_lattices_are_evaluated_by_factors(monkeypatch, expansion, order, counts):
+    """Whichever direction runs fastest; a lattice with one point gone, or moved, is none."""
+    dimension = expansion.shape.dimension
+    order = [direction for direction in order if direction < dimension]
+    random = np.random.default_rng(3)
+    lines = [random.uniform(-1, 1, count) for count in counts[:dimension]]
+    points = np.empty((int(np.prod(counts[:dimension])), dimension))
+    for direction, line in zip(order, np.meshgrid(*lines, indexing="ij"), strict=True):
+        points[:, direction] = line.reshape(-1)
+    coefficients = random.normal(size=(3, 2, mode_count(expansion)))
+    moved = points.copy()
+    moved[-1, -1] += 1e-9
+    assert evaluation.lattice_of(expansion, moved) is None or dimension == 1
+    if dimension > 1:
+        assert evaluation.lattice_of(expansion, points[:-1]) is None
+
+    assert evaluation.lattice_of(expansion, points) is not None
+    found = evaluation.evaluate_with_gradients(expansion, coefficients, points)
+    plain = evaluation.evaluate(expansion, coefficients, points)
+    monkeypatch.setattr(evaluation, "lattice_of", lambda *args: None)
+    expected = evaluation.evaluate_with_gradients(expansion, coefficients, points)
+    assert np.allclose(plain, expected[0], rtol=0, atol=1e-13)
+    for own, known in zip(found, expected, strict=True):
+        assert np.allclose(own, known, rtol=0, atol=1e-12)

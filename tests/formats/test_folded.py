@@ -10,8 +10,9 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.summary import summary
-from elvis.core.testing import curved, grid, ripple
-from elvis.core.validity.folded import TOUCHING, are_regular, folded
+from elvis.core.testing import curved, grid, ripple, scattered
+from elvis.core.validity.folded import TOUCHING, folded
+from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.formats import Block, Dataset, Field, Shape, write
 from elvis.plugins.command import elvis as group
@@ -81,3 +82,57 @@ def test_every_command_warns(tmp_path, command):
     outcome = CliRunner().invoke(group, [command[0], *files, *command[1:]])
     assert outcome.exit_code == 0
     assert "1 element is inverted or folded" in " ".join(outcome.stderr.split())
+
+
+def bent(shape, bend, shift=0.0):
+    """A map of order 2 with the Jacobian 1 + bend xi1, turned by half a radian, and moved."""
+    expansion = modified(shape, (3,) * shape.dimension)
+    nodes = scattered(shape, 60, seed=1)
+    places = np.zeros((len(nodes), 3))
+    places[:, : shape.dimension] = nodes
+    places[:, 0] += bend * nodes[:, 0] ** 2 / 2
+    turn = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    return expansion, np.linalg.lstsq(values(expansion, nodes), places @ turn.T + shift, rcond=None)[0].T[None]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("space", [2, 3])
+def test_maps_pass_up_to_the_bend_at_which_they_fold(shape, space):
+    if space < shape.dimension:
+        pytest.skip("no such map")
+    for bend, expected in ((0.99, True), (-0.99, True), (1.01, False), (-1.01, False)):
+        assert are_regular(*bent(shape, bend), space).tolist() == [expected]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_maps_that_are_lost_in_rounding_do_not_pass(shape):
+    assert are_regular(*bent(shape, 0.5, 1e3)).all()
+    assert not are_regular(*bent(shape, 0.5, 1e14)).any()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_mirrored_maps_do_not_pass(shape):
+    expansion, coefficients = bent(shape, 0.5)
+    assert not are_regular(expansion, coefficients[:, [1, 0, 2]]).any()
+    assert are_regular(expansion, coefficients[:, [1, 0, 2]], 3).all() == (shape.dimension == 2)
+
+
+@pytest.mark.parametrize("shape", [shape for shape in SHAPES if shape.dimension == 3])
+def test_maps_that_turn_by_more_than_a_right_angle_pass(shape):
+    """Halving leaves less of the turn in a box."""
+
+    def turned(x):
+        angle = 0.9 * x[:, 2]
+        return np.stack(
+            [
+                x[:, 0] * np.cos(angle) - x[:, 1] * np.sin(angle),
+                x[:, 0] * np.sin(angle) + x[:, 1] * np.cos(angle),
+                x[:, 2],
+            ],
+            1,
+        )
+
+    expansion = modified(shape, (8,) * 3)
+    nodes = scattered(shape, 2000, seed=1)
+    coefficients = np.linalg.lstsq(values(expansion, nodes), turned(nodes), rcond=None)[0].T[None]
+    assert are_regular(expansion, coefficients).all()

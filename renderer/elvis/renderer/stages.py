@@ -16,7 +16,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import REST
-from elvis.core.validity.validity import ValidityStatus, validity
+from elvis.core.validity.validity import ValidityStatus, statuses
 from elvis.plugins.faces import faces_of
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
@@ -162,7 +162,8 @@ class Stages:
         count = sum(int(np.count_nonzero(np.linalg.det(some) <= 0.0)) for some in sides)
         if self.dataset is not None and not all(part.affine for part in self.loaded.parts):
             curved = [block for block in geometry(self.dataset) if not is_straight(block)]
-            count += validity(self.dataset, curved).count(ValidityStatus.NOT_POSITIVE)
+            found = [statuses(block, self.dataset.mesh.space) for block in curved]
+            count += sum(int(np.count_nonzero(own == ValidityStatus.NOT_POSITIVE)) for own in found)
         return count
 
     def remarks(self, scene: Scene, counts: Mapping[str, int]) -> Iterator[str]:

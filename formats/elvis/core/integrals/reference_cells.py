@@ -15,7 +15,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import GeometryBlock
-from elvis.core.mapping import pointwise, tangents
+from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -23,8 +23,9 @@ from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.element_points import Lattice
 from elvis.core.shapes import Shape
-from elvis.core.validity.validity import ValidityStatus, validity
+from elvis.core.validity.validity import ValidityStatus, statuses
 
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of what a map's derivatives are made of, in units of the last place
@@ -134,8 +135,7 @@ class Piece:
         eta = box_rule((2 * degree + 1,) * self.shape.dimension)[0]
         eta = np.hstack([eta, np.zeros((len(eta), len(self.patch.periods)))])
         points = self.points(eta)
-        rows = np.repeat(self.rows, len(points))
-        jacobians = pointwise.jacobians(self.patch, rows, np.tile(points, (len(self), 1)))
+        jacobians = Lattice(self.patch, self.rows, points).jacobians
         along = self.along(jacobians)[:, :, : self.shape.dimension]
         directions = along[:, :, 0] if along.shape[2] == 1 else np.cross(along[:, :, 0], along[:, :, 1])
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -145,9 +145,9 @@ class Piece:
         return np.asarray(spread <= _ROUNDING * _EPS * np.maximum(1.0, conditions))
 
     def is_valid(self, dataset: Dataset) -> Bools:
-        """(n,) whether the sign of the Jacobian is proved to be the same all over the element."""
+        """(n,) whether the Jacobian is proved to be positive all over the element."""
         block = GeometryBlock(self.patch.geometry, self.patch.element_ids[self.rows], self._coefficients)
-        return np.asarray(validity(dataset, [block]).status == ValidityStatus.POSITIVE)
+        return np.asarray(statuses(block, dataset.mesh.space) == ValidityStatus.POSITIVE)
 
     @property
     def _coefficients(self) -> Floats:

@@ -50,7 +50,7 @@ def difference(one: Floats, other: Floats) -> Floats:
     """(n, D1, …, Dd) nets of the difference of polynomials, of degrees that may differ, with nets (n, …) each."""
     for axis in range(1, one.ndim):
         degree = max(one.shape[axis], other.shape[axis]) - 1
-        one, other = (_raised(nets, axis, degree) for nets in (one, other))
+        one, other = (raised(nets, axis, degree) for nets in (one, other))
     return one - other
 
 
@@ -84,7 +84,7 @@ def _with_binomials(nets: Floats, power: float) -> Floats:
     return nets
 
 
-def _raised(nets: Floats, axis: int, degree: int) -> Floats:
+def raised(nets: Floats, axis: int, degree: int) -> Floats:
     """The nets in a higher degree along an axis."""
     own = nets.shape[axis] - 1
     if own == degree:

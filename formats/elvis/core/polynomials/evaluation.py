@@ -1,6 +1,7 @@
 """Fields and maps from coefficients: many elements at the same points, or an element for each point.
 
-Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is.  What is
+Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is; on a lattice
+of points no such tables are made (`lattices`).  What is
 found on an element doesn't depend on what others are asked with it.
 """
 
@@ -13,6 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
+from elvis.core.polynomials.lattices import lattice_of, values_and_gradients_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products
 
 #: numbers in a table of modes
@@ -22,6 +24,12 @@ _BATCH = 1 << 18
 def evaluate(expansion: Expansion, coefficients: Floats, points: Floats) -> Floats:
     """(e, ..., n) values of e elements with ``coefficients`` (e, ..., m), all at the same points xi (n, d)."""
     result = np.empty((*coefficients.shape[:-1], len(points)))
+    lines = lattice_of(expansion, points)
+    if lines is not None:
+        flat, found = coefficients.reshape(-1, coefficients.shape[-1]), result.reshape(-1, len(points))
+        for batch in _batches(len(flat), len(points)):
+            found[batch] = values_on_lattice(expansion, flat[batch], lines)
+        return result
     for batch in _batches(len(points), mode_count(expansion)):
         result[..., batch] = row_products(coefficients, values(expansion, points[batch]).T)
     return result
@@ -32,6 +40,13 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
     shape = (*coefficients.shape[:-1], len(points))
     values = np.empty(shape)
     gradients = np.empty((*shape, dimension(expansion)))
+    lines = lattice_of(expansion, points)
+    if lines is not None:
+        flat, found = coefficients.reshape(-1, coefficients.shape[-1]), values.reshape(-1, len(points))
+        slopes = gradients.reshape(*found.shape, -1)
+        for batch in _batches(len(flat), len(points)):
+            found[batch], slopes[batch] = values_and_gradients_on_lattice(expansion, flat[batch], lines)
+        return values, gradients
     for batch in _batches(len(points), mode_count(expansion)):
         modes, mode_gradients = values_and_gradients(expansion, points[batch])
         values[..., batch] = row_products(coefficients, modes.T)

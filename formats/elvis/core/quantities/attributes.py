@@ -33,7 +33,7 @@ from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import jumping_of, other_of, target_of
 from elvis.core.shapes import Shape
-from elvis.core.validity.validity import validity
+from elvis.core.validity.validity import statuses
 
 if TYPE_CHECKING:
     from elvis.core.quantities.elsewhere import Elsewhere
@@ -120,8 +120,9 @@ class Attributes:
         if name == "order":
             return self._orders()
         if name == "jacobian_sign":
-            found = validity(self._dataset)
-            return found.element_ids, found.status.astype(np.float64)
+            maps, space = geometry(self._dataset), self._dataset.mesh.space
+            ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in maps)])
+            return ids, np.concatenate([np.empty(0), *(statuses(block, space) for block in maps)])
         if name in self._dataset.borrowed:
             blocks = self._dataset.field(name).blocks
             ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])

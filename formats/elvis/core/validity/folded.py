@@ -1,9 +1,6 @@
 """Elements that are inverted or folded, found quickly enough for every command.
 
-Most elements pass a test that costs little.  With J0 the mean of the tangents' Bernstein coefficients, J = J0 (I + E),
-and the columns of E lie in the hull of J0⁻¹ times coefficients less the unit vectors.  If the Frobenius norm of E is
-less than 1 all over, I + E is regular along the whole path from I, so det J has the sign of det J0.  The rest is proved
-as in `validity`, up to a limit of work.
+Most elements pass a test that costs little (`regularity`).  The rest is proved as in `validity`, up to a limit of work.
 """
 
 from __future__ import annotations
@@ -14,16 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset, Expansion
+from elvis.core.dataset import Dataset
 from elvis.core.geometry import Assembly, GeometryBlock, parts
 from elvis.core.mapping.orientation import chunks
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
-from elvis.core.validity.determinants import tangents
+from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import ValidityStatus, validity
 
-#: the Frobenius norm of E below which an element passes: rounding of J0⁻¹ has its room
-REGULAR = 0.99
 #: the determinant of a straight simplex, in parts of the product of its edges, that is more than rounding
 ROUNDING = 1e-13
 #: bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero: as on hexahedra that are
@@ -101,29 +96,6 @@ def _are_positive_simplices(corners: Floats) -> Bools:
     sizes = np.linalg.norm(edges, axis=2).prod(axis=1)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.linalg.det(edges) > ROUNDING * sizes)
-
-
-def are_regular(expansion: Expansion, coefficients: Floats) -> Bools:
-    """(n,) whether maps with coefficients (n, 3, m) pass the quick test: False proves nothing."""
-    columns = tangents(expansion, coefficients)
-    dimension = len(columns)
-    nets = [np.stack([each.net for each in column[:dimension]]) for column in columns]
-    errors = [np.stack([each.error for each in column[:dimension]]) for column in columns]
-    middle = np.stack([net.mean(axis=1) for net in nets], axis=2).transpose(1, 0, 2)
-    with np.errstate(all="ignore"):
-        is_sound = np.isfinite(middle).all(axis=(1, 2))
-        middle[~is_sound] = np.eye(dimension)
-        is_sound &= np.linalg.det(middle) > 0
-        middle[~is_sound] = np.eye(dimension)
-        inverse = np.linalg.inv(middle)
-        square = np.zeros(len(coefficients))
-        for direction, (net, error) in enumerate(zip(nets, errors, strict=True)):
-            off = np.einsum("nab,bkn->kan", inverse, net)
-            off[:, direction] -= 1.0
-            length = np.sqrt((off**2).sum(axis=1).max(axis=0))
-            length += np.linalg.norm(inverse, axis=(1, 2)) * np.linalg.norm(error, axis=0)
-            square += length**2
-        return np.asarray(is_sound & (square < REGULAR**2))
 
 
 def _of_suspects(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> tuple[Ints, Ints]:

@@ -31,6 +31,7 @@ from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
+from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.squares import descended, lower_bound
 
 #: numbers in the nets made at once, and elements that are looked at together
@@ -115,6 +116,21 @@ def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) ->
     found = _Facts.of(blocks, space)
     found.look_closer(blocks, space)
     return found.result(space > dataset.mesh.dimension)
+
+
+def statuses(block: GeometryBlock, space: int) -> Ints:
+    """(n,) of `ValidityStatus`: what is proved of each element, without anything else that `validity` finds.
+
+    space  dimension of the world
+    FormatError for maps that aren't polynomials.
+    """
+    is_passed = are_regular(block.expansion, block.coefficients, space)
+    rest = _rows(block, ~is_passed)
+    facts = _Facts.of([rest], space)
+    facts.look_into_valleys([rest], space)
+    found = np.full(len(block), int(ValidityStatus.POSITIVE))
+    found[~is_passed] = facts.status
+    return found
 
 
 def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
@@ -305,9 +321,7 @@ class _Facts:
         ends    of further elements
         """
         chosen = {sign: self.rivals(sign, ends) for sign in (1, -1)}
-        for rows, block, nets, error in self._nets(self.valleys(), blocks, space):
-            for number, row in enumerate(rows.tolist()):
-                self._subtract_squares(row, _rows(block, np.array([number])), nets[number], float(error[number]))
+        self.look_into_valleys(blocks, space)
         for sign, (own, goal) in chosen.items():
             for rows, block, nets, error in self._nets(own, blocks, space):
                 found = least(sign * nets, error, np.full(len(rows), goal))
@@ -317,6 +331,12 @@ class _Facts:
                     continue
                 self.lower[rows] = np.maximum(self.lower[rows], found.lower)
                 self._attain(rows, block, found.value, found.place)
+
+    def look_into_valleys(self, blocks: Sequence[GeometryBlock], space: int) -> None:
+        """Subtract squares where the sign is open."""
+        for rows, block, nets, error in self._nets(self.valleys(), blocks, space):
+            for number, row in enumerate(rows.tolist()):
+                self._subtract_squares(row, _rows(block, np.array([number])), nets[number], float(error[number]))
 
     def _nets(
         self, rows: Ints, blocks: Sequence[GeometryBlock], space: int

@@ -1,0 +1,156 @@
+"""A test that most elements pass quickly: the derivative of their map is regular, and its determinant positive.
+
+J maps the k directions of an element into d dimensions of space.  With a fixed matrix P of shape (k, d), the matrix
+P J is regular where its symmetric part is positive definite, for then x' P J x > 0 for all x, and its determinant is
+positive, for it is on the whole segment from the unit matrix (Johnson 1970, Positive definite matrices).  So J has the
+rank k, and where k = d its determinant has the sign of that of P.
+
+P J is a convex combination of P times the control matrices of J, its Bernstein coefficients, and the symmetric parts
+that are positive definite form a convex cone: it is enough to look at the control matrices.  P is the inverse of their
+mean, or its pseudo-inverse where d > k.  Boxes that don't pass are halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats
+from elvis.core.dataset import Expansion
+from elvis.core.mapping.orientation import chunks
+from elvis.core.polynomials.boxnets import all_halves, box_nets, corners, product, raised, total
+from elvis.core.polynomials.rounding import RAISED, UNIT
+from elvis.core.shapes import Shape
+from elvis.core.validity.determinants import Polynomials, tangents
+
+#: how often boxes are halved in every direction
+HALVINGS = 2
+#: parts of the product of its factors' sizes by which a minor or a determinant is more than rounding
+ROUNDING = 1e-12
+#: roundings, in parts of the greatest number, where `_upward` multiplies by the shares and adds up
+UPWARD = 24
+#: numbers in the control matrices that are looked at together
+NUMBERS = 1 << 21
+
+
+def are_regular(expansion: Expansion, coefficients: Floats, space: int | None = None) -> Bools:
+    """(n,) whether maps with coefficients (n, 3, m) pass; False proves nothing.
+
+    space  dimension of the world, by default that of the elements; where it is more, elements that pass have a positive
+           area or length all over
+    FormatError for maps that aren't polynomials.
+    """
+    dimension = expansion.shape.dimension
+    world = dimension if space is None else space
+    count = max(expansion.modes) ** dimension * world * dimension
+    parts = chunks(len(coefficients), max(1, NUMBERS // count))
+    passed = [_pass(*_controls(tangents(expansion, coefficients[part]), world)) for part in parts]
+    return np.concatenate([np.empty(0, bool), *passed])
+
+
+def _controls(columns: list[list[Polynomials]], world: int) -> tuple[Floats, Floats]:
+    """(n, d, k, D1, …, Dk) control matrices of J on the boxes of elements, and (n,) the Frobenius norm of their error.
+
+    Halving a box, and raising the degree of its net, take means of at most D numbers in each direction.
+    """
+    every = [own for column in columns for own in column[:world]]
+    nets = [box_nets(own.space, np.ascontiguousarray(own.net.T)) for own in every]
+    error = np.sqrt(sum(own.error**2 for own in every))
+    if every[0].space.shape is Shape.PYRAMID:
+        nets[2 * world :] = _upward(nets, world)
+        # the weights of the sums are at most 1
+        error *= 3
+    sizes = np.max([net.shape[1:] for net in nets], axis=0)
+    for axis, size in enumerate(sizes.tolist(), 1):
+        nets = [raised(net, axis, size - 1) for net in nets]
+    controls = np.stack(nets, axis=1)
+    greatest = np.abs(controls).max(axis=tuple(range(1, controls.ndim)), initial=0.0)
+    roundings = UPWARD + (HALVINGS + 1) * len(sizes) * (int(sizes.max()) + RAISED)
+    error += roundings * UNIT * np.sqrt(len(every)) * greatest
+    controls = controls.reshape(len(controls), len(columns), world, *sizes)
+    return np.ascontiguousarray(controls.swapaxes(1, 2)), error
+
+
+def _upward(nets: list[Floats], world: int) -> list[Floats]:
+    """The nets of dx/dxi3 on pyramids from those of `tangents`, dx/deta1 / c, dx/deta2 / c and dx/deta3.
+
+    With xi1 = (1 + eta1) c - 1 and so xi2, dx/dxi3 = dx/deta3 + (1 + eta1)/2 dx/deta1 / c + (1 + eta2)/2 dx/deta2 / c.
+    """
+    found = nets[2 * world :]
+    for direction in range(2):
+        share = np.array([0.0, 1.0]).reshape(1, *(2 if axis == direction else 1 for axis in range(3)))
+        along = nets[direction * world : (direction + 1) * world]
+        found = [total(own, product(share, other)) for own, other in zip(found, along, strict=True)]
+    return found
+
+
+def _pass(controls: Floats, error: Floats, level: int = 0) -> Bools:
+    """(b,) whether J is regular on boxes with control matrices (b, d, k, D1, …, Dk) that may be off by ``error`` (b,).
+
+    level  how often they were halved
+    """
+    if not len(controls):
+        return np.empty(0, bool)
+    with np.errstate(all="ignore"):
+        means = controls.mean(axis=tuple(range(3, controls.ndim)))
+        inverse, is_sound = _inverse(means)
+        passed = is_sound & _are_definite(inverse, controls, error)
+        if level == HALVINGS or passed.all():
+            return np.asarray(passed)
+        # at the corners of a box J is its control matrix, which must be regular whatever is halved
+        ends = corners(controls.reshape(-1, *controls.shape[3:])).reshape(*controls.shape[:3], -1)
+        is_possible = np.all([_inverse(end)[1] for end in np.moveaxis(ends, -1, 0)], axis=0)
+    rows = np.flatnonzero(~passed & is_possible)
+    for half in _halves(controls[rows]):
+        rows_left = np.flatnonzero(is_possible[rows])
+        is_possible[rows[rows_left]] = _pass(half[rows_left], error[rows[rows_left]], level + 1)
+    passed[rows] = is_possible[rows]
+    return np.asarray(passed)
+
+
+def _halves(controls: Floats) -> Iterator[Floats]:
+    """The control matrices of the halves of boxes in every direction."""
+    matrices, box = controls.shape[:3], controls.shape[3:]
+    yield from all_halves(controls.reshape(-1, *box)).reshape(2 ** len(box), *matrices, *box)
+
+
+def _inverse(matrices: Floats) -> tuple[Floats, Bools]:
+    """(b, k, d) pseudo-inverses of matrices (b, d, k), and for which of them (b,) they are known.
+
+    Square matrices must have positive determinants.
+    """
+    transposed = matrices.swapaxes(1, 2)
+    squares = transposed @ matrices
+    sizes = np.linalg.norm(matrices, axis=1).prod(axis=1)
+    is_square = matrices.shape[1] == matrices.shape[2]
+    volumes = np.linalg.det(matrices) if is_square else np.sqrt(np.linalg.det(squares))
+    is_known = np.asarray(volumes > ROUNDING * sizes)
+    safe = np.where(is_known[:, None, None], matrices if is_square else squares, np.eye(squares.shape[1]))
+    inverse = np.linalg.inv(safe)
+    return inverse if is_square else inverse @ transposed, is_known
+
+
+def _are_definite(inverse: Floats, controls: Floats, error: Floats) -> Bools:
+    """(b,) whether the symmetric parts of P J are positive definite at all control matrices, with P (b, k, d).
+
+    An error E of J changes their eigenvalues by at most |P| |E|, so that much is subtracted.  All leading minors must
+    be positive (Sylvester's criterion).
+    """
+    directions = controls.shape[2]
+    flat = controls.reshape(*controls.shape[:3], -1)
+    product = np.einsum("bkd,bdlc->klbc", inverse, flat)
+    size = np.abs(product).max(axis=(0, 1, 3), initial=1.0)
+    off = np.linalg.norm(inverse, axis=(1, 2)) * error + ROUNDING * size
+    s = (product + product.swapaxes(0, 1)) / 2
+    for direction in range(directions):
+        s[direction, direction] -= off[:, None]
+    least = s[0, 0].min(axis=1) / size
+    if directions > 1:
+        minor = s[0, 0] * s[1, 1] - s[0, 1] ** 2
+        least = np.minimum(least, minor.min(axis=1) / size**2)
+    if directions > 2:
+        last = s[2, 2] * minor
+        last += 2 * s[0, 1] * s[0, 2] * s[1, 2] - s[0, 0] * s[1, 2] ** 2 - s[1, 1] * s[0, 2] ** 2
+        least = np.minimum(least, last.min(axis=1) / size**3)
+    return np.asarray(least > ROUNDING)
