@@ -8,14 +8,15 @@ polynomial.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset, Expansion
+from elvis.core.dataset import MAP_KEY, Dataset, Expansion
 from elvis.core.errors import ElvisError
+from elvis.core.mesh import Composite, Mesh
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
@@ -23,6 +24,7 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape
 from elvis.plugins.exporting import Loss
 from elvis.plugins.nodal import nearest_nodes
+from elvis.plugins.report import CONVERTED, REPORT
 
 #: points of each element at which an export is compared with the data
 _CHECKS = 24
@@ -105,6 +107,35 @@ def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, t
         result.pieces.append(piece)
         _compare(piece, target, result.losses)
     return result
+
+
+def title(composite: Composite, mesh: Mesh) -> str:
+    """The name of a composite in other programs' files."""
+    shapes = [shape for shape in Shape.of_dimension(mesh.dimension) if shape.tag in dict(composite.parts)]
+    kind = shapes[0].label.lower() if shapes else "boundary"
+    return composite.name or composite.label or f"{kind} {composite.id}"
+
+
+def left_out(dataset: Dataset, written: Collection[str] = (), *, has_time: bool = True) -> list[str]:
+    """Sentences on what a file lacks: composites but those of the titles ``written``, metadata, sections of a session,
+    the time.
+
+    Regions without a name that only tell shapes apart are not counted, nor is what a conversion itself has noted.
+    """
+    mesh, known = dataset.mesh, {CONVERTED, REPORT, MAP_KEY, "Time"}
+    composites = [own for own in mesh.composites if any(len(ids) for _, ids in own.parts)]
+    domain = {id for ids in mesh.domains.values() for id in ids}
+    shapes = [own for own in composites if own.id in domain and not (own.name or own.label)]
+    if len(shapes) > len(mesh.elements):
+        shapes = []
+    names = dict.fromkeys(title(own, mesh) for own in composites if own not in shapes)
+    found = {
+        "boundaries and regions": [name for name in names if name not in written],
+        "metadata": [name for name in dataset.metadata if name not in known],
+        "sections of the session": list(dataset.session),
+        "data without fields": ["the time"] if dataset.time is not None and not has_time else [],
+    }
+    return [f"{kind} are left out: {', '.join(words)}" for kind, words in found.items() if words]
 
 
 def _piece(patch: Patch, order: int | None, target: Target) -> Piece:

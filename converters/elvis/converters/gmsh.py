@@ -91,7 +91,7 @@ class Gmsh(NodalConverter):
     keeps = (
         "all shapes and orders, serendipity elements, physical groups, node and element data with their schemes, time"
     )
-    loses = "geometry behind the mesh, parametric coordinates, periodic links, all but the first group of an element"
+    loses = "geometry behind the mesh, parametric coordinates, periodic links"
     reads = Reads(
         "all",
         "any, mixed, serendipity",
@@ -266,7 +266,8 @@ def _block(group: Group, mesh: Mesh) -> Elements:
         mesh.tags[group.nodes[:, kind.corners]],
         frame=kind.frame,
         ids=group.tags,
-        region=group.region,
+        region=group.regions[0] if group.regions else "",
+        other_regions=tuple(group.regions[1:]),
         pyramid=PyramidSpace.RATIONAL,
         key=NodalBlock(NodalValues(mesh.places, kind.functions, group.nodes)),
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -16,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from elvis.converters.apart import ignore_closed_pipes
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported, left_out, title
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
@@ -112,17 +113,22 @@ def export_msh(
     order: int | None,
     path: Path,
     report: Callable[[Sequence[Loss]], object],
-) -> None:
+) -> list[str]:
     """The exporter of .msh files (see `elvis.plugins.exporting.Exporter`)."""
     require("gmsh", "gmsh")
     with GmshTarget() as target:
         found = exported(dataset, names, order, target)
         report(found.losses)
-        write_msh(path, found, dataset.mesh, target, dataset.time)
+        written = write_msh(path, found, dataset.mesh, target, dataset.time)
+    # the time stands with the fields
+    return left_out(dataset, written, has_time=bool(found.names))
 
 
-def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: float | None) -> None:
-    """A binary .msh file: elements and sides by physical group, then a section of data for each field."""
+def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: float | None) -> set[str]:
+    """A binary .msh file: elements and sides by physical group, then a section of data for each field.
+
+    Returns the names of the groups.
+    """
     gmsh = target.gmsh
     gmsh.model.add("export")
     gmsh.option.setNumber("Mesh.Binary", 1)
@@ -140,6 +146,7 @@ def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: 
         with temporary.open("ab") as file:
             for i, name in enumerate(export.names):
                 _write_field(file, name, time, export, i, tags)
+    return {name for _, name in model.groups}
 
 
 def _check_whole(path: Path) -> None:
@@ -162,7 +169,7 @@ class _Model:
     def __init__(self, target: GmshTarget, mesh: Mesh) -> None:
         self._target, self._gmsh, self._mesh = target, target.gmsh, mesh
         self._next_node, self._is_there = len(mesh.vertex_ids) + 1, np.zeros(len(mesh.vertex_ids), bool)
-        self._groups: dict[tuple[int, str], list[int]] = {}
+        self.groups: dict[tuple[int, str], list[int]] = {}
         self._entities = 0
         self._pieces: list[tuple[Piece, Ints]] = []
         self._next_element = 1
@@ -180,8 +187,8 @@ class _Model:
         self._next_node += len(rows) * len(inner)
         self._next_element = max(self._next_element, int(_tags(piece).max(initial=0)) + 1)
         self._pieces.append((piece, nodes))
-        for name, part in self._regions(piece):
-            entity = self._entity(shape.dimension, name)
+        for names, part in self._regions(piece):
+            entity = self._entity(shape.dimension, *names)
             self._add_nodes(shape.dimension, entity, piece, part, (corners, inner, own[part], nodes[part]))
             self._gmsh.model.mesh.addElementsByType(entity, cell.number, _tags(piece)[part], nodes[part].reshape(-1))
 
@@ -203,18 +210,19 @@ class _Model:
             np.concatenate([places[new], inside]).reshape(-1),
         )
 
-    def _regions(self, piece: Piece) -> Iterator[tuple[str, Ints]]:
-        """Names of regions, and the rows of the elements of a piece in them; each row once."""
+    def _regions(self, piece: Piece) -> Iterator[tuple[list[str], Ints]]:
+        """Names of the regions, which may overlap, and the rows of the elements of a piece that are in these alone."""
         ids, shape = piece.patch.element_ids, piece.patch.shape
-        left = np.ones(len(ids), bool)
+        titles, is_in = [], [np.empty((0, len(ids)), bool)]
         for composite in self._mesh.composites:
             held = [own for tag, own in composite.parts if tag == shape.tag or (shape.dimension, tag) in _ANY]
-            rows = np.flatnonzero(left & np.isin(ids, np.concatenate([np.empty(0, np.int64), *held])))
-            if len(rows):
-                left[rows] = False
-                yield composite.name or composite.label or f"{shape.label.lower()} {composite.id}", rows
-        if left.any():
-            yield shape.label.lower(), np.flatnonzero(left)
+            if held:
+                titles.append(title(composite, self._mesh))
+                is_in.append(np.isin(ids, np.concatenate(held))[None])
+        patterns, which = np.unique(np.concatenate(is_in), axis=1, return_inverse=True)
+        for number, pattern in enumerate(patterns.T):
+            names = list(compress(titles, pattern)) or [shape.label.lower()]
+            yield list(dict.fromkeys(names)), np.flatnonzero(which.reshape(-1) == number)
 
     def add_sides(self) -> None:
         """Add the sides that boundaries name, each as a cell on the nodes of one element."""
@@ -224,7 +232,7 @@ class _Model:
             wanted = boundaries(replace(self._mesh, composites=(composite,))).get(str(composite.id))
             if wanted is None or not len(wanted):
                 continue
-            name, left = composite.name or composite.label or f"boundary {composite.id}", set(wanted.tolist())
+            name, left = title(composite, self._mesh), set(wanted.tolist())
             for piece, nodes in self._pieces:
                 for kind, sides in self._sides(piece, nodes, left):
                     entity = self._entity(self._mesh.dimension - 1, name)
@@ -252,16 +260,18 @@ class _Model:
         axes = corners[[1, 3]] if kind is Shape.QUADRILATERAL else corners[1:]
         return own.number, corners[0] + (1 + own.nodes) / 2 @ (axes - corners[0])
 
-    def _entity(self, dimension: int, name: str) -> int:
-        """A new entity, in the physical group of a name."""
+    def _entity(self, dimension: int, *names: str) -> int:
+        """A new entity, in the physical groups of these names."""
         self._entities += 1
         self._gmsh.model.addDiscreteEntity(dimension, self._entities)
-        self._groups.setdefault((dimension, name), []).append(self._entities)
+        for name in names:
+            # the format ends names at quotation marks
+            self.groups.setdefault((dimension, name.replace(chr(34), chr(39))), []).append(self._entities)
         return self._entities
 
     def name_groups(self) -> None:
         """Make physical groups of the entities of one name."""
-        for number, ((dimension, name), entities) in enumerate(self._groups.items(), 1):
+        for number, ((dimension, name), entities) in enumerate(self.groups.items(), 1):
             self._gmsh.model.addPhysicalGroup(dimension, entities, number, name)
 
 

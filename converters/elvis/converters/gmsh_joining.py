@@ -62,10 +62,10 @@ def _renumbered(mesh: Mesh, tags: Ints) -> list[Group]:
 
 
 def _each_once(groups: Sequence[Group], paths: Sequence[Path]) -> tuple[int, list[Group]]:
-    """How many elements come again, and the groups without these, one for each kind and region."""
-    by_kind: dict[tuple[str, str], list[Group]] = {}
+    """How many elements come again, and the groups without these, one for each kind and its regions."""
+    by_kind: dict[tuple[str, ...], list[Group]] = {}
     for group in groups:
-        by_kind.setdefault((group.kind.name, group.region), []).append(group)
+        by_kind.setdefault((group.kind.name, *group.regions), []).append(group)
     copies, result = 0, []
     for own in by_kind.values():
         tags, nodes = np.concatenate([each.tags for each in own]), np.concatenate([each.nodes for each in own])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mmap
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,7 +115,7 @@ class _Reading:
     path: Path
     counts: Counter[int] | None
     kinds: dict[int, dict[str, Any]] = field(default_factory=dict)
-    parts: dict[tuple[int, str], list[tuple[Ints, Ints]]] = field(default_factory=dict)
+    parts: dict[tuple[int, tuple[str, ...]], list[tuple[Ints, Ints]]] = field(default_factory=dict)
     others: list[Ints] = field(default_factory=list)
     sides: dict[str, list[Ints]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -188,9 +188,7 @@ class _Reading:
         """Elements of the highest dimension, with the names of their groups."""
         if kind not in self.kinds:
             self.kinds[kind] = self._kind(kind)
-        self.parts.setdefault((kind, names[0] if names else ""), []).append((own, table))
-        if len(names) > 1:
-            self.notes.append(f"elements of {names[0]!r} are of {', '.join(map(repr, names[1:]))} too")
+        self.parts.setdefault((kind, tuple(names)), []).append((own, table))
 
     def _take_lower(self, kind: int, names: list[str], own: Ints, table: Ints) -> None:
         """Elements of lower dimension, with the names of the boundaries that they belong to."""
@@ -200,22 +198,24 @@ class _Reading:
             self.sides.setdefault(name, []).append(table[:, :corners])
 
     def _distinct_groups(self, tags: Ints) -> list[list[Any]]:
-        """Number of the kind, region, tags and nodes of each group, in which each element counts once.
+        """Number of the kind, regions, tags and nodes of the elements in the same regions, each of which counts once.
 
         Versions 1 and 2 list an element again, with another number, for each physical group that it is in.
         """
         groups: list[list[Any]] = []
         for number, kind in enumerate(self.kinds):
-            regions = [region for own, region in self.parts if own == kind]
-            pieces = [list(zip(*self.parts[kind, region], strict=True)) for region in regions]
-            own = [np.concatenate(each) for each, _ in pieces]
-            rows = [self._rows(tags, np.concatenate(each)) for _, each in pieces]
-            is_first = _first_of_each(np.sort(np.concatenate(rows), axis=1))
-            kept = np.split(is_first, np.cumsum(list(map(len, rows)))[:-1])
-            for region, numbers, nodes, mask in zip(regions, own, rows, kept, strict=True):
-                self._count_copies(region, numbers[~mask])
-                if mask.any():
-                    groups.append([number, region, numbers[mask], nodes[mask]])
+            regions = [names for own, names in self.parts if own == kind]
+            pieces = [list(zip(*self.parts[kind, names], strict=True)) for names in regions]
+            own = np.concatenate([numbers for each, _ in pieces for numbers in each])
+            rows = self._rows(tags, np.concatenate([nodes for _, each in pieces for nodes in each]))
+            part = np.repeat(np.arange(len(pieces)), [sum(map(len, each)) for each, _ in pieces])
+            first, which = distinct_bits(np.sort(rows, axis=1))
+            self._count_copies(np.delete(own, first))
+            is_in = np.zeros((len(first), len(regions)), bool)
+            is_in[which, part] = True
+            for names, chosen in _alike(is_in, regions):
+                kept = np.sort(first[chosen])
+                groups.append([number, names, own[kept], rows[kept]])
         return groups
 
     def _foreign_ghosts(self) -> int:
@@ -224,12 +224,12 @@ class _Reading:
         ghosts = np.unique(np.concatenate([np.zeros(0, np.int64), *self.ghosts]))
         return int((~np.isin(ghosts, np.concatenate(own))).sum())
 
-    def _count_copies(self, region: str, copies: Ints) -> None:
-        """Note elements of a group that another one has, too."""
+    def _count_copies(self, copies: Ints) -> None:
+        """Note elements that are listed again."""
         if len(copies):
             self.copies += len(copies)
             self.others.append(copies)
-            self.notes.append(f"{len(copies)} elements of {region!r} are of another group, too, and count once")
+            self.notes.append(f"{len(copies)} elements that are listed again, as for further groups, count once")
 
     def _partitions(self, dimension: int) -> list[int]:
         """The partitions that elements are of; none in a mesh that has no partitions."""
@@ -281,12 +281,12 @@ class _Reading:
         }
 
 
-def _first_of_each(rows: Ints) -> Bools:
-    """(n,) whether a row is the first of its values."""
-    first, _ = distinct_bits(rows)
-    result = np.zeros(len(rows), bool)
-    result[first] = True
-    return result
+def _alike(is_in: Bools, regions: Sequence[tuple[str, ...]]) -> Iterator[tuple[list[str], Ints]]:
+    """Names of the regions, and the elements in exactly these, of elements that are (n, regions) in some of them."""
+    patterns, which = np.unique(~is_in, axis=0, return_inverse=True)  # those of the first regions come first
+    for number, pattern in enumerate(patterns):
+        names = [name for own, is_out in zip(regions, pattern, strict=True) if not is_out for name in own]
+        yield list(dict.fromkeys(names)), np.flatnonzero(which.reshape(-1) == number)
 
 
 def _name(ask: Callable[[int, int], str], dimension: int, number: int) -> str:

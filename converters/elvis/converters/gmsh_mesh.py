@@ -55,10 +55,14 @@ class Kind:
 
 @dataclass(eq=False)
 class Group:
-    """Elements of one type and one part of the mesh: ``tags`` (n,), ``nodes`` (n, k) numbers of rows of places."""
+    """Elements of one type in the same parts of the mesh, by name.
+
+    tags   (n,)
+    nodes  (n, k) numbers of rows of places
+    """
 
     kind: Kind
-    region: str
+    regions: list[str]
     tags: Ints
     nodes: Ints
 

@@ -47,8 +47,11 @@ class Native(Converter):
     """A mesh with the fields of any number of files."""
 
     format = "Nektar++ meshes and fields (.xml, .nekg, .fld)"
-    keeps = "the mesh with its numbers, curves, composites, domains; all shapes, orders, Fourier planes; time, metadata"
-    loses = "bases other than the modified ones, conditions; with --composites numbers and turns"
+    keeps = (
+        "the mesh with its numbers, curves, composites, domains; all shapes, orders, Fourier planes; time, metadata, "
+        "conditions"
+    )
+    loses = "bases other than the modified ones; with --composites numbers, turns and conditions"
     reads = Reads(
         "all",
         "any",
@@ -88,6 +91,11 @@ class Native(Converter):
         self.errors = {name: (own.value, own.slope) for name, own in [("", lost.place), *lost.fields.items()]}
         self.time = dataset.time
         self.metadata = {key: text for key, text in dataset.metadata.items() if key != MAP_KEY}
+        if composites is None:
+            self.expansions, self.session = dataset.expansions, dataset.session
+        elif dataset.session:
+            tags = ", ".join(dataset.session)
+            self.notes = [f"sections of the session, which name composites by number, are left out: {tags}"]
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """The map of the mesh, or of its fields."""
@@ -178,7 +186,7 @@ def _split_patches(
 
 def _region(composite: Composite, is_told_apart: bool) -> str:
     """The name of a composite of the domain; none where it only tells that these are all elements of a shape."""
-    name = composite.name or (f"composite {composite.id}" if is_told_apart else "")
+    name = composite.name or composite.label or (f"composite {composite.id}" if is_told_apart else "")
     return "" if name in {shape.label.lower() for shape in Shape} else name
 
 
@@ -210,7 +218,8 @@ def _boundaries(mesh: Mesh) -> Iterator[Boundary]:
         ids = [own for tag, own in composite.parts if tag in tags]
         if ids:
             vertices = list(_sides(mesh, np.concatenate(ids)))
-            yield Boundary(composite.name or f"composite {composite.id}", vertices=vertices, number=composite.id)
+            name = composite.name or composite.label or f"composite {composite.id}"
+            yield Boundary(name, vertices=vertices, number=composite.id)
 
 
 def _sides(mesh: Mesh, ids: Ints) -> Iterator[Ints]:

@@ -293,7 +293,9 @@ class NGSolve(NodalConverter):
                     by_number.setdefault(label, {}).setdefault(number, []).append(own)
         shared = {n: faces for name, own in by_number.items() if len(own) > 1 for n, faces in own.items()}
         numbered = [Boundary(f"boundary{n}", vertices=faces) for n, faces in sorted(shared.items())]
-        return [*numbered, *(Boundary(name, vertices=faces) for name, faces in sorted(by_name.items()))]
+        alone = {name: next(iter(own)) for name, own in by_number.items() if len(own) == 1}
+        named = (Boundary(name, vertices=faces, number=alone.get(name)) for name, faces in sorted(by_name.items()))
+        return [*numbered, *named]
 
     def _boundary_numbers(self, shape: str, count: int) -> Ints:
         """(count,) the numbers of the boundaries of sides; all 0 if samples don't tell them."""

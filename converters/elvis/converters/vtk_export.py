@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported
+from elvis.converters.exporting import Cell, Export, Piece, Target, exported, left_out
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
 from elvis.core.arrays import Floats
@@ -55,12 +55,13 @@ def export_vtu(
     order: int | None,
     path: Path,
     report: Callable[[Sequence[Loss]], object],
-) -> None:
+) -> list[str]:
     """The exporter of .vtu files (see `elvis.plugins.exporting.Exporter`)."""
     require("vtkmodules", "vtk")
     found = exported(dataset, names, order, VtkTarget())
     report(found.losses)
     write_vtu(path, found, dataset.time)
+    return left_out(dataset)
 
 
 def write_vtu(path: Path, export: Export, time: float | None) -> None:

@@ -140,6 +140,8 @@ class Rates(Protocol):
 class Dataset:
     """A mesh with its fields, time and metadata (free key/text pairs, as in the file).
 
+    expansions  how a solver would discretise composites
+    session  further sections of a native session by tag, such as CONDITIONS, as XML
     remarks  sentences on how the data were come by, which belong to all that is made of them
     rates    derivatives in time of the fields, None where the data are no moment of a series
     instant  which moment of a series of several steps the data are, else None
@@ -155,6 +157,7 @@ class Dataset:
     time: float | None = None
     metadata: Mapping[str, str] = default(default_factory=dict)
     expansions: tuple[ExpansionRule, ...] = ()
+    session: Mapping[str, str] = default(default_factory=dict)
     remarks: tuple[str, ...] = ()
     rates: Rates | None = None
     instant: Instant | None = None

@@ -29,6 +29,7 @@ from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
 from elvis.formats.nektar.sections import Section, lacking
+from elvis.formats.nektar.session import region_names, session_of
 from elvis.formats.nektar.xml import GZIP_SIGNATURE, Element, head, load
 
 _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
@@ -233,23 +234,29 @@ class _Reader:
 
     def dataset(self, names: list[str]) -> Dataset:
         """All that was taken in; FormatError where there is no mesh."""
-        rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
+        rules, session = self._take_session()
         mesh = self._mesh(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
-        bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh))
+        bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh), session)
         self._decode(bare)
         return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=self._told(mesh, metadata))
 
     def parts(self, names: list[str]) -> DatasetParts:
         """All that was taken in, to be read by parts; FormatError where there is no mesh."""
-        rules = expansions.read_rules(self._tags.get("EXPANSIONS"), self._tags.get("CONDITIONS"))
+        rules, session = self._take_session()
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
-        whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata)
+        whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata, session=session)
         self._decode(whole)
         fields = fields_input.without_values(self._sections, whole.mesh)
         whole = replace(whole, fields=fields, remarks=self._told(whole.mesh, metadata))
         return DatasetParts(raw, whole, self._sections, rules, self._remarks)
+
+    def _take_session(self) -> tuple[list[expansions.RawRule], dict[str, str]]:
+        """The rules of EXPANSIONS, and the other sections but the mesh; names of regions join those of comments."""
+        conditions = self._tags.get("CONDITIONS")
+        self._remarks = [*region_names(conditions), *self._remarks]
+        return expansions.read_rules(self._tags.get("EXPANSIONS"), conditions), session_of(self._tags)
 
     def _told(self, mesh: Mesh, metadata: Mapping[str, str]) -> tuple[str, ...]:
         """What is to be said of the data: fields on elements that the mesh lacks, errors of an earlier conversion."""

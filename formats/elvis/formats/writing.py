@@ -16,6 +16,7 @@ from elvis.formats.nektar.composites import with_domain
 from elvis.formats.nektar.expansions import completed_rules, write_rules
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.fields_output import OutputSection, output_sections
+from elvis.formats.nektar.session import write_session
 from elvis.formats.nektar.xml import document, write_metadata
 
 MeshFormat = Literal["compressed", "text", "hdf5"]
@@ -137,7 +138,9 @@ def _write_mesh_xml(
             writer.leaf("GEOMETRY", attributes)
         else:
             geometry_output.write_geometry(writer, mesh, mesh_format == "compressed")
-        write_rules(writer, completed_rules(dataset, sections))
+        rules = completed_rules(dataset, sections)
+        write_rules(writer, rules)
+        write_session(writer, dataset.session, dict.fromkeys(name for rule in rules for name in rule.fields))
 
 
 def _write_fields(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Homogeneous
+from elvis.core.dataset import ExpansionRule, Homogeneous
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.declared import Declared
@@ -122,7 +122,8 @@ class Boundary:
 
     vertices  arrays (n, k) of the source's vertex numbers, in any order, each for faces of k vertices
     sides     triples of a block's number, rows (n,) of elements in it, and the local face (n,) of each, as in `Shape`
-    number    by which the source calls it in addition, from 1; several boundaries of one name have several
+    number    by which the source calls it in addition, which becomes the id of its composite unless several have it;
+              None for that in a name such as ``boundary5``, if it has one
     """
 
     name: str
@@ -191,6 +192,7 @@ class Converter(ABC):
     notes                        sentences for the report: what was decided in reading
     warnings                     sentences that every command prints: what was left out, what is in doubt
     declared                     numbers that the files state, with which what arrives is compared
+    expansions, session          of sources of the native format: see `elvis.core.dataset.Dataset`
     mesh                         of sources that have one of the native format, which is taken over as it is: then
                                  blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
     beside                       files that the constructor read though they were not given, such as the pieces that an
@@ -217,6 +219,8 @@ class Converter(ABC):
     notes: Sequence[str] = ()
     warnings: Sequence[str] = ()
     declared: Declared = Declared()
+    expansions: tuple[ExpansionRule, ...] = ()
+    session: Mapping[str, str] = {}
     mesh: Mesh | None = None
     beside: Sequence[Path] | None = None
 

@@ -271,7 +271,8 @@ def _dataset(
     if has_map:
         metadata[MAP_KEY] = ",".join(MAP_FIELDS[: mesh.space])
     named = [list(group) for _, group in groupby(fitted, lambda each: each.field.name)]
-    return Dataset(mesh, tuple(_field(planes, blocks, modes) for planes in named), source.time, metadata)
+    converted = tuple(_field(planes, blocks, modes) for planes in named)
+    return Dataset(mesh, converted, source.time, metadata, source.expansions, source.session)
 
 
 def _modes(

@@ -71,8 +71,8 @@ class Exporter(Protocol):
         order: int | None,
         path: Path,
         report: Callable[[Sequence[Loss]], object],
-    ) -> None:
-        """Write the dataset to ``path``.
+    ) -> Sequence[str]:
+        """Write the dataset to ``path``; sentences on names and other data that the file can't hold.
 
         names   of the fields to be written, None for all
         order   of all cells, None for the lowest that holds map and fields

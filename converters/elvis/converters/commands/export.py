@@ -57,7 +57,8 @@ def export(
     """Write DATA, files of any format, as cells with values at nodes, and tell what that cost.
 
     An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
-    Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.
+    Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.  Notes name
+    boundaries, regions and metadata that the format can't hold.
     """
     from functools import partial
 
@@ -80,7 +81,8 @@ def export(
         note(remark)
     names = None if fields is None else field_names(dataset, fields)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
-    exporter(output.suffix[1:])(dataset, names, order, output, report)
+    for sentence in exporter(output.suffix[1:])(dataset, names, order, output, report):
+        note(f"{output.name}: {sentence}")
 
 
 def _report(losses: Sequence[Loss], path: Path, bound: float | None, as_json: bool) -> None:

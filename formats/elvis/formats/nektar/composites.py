@@ -95,10 +95,12 @@ def with_domain(mesh: Mesh) -> Mesh:
 
 
 def written_composites(mesh: Mesh) -> list[Composite]:
-    """The composites that hold anything; the format has no empty ones."""
+    """The composites that hold anything, as the format has no empty ones; labels become names if no other has them."""
     found = []
+    words = {word for composite in mesh.composites for word in (composite.name, str(composite.id))}
     for composite in mesh.composites:
         parts = tuple((tag, ids) for tag, ids in composite.parts if len(ids))
         if parts:
-            found.append(replace(composite, parts=parts))
+            label = None if composite.label in words else composite.label
+            found.append(replace(composite, parts=parts, name=composite.name or label))
     return found

@@ -2,6 +2,7 @@
 
 Nektar++ knows composites of boundaries by numbers, so people write what they are behind them, on the same line.  The
 scanner of elements sees no comments; they are looked for here, behind the entries of COMPOSITE and BOUNDARYREGIONS.
+Attributes NAME of the regions are found with the session (`elvis.formats.nektar.session`).
 """
 
 from __future__ import annotations

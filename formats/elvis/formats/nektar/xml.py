@@ -73,6 +73,12 @@ class Element:
         return unescape(_decode(self.data[self.start : self.stop])).strip()
 
     @property
+    def source(self) -> str:
+        """The element as it stands in the document, tags included, without comments."""
+        attributes, inner = _decode(self.data[self.opening]), _decode(self.data[self.start : self.stop])
+        return f"<{self.tag}{attributes.rstrip('/')}>{inner}</{self.tag}>"
+
+    @property
     def is_empty(self) -> bool:
         """Whether there is nothing but blanks between the tags."""
         return not self.data[self.start : min(self.stop, self.start + 4096)].strip() and self.stop - self.start < 4096
@@ -361,6 +367,10 @@ class Writer:
             from xml.sax.saxutils import escape
 
             self._line(f"<{tag}{_attributes(attributes)}>{escape(_UNWRITABLE.sub(' ', text))}</{tag}>")
+
+    def source(self, text: str) -> None:
+        """An element as `Element.source` gives it."""
+        self._line(text)
 
     def payload(self, tag: str, attributes: Mapping[str, object], arrays: Iterable[NDArray[np.generic]]) -> None:
         """An element with the arrays as its payload, on one line."""

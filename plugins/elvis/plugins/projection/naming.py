@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -18,6 +19,9 @@ from elvis.plugins.projection.sides import Sides
 
 #: what boundaries without a name of their own are called
 OUTER = "boundary"
+
+#: names of boundaries that a source knows by their numbers
+_NUMBERED = re.compile(r"(?:boundary|physical|sides) ?([0-9]{1,9})")
 
 _TAGS = {1: "V", 2: "E", 3: "F"}
 
@@ -49,19 +53,19 @@ def composites(
     numbers   (n_vertices,) the source's number of each vertex of the mesh
     """
     # the source's own numbers of boundaries are the ids of their composites, all others get what is left
-    own = {boundary.number for boundary in source.boundaries if boundary.number is not None}
-    free = (number for number in count() if number not in own)
+    own = _own_numbers(source.boundaries)
+    free = (number for number in count() if number not in own.values())
     domain = [Composite(next(free), ((shape.tag, frozen_ints(ids)),), name) for shape, name, ids in _regions(blocks)]
 
     # the boundaries that the source names
     notes: list[str] = []
     boundaries: list[tuple[str, Ints, int | None]] = []
     known = Sides(mesh, numbers)
-    for boundary in source.boundaries:
+    for i, boundary in enumerate(source.boundaries):
         rows, lost = _boundary_rows(boundary, mesh, blocks, known)
         if lost:
             notes.append(f"{lost} entries of the boundary {boundary.name!r} are sides of no element")
-        boundaries.append((boundary.name, rows, boundary.number))
+        boundaries.append((boundary.name, rows, own.get(i)))
 
     # outer sides that none of them has make one more
     named = _concatenate([rows for _, rows, _ in boundaries])
@@ -82,6 +86,17 @@ def composites(
     mortars = _concatenate([_mesh_rows(mesh, blocks[i], rows, sides) for i, rows, sides in source.mortars])
     outline = OUTER if len(unnamed) else None
     return Naming(tuple(every), tuple(each.id for each in domain), tuple(notes), outline, mortars)
+
+
+def _own_numbers(boundaries: Sequence[Boundary]) -> dict[int, int]:
+    """The number of each boundary that has one that no other has, by its place among them."""
+    found: dict[int, list[int]] = {}
+    for i, boundary in enumerate(boundaries):
+        name = _NUMBERED.fullmatch(boundary.name)
+        number = int(name[1]) if boundary.number is None and name else boundary.number
+        if number is not None and number >= 0:
+            found.setdefault(number, []).append(i)
+    return {places[0]: number for number, places in found.items() if len(places) == 1}
 
 
 def _concatenate(rows: Sequence[Ints]) -> Ints:
