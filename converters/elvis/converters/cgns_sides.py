@@ -178,6 +178,11 @@ class Numbers:
             return np.asarray((numbers >= self.own[0]) & (numbers <= self.own[1]))
         return np.isin(numbers, self.own)
 
+    @property
+    def count(self) -> int:
+        """How many there are, each once."""
+        return int(self.own[1] - self.own[0]) + 1 if self.is_range else len(np.unique(self.own))
+
     def all(self) -> Ints:
         """All of them."""
         return np.arange(self.own[0], self.own[1] + 1) if self.is_range else self.own
@@ -267,6 +272,9 @@ class Condition:
         self.sides, lost = self._sides.of_elements(flat)
         if lost:
             self.warnings.append(f"{lost} elements of the boundary condition {self.node.name} lie on no cell")
+        unknown = named.count - len(self.taken)
+        if unknown > 0 and len(self.taken):
+            self.warnings.append(f"{unknown} elements of the boundary condition {self.node.name} are in no section")
         if not len(self.taken):
             self._leave_out("names elements that no section holds")
         elif not flat and not len(self.cells):
@@ -294,6 +302,10 @@ class Condition:
             return
         if is_cells:
             faces = self._beside_cells(faces, axis, inward)
+        ends = np.array(self.zone.cell_sizes) - 1 + (np.arange(directions) == axis)
+        outside = int(((faces < 0) | (faces > ends)).any(axis=1).sum())
+        if 0 < outside < len(faces):
+            self.warnings.append(f"{outside} faces of the boundary condition {self.node.name} lie outside of the grid")
         self.sides = self._sides.of_faces(axis, faces)
 
     def _inward(self) -> Ints | None:

@@ -20,6 +20,7 @@ from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Elements, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
 
 #: numbers of types; those of tetrahedra and pyramids were never written
@@ -68,7 +69,9 @@ class ElVisDat(NodalConverter):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         path = paths[0]
-        runs = _read(path, content(path))
+        raw = content(path)
+        runs = _read(path, raw)
+        self.declared = Declared(_count_of_elements(raw, _byte_order(raw)))
         self.blocks = []
         values = []
         for kind in sorted(runs):
@@ -154,7 +157,7 @@ def _read(path: Path, raw: bytes) -> dict[Kind, list[tuple[Ints, Any]]]:
     order = _byte_order(raw) if len(raw) >= _START else ""
     if not order:
         raise FormatError("expected a 1 that tells the byte order, found none", file=path, place="header")
-    (count,) = struct.unpack_from(f"{order}i", raw, _HEADER + 4)
+    count = _count_of_elements(raw, order)
     if count <= 0:
         raise FormatError(f"expected elements, found {count}", file=path, place="header")
     at, number, most = _START, 0, _FIRST_RUN
@@ -173,6 +176,12 @@ def _read(path: Path, raw: bytes) -> dict[Kind, list[tuple[Ints, Any]]]:
     if at != len(raw):
         raise FormatError(f"expected the end after {count} elements, found {len(raw) - at} bytes more", file=path)
     return runs
+
+
+def _count_of_elements(raw: bytes, order: str) -> int:
+    """The number of elements in the header."""
+    (count,) = struct.unpack_from(f"{order}i", raw, _HEADER + 4)
+    return int(count)
 
 
 def _kind(path: Path, raw: bytes, order: str, at: int, number: int) -> Kind:

@@ -21,6 +21,7 @@ from elvis.core.arrays import Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions, nearest_nodes
 
 _SHAPES = {
@@ -81,6 +82,7 @@ class Gmf(NodalConverter):
         if not self.blocks:
             raise FormatError("expected elements, found none", file=mesh.path)
         self.boundaries = self._borders(dimension - 1)
+        self.declared = self._declared(dimension)
         if solution is not None:
             self._read_solution(solution)
 
@@ -127,6 +129,19 @@ class Gmf(NodalConverter):
             raise FormatError(f"expected a table {name}Ordering, found none", file=self._mesh.path, place=name)
         self.notes = [*self.notes, f"no table orders the nodes of {name}: they are taken for those near which they lie"]
         return found
+
+    def _declared(self, dimension: int) -> Declared:
+        """Rows of the tables of elements, and of those of one dimension less by reference."""
+        counts: dict[str, int] = {}
+        elements = 0
+        for name, section in self._mesh.sections.items():
+            kind = next((own for own in ELEMENTS for order in _ORDERS if section_name(own, order) == name), None)
+            if kind is not None and ELEMENTS[kind][1] == dimension:
+                elements += len(section.integers)
+            elif kind is not None and ELEMENTS[kind][1] == dimension - 1:
+                for reference in section.integers[:, -1].tolist():
+                    counts[f"boundary{reference}"] = counts.get(f"boundary{reference}", 0) + 1
+        return Declared(elements, counts)
 
     def _borders(self, dimension: int) -> list[Boundary]:
         """Elements of one dimension less, by reference."""

@@ -24,6 +24,7 @@ from elvis.core.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import (
     NodalBasis,
     NodalBlock,
@@ -89,6 +90,7 @@ class Hopr(NodalConverter):
         self.beside = [mesh]
         with reading(mesh) as file:
             self._read_mesh(file)
+            self.declared = _declared(file)
         if state is not None:
             with reading(state) as file:
                 self._read_state(file)
@@ -220,6 +222,7 @@ class Hopr(NodalConverter):
         parts = Elements(block.shape, total, block.order, ids=ids, key=NodalBlock(cells))
         self.blocks, self.is_conforming, self.mortars = [whole, parts], False, []
         self.boundaries = [cells.parted(boundary, rows) for boundary in self.boundaries]
+        self.declared = Declared(len(rows) + total)
         self.notes = [
             f"{len(cells.elements)} elements hold finite-volume sub-cells: "
             f"each became {count**3} elements, with the mean of each as a constant"
@@ -272,6 +275,17 @@ class SubCells(NodalValues):
             found.append((boxes, np.full(len(boxes), face)))
         boxes, local_faces = (np.concatenate(each) for each in zip(*found, strict=True))
         return Boundary(boundary.name, sides=[(0, place, faces[is_other]), (1, boxes, local_faces)])
+
+
+def _declared(file: h5py.File) -> Declared:
+    """The number of elements, and of the entries of SideInfo that have each boundary condition."""
+    conditions, names = ints(file, "SideInfo", None, None)[:, 4], texts(file, "BCNames")
+    counts: dict[str, int] = {}
+    for condition, count in zip(*(own.tolist() for own in np.unique(conditions, return_counts=True)), strict=True):
+        if condition > 0:
+            name = names[condition - 1] if condition <= len(names) else f"condition {condition} (without a name)"
+            counts[name] = counts.get(name, 0) + count
+    return Declared(int(number(file, "nElems")) if "nElems" in file.attrs else None, counts)
 
 
 def _small_sides(neighbours: Ints) -> Ints:

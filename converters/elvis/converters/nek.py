@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from os.path import isfile
 from pathlib import Path
@@ -24,6 +25,7 @@ from elvis.core.moments import checked_step
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Reads
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, component_names, tensor_nodes
 from elvis.plugins.recognition import found_instead
 
@@ -96,6 +98,7 @@ class Nek(NodalConverter):
         self.time, self.metadata = head.time, {"Step": str(head.step)}
         self.precision = SINGLE if 4 in (head.size, self._points.head.size) else DOUBLE
         self._read_blocks()
+        self.declared = Declared(head.total)
         for path in paths:
             if _kind(path) == "mesh":
                 self._read_boundaries(path)
@@ -138,6 +141,7 @@ class Nek(NodalConverter):
             raise FormatError(f"expected sides of elements 1 to {total}, found others", file=path, place="boundaries")
         rows, own = np.argsort(self._values.numbers)[found.elements - 1], sides[found.sides - 1]
         names = np.array(found.names)
+        self.declared = replace(self.declared, sides=dict(Counter(found.names)))
         self.boundaries = [
             Boundary(name, sides=[(0, rows[names == name], own[names == name])]) for name in sorted(set(found.names))
         ]

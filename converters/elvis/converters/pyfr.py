@@ -24,6 +24,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.hdf5_checks import check_attribute
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, Option, PyramidSpace, Reads, SourceField
+from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import (
     NodalBasis,
     NodalBlock,
@@ -125,6 +126,7 @@ class PyFR(NodalConverter):
         self.blocks: list[Elements] = []
         with reading(mesh) as file:
             (self._read_old_mesh if _is_old(mesh) else self._read_mesh)(file)
+            self.declared = _declared(file)
         if solution is not None:
             with reading(solution) as file:
                 _check_uuid(file, _uuid(mesh), mesh)
@@ -219,7 +221,7 @@ class PyFR(NodalConverter):
         self.time = _time(stats)
         self.metadata = {"Program": _text(file, "creator") if "creator" in file else "PyFR"}
         self.metadata |= _constants(config)
-        self.notes = [f"{missing} elements without a solution were left out"] if missing else []
+        self.declared = Declared(self.declared.elements, omitted={"elements without a solution": missing})
 
     def take(self, state: RunState) -> None:
         """Take the solution of a running solver in place of what there is; FormatError where it does not fit."""
@@ -276,6 +278,20 @@ class PyFR(NodalConverter):
         place[rows] = np.arange(len(rows))
         self.boundaries = [_restrict(boundary, index, place) for boundary in self.boundaries]
         self.blocks[index] = replace(block.take(rows), key=NodalBlock(kept), rows=slice(None))
+
+
+def _declared(file: h5py.File) -> Declared:
+    """The number of elements in all tables, and of faces that are connected to each boundary."""
+    if "mesh_uuid" in file:
+        counts = {name: sum(map(len, own.values())) for name, own in pyfr_old.sides(file).items()}
+        return Declared(sum(nodes.shape[1] for nodes in pyfr_old.arrays(file, "spt").values()), counts)
+    links = [np.asarray(require(file, f"eles/{kind}")["faces"]["cidx"]) for kind in file["eles"]]
+    sides = {
+        name.removeprefix("bc/"): sum(int(np.count_nonzero(own == number)) for own in links)
+        for number, name in enumerate(texts(file, "codec"))
+        if name.startswith("bc/")
+    }
+    return Declared(sum(map(len, links)), sides)
 
 
 def _running(config: str) -> dict[str, str]:

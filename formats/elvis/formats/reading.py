@@ -22,7 +22,7 @@ from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
 from elvis.core.portions.portion import Portion, carriers
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
-from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite
+from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite, unknown_members
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
@@ -235,11 +235,12 @@ class _Reader:
     def dataset(self, names: list[str]) -> Dataset:
         """All that was taken in; FormatError where there is no mesh."""
         rules, session = self._take_session()
-        mesh = self._mesh(names)
+        mesh, unknown = self._mesh(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh), session)
         self._decode(bare)
-        return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=self._told(mesh, metadata))
+        remarks = (*unknown, *self._told(mesh, metadata))
+        return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=remarks)
 
     def parts(self, names: list[str]) -> DatasetParts:
         """All that was taken in, to be read by parts; FormatError where there is no mesh."""
@@ -369,8 +370,11 @@ class _Reader:
             self._geometries.clear()
         self._geometries[piece] = child
 
-    def _mesh(self, names: list[str]) -> Mesh:
-        return with_remarks(assemble(self._raw_geometry(names)), self._remarks)
+    def _mesh(self, names: list[str]) -> tuple[Mesh, list[str]]:
+        """The mesh, and sentences on what its composites name in vain."""
+        raw = self._raw_geometry(names)
+        mesh = assemble(raw)
+        return with_remarks(mesh, self._remarks), unknown_members(raw, mesh)
 
     def _raw_geometry(self, names: list[str]) -> RawGeometry:
         """The mesh as files hold it; nothing else holds it then."""

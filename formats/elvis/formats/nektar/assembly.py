@@ -401,6 +401,17 @@ def _composites(raw: RawGeometry, lookups: list[Lookup]) -> tuple[Composite, ...
     )
 
 
+def unknown_members(raw: RawGeometry, mesh: Mesh) -> list[str]:
+    """Sentences on composites that name entities which the mesh lacks."""
+    found = []
+    for (id, tokens, _), composite in zip(raw.composites, mesh.composites, strict=True):
+        declared = sum(ids.count for _, ids in tokens)
+        missing = declared - sum(len(ids) for _, ids in composite.parts)
+        if missing > 0:
+            found.append(f"{missing} of the {declared} entities of composite {id}, which the mesh lacks, were left out")
+    return found
+
+
 def counts_of(raw: RawGeometry, lookups: Sequence[Lookup]) -> Counts:
     """How much the mesh of ``raw`` is made of; see `lookups_of`."""
     entities = {shape: len(ids) for shape, (ids, _) in raw.tables.items()}
