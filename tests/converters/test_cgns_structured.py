@@ -3,6 +3,7 @@
 import cgns_writing as writing
 import numpy as np
 import pytest
+from cgns_reader import patches_by_vtk
 from cgns_writing import base, condition, conditions, grid, node, structured
 
 from elvis.converters.cgns import Cgns
@@ -116,41 +117,10 @@ def test_patches_agree_with_another_reader(tmp_path):
     families = [node(name, "Family_t") for name in spans]
     path = writing.write_hdf5(tmp_path / "a.cgns", [base(*families, structured("Zone", sheared, own))], 3.4)
     found = areas(check(Cgns, [path]).dataset)
-    wanted, volume = by_vtk(path)
+    wanted, volume = patches_by_vtk(path)
     assert set(wanted) == set(spans)
     assert {name: found[name] for name in spans} == pytest.approx(wanted, rel=1e-12)
     assert integrate(convert(Cgns([path])).dataset, "1")[0].value == pytest.approx(volume, rel=1e-12)
-
-
-def by_vtk(path):
-    """Areas of patches and the volume, as VTK's reader and its own cells have them."""
-    reader = pytest.importorskip("vtkmodules.vtkIOCGNSReader").vtkCGNSReader()
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
-
-    reader.SetFileName(str(path))
-    reader.UpdateInformation()
-    reader.EnableAllBases()
-    reader.EnableAllFamilies()
-    reader.LoadBndPatchOn()
-    reader.SetDoublePrecisionMesh(1)
-    reader.Update()
-    found = {"Area": {}, "Volume": {}}
-
-    def collect(data, name):
-        if data.IsA("vtkMultiBlockDataSet"):
-            for i in range(data.GetNumberOfBlocks()):
-                collect(data.GetBlock(i), data.GetMetaData(i).Get(data.NAME()))
-            return
-        sizes = vtkCellSizeFilter()
-        sizes.SetInputData(data)
-        sizes.Update()
-        for kind, own in found.items():
-            own[name] = float(vtk_to_numpy(sizes.GetOutput().GetCellData().GetArray(kind)).sum())
-
-    collect(reader.GetOutput(), "")
-    volume = sum(found["Volume"].values())
-    return {name: area for name, area in found["Area"].items() if area}, volume
 
 
 def test_zones_that_touch_are_joined(tmp_path):
