@@ -94,7 +94,7 @@ def test_a_part_of_the_mesh_is_converted_on_request(folder, copied, truth, near)
         PyFR([copied / SOLUTION])
     conversion = check(PyFR, [copied / SOLUTION], subset=True)
     assert conversion.report.elements == {"tetrahedron": 33, "prism": 28}
-    assert any("81 elements" in note for note in conversion.report.notes)
+    assert any("81 elements" in note for note in conversion.report.warnings)
     own = truth(folder / "mixed3d_p3-01.truth.npz")
     part, everything = own.found(conversion.dataset, "rho"), own.found(whole, "rho")
     inside = np.isfinite(part)
