@@ -93,6 +93,7 @@ def subjects(folder, readers):
         volumes: ("fourier", "nurbs"),
         converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
         cgns: ("cgns",),
+        trixi: ("trixi",),
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
@@ -221,6 +222,41 @@ def cgns(folder):
         for order in "<>":
             path = folder / f"{name}_{'AB'[order == '<']}.adf"
             yield Subject("cgns", (writing.write_adf(path, tree, 3.3, order == ">", order),), ("converted",))
+
+
+def trixi(folder):
+    """Tiny files of Trixi.jl: a tree, a structured mesh, forests of both kinds, two curved quadrilaterals."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+    import h5py
+    import trixi_writer as writing
+
+    def subject(kind, mesh, places, *others):
+        functions = {"u": lambda x: x[..., 0]}
+        path = writing.write_solution(mesh.with_name(f"s_{kind}.h5"), mesh, kind, places, functions, 1)
+        return Subject("trixi", (path, mesh, *others), ("converted",))
+
+    def refine(level, corner):
+        return level < 1 and not corner.any()
+
+    tree = folder / "tree.h5"
+    corners = writing.write_tree_mesh(tree, refine, 2, (0, 0), 2, (True, False))
+    inside = (writing.reference_nodes([-1, 1], 2) + 1) / 2
+    yield subject("TreeMesh", tree, corners[:, None, 0] + inside * (corners[:, 1] - corners[:, 0])[:, None])
+    structured = folder / "structured.h5"
+    writing.write_structured_mesh(structured, (2, 1), "mapping(x, y) = (2x + 0.1y^2, sin(y))", (False, False))
+    yield subject("StructuredMesh", structured, np.zeros((2, 4, 2)))
+    for kind in ("P4estMesh", "T8codeMesh"):
+        (folder / kind).mkdir()
+        brick = writing.Brick((2, 1), lambda s: s, 1, lambda tree: refine if tree else lambda *_: False)
+        mesh = brick.write(folder / kind / "mesh.h5", kind)
+        yield subject(kind, mesh, brick.nodes(1), *mesh.parent.glob("p4est_data"))
+    plane, mesh = folder / "two.mesh", folder / "plane.h5"
+    curve = [[1, 1], [0.5, 1.2], [0, 1]][::-1]
+    elements = [((0, 1, 3, 2), {2: curve}, ("floor", "east", "roof", "west"))]
+    writing.write_plane_mesh(plane, 2, [(0, 0), (1, 0), (0, 1), (1, 1)], elements)
+    with h5py.File(mesh, "w") as file:
+        file.attrs["mesh_type"], file.attrs["ndims"], file.attrs["mesh_filename"] = "UnstructuredMesh2D", 2, "two.mesh"
+    yield subject("UnstructuredMesh2D", mesh, np.zeros((1, 4, 2)), plane)
 
 
 def vtkhdf(path):

@@ -118,10 +118,11 @@ def floats(file: h5py.File, name: str, *shape: int | None) -> Floats:
     return np.asarray(_numbers(file, name, "iuf", shape), np.float64)
 
 
-def texts(file: h5py.File, name: str) -> list[str]:
-    """The strings of a dataset."""
+def texts(file: h5py.File, name: str, *shape: int) -> list[str]:
+    """The strings of a dataset, one after another: of a list, or of an array of this shape."""
     found = require(file, name)
-    if found.dtype.kind not in "OS" or found.ndim > 1 or found.size > _MOST_TEXTS:
+    is_shaped = found.shape == shape if shape else found.ndim <= 1
+    if found.dtype.kind not in "OS" or not is_shaped or found.size > _MOST_TEXTS:
         raise FormatError(f"expected a list of strings, found {found.dtype} of shape {found.shape}", place=name)
     check_strings(found)
     return [text(item) for item in np.ravel(found[()])]

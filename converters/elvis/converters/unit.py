@@ -10,6 +10,7 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, native_points
+from elvis.plugins.projection.naming import local_sides
 
 #: how many of the first axes of a shape are those of a triangle or tetrahedron
 SIMPLEX_AXES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
@@ -48,6 +49,16 @@ UNIT = {
     Shape.PRISM: _unit(((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0), (1, 0, 1)), (0, 2, 5, 3, 1, 4)),
     Shape.HEXAHEDRON: _unit((*_BASE, *((*corner, 1) for corner in _SQUARE))),
 }
+
+
+def directed_sides(shape: Shape) -> Ints:
+    """(2 d,) local sides of a segment, quadrilateral or hexahedron towards -x, x, -y, y, -z, z."""
+    sides = [shape.vertices[list(side)] for side in local_sides(shape)]
+    found = []
+    for axis in range(shape.dimension):
+        for end in (-1.0, 1.0):
+            found += [number for number, corners in enumerate(sides) if (corners[:, axis] == end).all()]
+    return np.array(found)
 
 
 def lattice(shape: Shape, order: int) -> Ints:

@@ -95,7 +95,7 @@ def is_plain(dtype: np.dtype[Any]) -> bool:
     """Whether a type is one of numbers or strings."""
     import h5py
 
-    return dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
+    return dtype.kind in "biufS" or h5py.check_string_dtype(dtype) is not None
 
 
 _DESCRIPTOR = 16
