@@ -94,6 +94,7 @@ def subjects(folder, readers):
         converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
         cgns: ("cgns",),
         trixi: ("trixi",),
+        horses: ("horses",),
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
@@ -257,6 +258,21 @@ def trixi(folder):
     with h5py.File(mesh, "w") as file:
         file.attrs["mesh_type"], file.attrs["ndims"], file.attrs["mesh_filename"] = "UnstructuredMesh2D", 2, "two.mesh"
     yield subject("UnstructuredMesh2D", mesh, np.zeros((1, 4, 2)), plane)
+
+
+def horses(folder):
+    """Tiny files of HORSES3D: two hexahedra of different orders with values, a sensor and sources, and boundaries."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+    import horses_writer as writing
+
+    counts = [(2, 2, 2), (2, 3, 2)]
+    maps = writing.boxes((2, 1, 1), lambda x: x)
+    places = [own(writing.nodes_of(1, count)) for own, count in zip(maps, counts, strict=True)]
+    mesh = writing.write_horses(folder / "two.hmesh", 1, 1, [(c, [x]) for c, x in zip(counts, places, strict=True)])
+    zones = writing.write_zones(folder / "two.bmesh", [("west", [1], [6]), ("east", [2], [4])])
+    values = [(c, ([x[:, [0] * 5]], [x[:, [0] * 5]])) for c, x in zip(counts, places, strict=True)]
+    path = writing.write_horses(folder / "two.hsol", 9, 1, values, [0.5, 1.5])
+    yield Subject("horses", (mesh, path, zones), ("converted",))
 
 
 def vtkhdf(path):

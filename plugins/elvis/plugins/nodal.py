@@ -154,6 +154,26 @@ class NodalBasis(ShapeFunctions):
         return np.asarray(self.space(points) @ self._inverse)
 
 
+class TensorBasis(ShapeFunctions):
+    """The functions of a product of nodes on lines, of which each direction has its own; the first is the fastest.
+
+    lines  (m,) nodes on [-1, 1] of each direction of a segment, quadrilateral or hexahedron
+    """
+
+    def __init__(self, shape: Shape, lines: Sequence[Floats]) -> None:
+        assert len(lines) == shape.dimension
+        self.order = max(len(line) for line in lines) - 1
+        self._lines = [NodalBasis(Shape.SEGMENT, len(line) - 1, line[:, None]) for line in lines]
+
+    def tabulate(self, points: Floats) -> Floats:
+        """The products of the functions of the lines."""
+        result = np.ones((len(points), 1))
+        for axis, line in enumerate(self._lines):
+            own = line.at(points[:, axis : axis + 1])
+            result = (own[:, :, None] * result[:, None, :]).reshape(len(points), -1)
+        return result
+
+
 @dataclass(frozen=True, eq=False)
 class NodalValues:
     """Values of c components at the nodes of m elements.
