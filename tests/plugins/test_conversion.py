@@ -9,10 +9,12 @@ from elvis.core.mapping.locate import locate
 from elvis.core.mapping.orientation import polygon_vertices
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import patches
-from elvis.core.testing import grid, mixed_plane, mixed_volume, ripple
+from elvis.core.testing import grid, mixed_plane, mixed_volume
 from elvis.formats import Basis, Shape, read, write
+from elvis.plugins import converting
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert
+from elvis.plugins.projection import choosing
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.testing import Analytic, AnalyticField, values_found
 
@@ -268,14 +270,14 @@ def test_fields_of_several_orders_share_one_section_a_shape(tmp_path):
 
 def test_the_announced_error_is_that_of_the_written_file(tmp_path):
     def warp(points):
-        return ripple(0.05)(points.reshape(-1, 3)).reshape(points.shape)
+        return points / (1 + 0.2 * points[..., :1])
 
     source = Analytic(mixed_volume(), {"u": AnalyticField(wave, 3, True, False)}, warp, 4, seed=1)
     source.blocks = [replace(block, is_polynomial=False) for block in source.blocks]
     conversion = convert(source)
     again = read(*write(conversion.dataset, tmp_path / "case.xml"))
     places = np.random.default_rng(0).random((400, 3)) * [3, 1, 1]
-    found = values_found(again, "u", ripple(0.05)(places))
+    found = values_found(again, "u", warp(places))
     inside = np.isfinite(found)
     assert inside.sum() > 350
     measure, geometry = conversion.report.fields[0], conversion.report.geometry
@@ -291,3 +293,24 @@ def test_converting_twice_gives_the_same_bytes(tmp_path):
             write(conversion.dataset, tmp_path / name / kind / "case.xml", mesh_format=kind)
     for file in sorted((tmp_path / "one").rglob("case.*")):
         assert file.read_bytes() == (tmp_path / "two" / file.relative_to(tmp_path / "one")).read_bytes()
+
+
+def spike(points):
+    """A bump in one corner, of which most elements see nothing."""
+    return np.exp(-(points**2).sum(axis=-1) / 0.01)
+
+
+@pytest.mark.parametrize(
+    ("function", "is_polynomial", "times"),
+    [(polynomial(2), True, 1), (lambda x: np.exp(x[..., 0]), False, 1), (spike, False, 2)],
+)
+def test_fields_are_projected_again_only_where_few_elements_could_not_tell(monkeypatch, function, is_polynomial, times):
+    projected = []
+    fit = converting.at_order
+    monkeypatch.setattr(converting, "at_order", lambda *args: projected.append(1) or fit(*args))
+    monkeypatch.setattr(choosing, "_FEW", 8)
+    fields = {"u": AnalyticField(function, 2, False, is_polynomial)}
+    (measure,) = convert(Analytic(grid(Shape.QUADRILATERAL, 12), fields)).report.fields
+    assert len(projected) == times
+    assert (measure.order == 2) == is_polynomial
+    assert measure.relative < 1e-8

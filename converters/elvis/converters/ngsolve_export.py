@@ -183,7 +183,8 @@ def _added(session: Session, field: str) -> int:
     values = [session.values(field, numbers, points) for numbers, points in nodes]
     low, high = (float(f([f(each) for each in values])) for f in (np.nanmin, np.nanmax))
     goal = error_limit(GOAL, high - low, max(abs(low), abs(high)))
-    return added_orders(lambda added: _error(session, field, own + added), goal, lambda added: own + added <= _HIGHEST)
+    more = added_orders(lambda added: _error(session, field, own + added), goal, lambda added: own + added <= _HIGHEST)
+    return more.added
 
 
 def _order(mesh: Any, name: str, field: Any, order: int | None) -> int:

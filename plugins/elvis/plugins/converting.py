@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -17,18 +16,22 @@ from elvis.core.errors import ElvisError
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import Mesh
 from elvis.core.quantities.needed import needed_fields
-from elvis.core.shapes import Shape
 from elvis.core.validity.folded import folded
-from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
+from elvis.plugins.conversion import Converter, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.choosing import (
+    ChosenOrders,
+    with_better_fields,
+    with_better_map,
+    with_foreseen_fields,
+    with_foreseen_map,
+)
 from elvis.plugins.projection.curves import with_curves
 from elvis.plugins.projection.fitting import FieldFit, beyond, field_modes, fit_positions, mapped, padded
 from elvis.plugins.projection.measuring import is_exact_map, measure
 from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance, fit_joined
-from elvis.plugins.projection.raising import added_to_field, added_to_map, raised
 from elvis.plugins.projection.sampling import Sampler
-from elvis.plugins.projection.spaces import needs_hexahedra
-from elvis.plugins.projection.topology import Topology, given_topology, topology
+from elvis.plugins.projection.topology import Topology
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, Maps, check
 from elvis.plugins.report import Report
@@ -70,6 +73,11 @@ class Settings:
         if self.geometry not in get_args(GeometryChoice) or self.pyramids not in get_args(PyramidChoice):
             raise ElvisError(f"expected known choices, found geometry {self.geometry} and pyramids {self.pyramids}")
 
+    @property
+    def raises_fields(self) -> bool:
+        """Whether the user leaves the orders of fields to what they need."""
+        return self.order is None and self.tolerance is None and self.pyramids != "native"
+
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
@@ -89,18 +97,16 @@ class Conversion:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """A conversion with the orders that a source tells.
+    """A conversion with chosen orders.
 
-    fields    those that are converted
-    fitted    the same on the native blocks
+    dataset   mesh and fields
+    fitted    the fields on the native blocks
     maps      the coordinates as fields, where the mesh file can't hold them
     straight  what was found of the map of the mesh file alone
     findings  what was found of the data
     """
 
-    source: Converter
-    plan: Topology
-    fields: Sequence[SourceField]
+    orders: ChosenOrders
     dataset: Dataset
     blocks: list[NativeBlock]
     fitted: list[FieldFit]
@@ -110,8 +116,9 @@ class _Attempt:
 
     def report(self, files: Sequence[str]) -> Report:
         """How far off everything is."""
+        orders = self.orders
         has_map = bool(self.maps)
-        return report_of(self.source, self.plan, self.findings, self.straight, self.fitted, has_map, files)
+        return report_of(orders.source, orders.plan, self.findings, self.straight, self.fitted, has_map, files)
 
 
 def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
@@ -121,18 +128,32 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     ElvisError where the source can't be represented, or contradicts itself.
     """
     settings = settings or Settings()
-    attempt = _attempt(source, _choose_fields(source, settings.fields), settings)
-    for better in (_with_better_map, _with_better_fields):
-        higher = better(attempt, settings)
-        if higher is not None:
-            attempt = _attempt(*higher, settings)
-    interfaces = with_interfaces(attempt.dataset, attempt.plan.outline, source.precision, [attempt.plan.mortars])
+    attempt = _best_attempt(source, settings)
+    interfaces = with_interfaces(
+        attempt.dataset, attempt.orders.plan.outline, source.precision, [attempt.orders.plan.mortars]
+    )
     dataset, invalid = interfaces.dataset, folded(interfaces.dataset)
     attempt.findings.inverted.append(invalid.wrong)
     report = attempt.report([Path(file).name for file in files])
     report = replace(report, warnings=(*report.warnings, *interfaces.warnings, *invalid.sentences()))
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
-    return Conversion(dataset, report, tuple(attempt.blocks), tuple(attempt.maps), tuple(attempt.fields))
+    return Conversion(dataset, report, tuple(attempt.blocks), tuple(attempt.maps), attempt.orders.fields)
+
+
+def _best_attempt(source: Converter, settings: Settings) -> _Attempt:
+    """The data at orders that few elements need, or at those that the elements with the largest errors need."""
+    orders = ChosenOrders.of(source, _choose_fields(source, settings.fields), settings.pyramids == "native")
+    raises_map = source.mesh is None and settings.geometry != "curves"
+    if raises_map:
+        orders = with_foreseen_map(orders)
+    if settings.raises_fields:
+        orders = with_foreseen_fields(orders)
+    attempt = _attempt(orders, settings)
+    if raises_map and not is_exact_map(attempt.findings, source.precision):
+        attempt = _attempt(with_better_map(attempt.orders, attempt.findings.coordinates), settings, attempt)
+    if settings.raises_fields:
+        attempt = _attempt(with_better_fields(attempt.orders, attempt.findings.fields), settings, attempt)
+    return attempt
 
 
 def convert_again(source: Converter, before: Conversion, quantities: Sequence[str] = ()) -> Dataset:
@@ -166,69 +187,36 @@ def converted_object(source: Converter, name: str, settings: Settings | None = N
     return replace(conversion.dataset, remarks=conversion.report.remarks())
 
 
-def _attempt(source: Converter, fields: Sequence[SourceField], settings: Settings) -> _Attempt:
-    """The data at the orders of the source, measured."""
-    plan, sampler = _plan(source, fields, settings), Sampler(source)
-    mesh = plan.mesh if source.mesh is not None else _curve(sampler, plan)
-    projected = _project(sampler, mesh, plan, fields, settings)
+def _attempt(orders: ChosenOrders, settings: Settings, before: _Attempt | None = None) -> _Attempt:
+    """The data at chosen orders, measured; what is as it was ``before`` is taken over."""
+    if before is not None and before.orders is orders:
+        return before
+    source, sampler = orders.source, Sampler(orders.source)
+    if before is not None and before.orders.plan.mesh is not orders.plan.mesh:
+        before = None
+    mesh = _mesh(orders, before)
+    projected = _project(sampler, mesh, orders, settings, before.fitted if before else ())
     blocks, fitted, straight = projected.blocks, projected.fields, projected.findings
 
     # where the mesh file can't hold the map, it travels as fields
     has_map = settings.geometry == "map" or (settings.geometry == "auto" and straight.exceeding)
     maps = _maps(sampler, mesh, blocks) if has_map else []
-    dataset = _dataset(source, mesh, blocks, fields, [*fitted, *maps], has_map)
+    dataset = _dataset(source, mesh, blocks, orders.fields, [*fitted, *maps], has_map)
     first = straight
     if has_map:
         first = check(sampler, Maps(dataset), blocks, (), source.precision)
         first.fields = straight.fields
     findings = measure(sampler, Maps(dataset), blocks, fitted, first)
-    return _Attempt(source, plan, fields, dataset, blocks, fitted, maps, straight, findings)
+    return _Attempt(orders, dataset, blocks, fitted, maps, straight, findings)
 
 
-#: a source, and those of its fields that are converted
-_Choice = tuple[Converter, Sequence[SourceField]]
-
-
-def _with_better_map(attempt: _Attempt, settings: Settings) -> _Choice | None:
-    """The source with higher orders of a map that is not exact; None where nothing is gained, or allowed."""
-    source, findings = attempt.source, attempt.findings
-    if source.mesh is not None or settings.geometry == "curves" or is_exact_map(findings, source.precision):
-        return None
-    added = added_to_map(Sampler(source), attempt.blocks, findings.coordinates)
-    own = copy(source)
-    own.blocks = [raised(block, added) for block in source.blocks]
-    return (own, attempt.fields) if added else None
-
-
-def _with_better_fields(attempt: _Attempt, settings: Settings) -> _Choice | None:
-    """The source with higher orders of fields that are not exact; None where nothing is gained, or the user chose."""
-    if settings.order is not None or settings.tolerance is not None or settings.pyramids == "native":
-        return None
-    orders = _added_orders(attempt, Sampler(attempt.source))
-    if not any(orders.values()):
-        return None
-    return attempt.source, [_with_more(field, orders.get(field.name, 0)) for field in attempt.fields]
-
-
-def _added_orders(attempt: _Attempt, sampler: Sampler) -> dict[str, int]:
-    """How many orders are added to each field that is not exact."""
-    found: dict[str, int] = {}
-    exact = {own.name: own.is_exact for own in attempt.report(()).fields}
-    for fit, tally in zip(attempt.fitted, attempt.findings.fields, strict=True):
-        if not exact[fit.field.name]:
-            added = added_to_field(sampler, attempt.blocks, fit.field, tally)
-            found[fit.field.name] = max(added, found.get(fit.field.name, 0))
-    return found
-
-
-def _with_more(field: SourceField, added: int) -> SourceField:
-    """A field that is fitted with more orders."""
-    if not added:
-        return field
-    if isinstance(field.order, int):
-        return replace(field, order=field.order + added, is_polynomial=False)
-    orders = [None if order is None else order + added for order in field.order]
-    return replace(field, order=orders, is_polynomial=False)
+def _mesh(orders: ChosenOrders, before: _Attempt | None) -> Mesh:
+    """The mesh with its curves."""
+    if orders.source.mesh is not None:
+        return orders.plan.mesh
+    if before is not None and before.orders.source is orders.source:
+        return before.dataset.mesh
+    return _curve(Sampler(orders.source), orders.plan)
 
 
 def _needed(
@@ -243,15 +231,6 @@ def _needed(
     state = Dataset(known.mesh, named, source.time, {**known.metadata, **source.metadata})
     names = needed_fields(state, quantities)
     return [each for each in fields if each.name in names]
-
-
-def _plan(source: Converter, fields: Sequence[SourceField], settings: Settings) -> Topology:
-    """The mesh, its curves still to come unless the source has it whole, and the blocks with their expansions."""
-    if source.mesh is not None:
-        plan = given_topology(source, source.mesh)
-    else:
-        plan = topology(source, lambda number: _is_collapsed(source, number, fields, settings))
-    return replace(plan, blocks=tuple(_spaced(block, settings) for block in plan.blocks))
 
 
 def _dataset(
@@ -326,18 +305,6 @@ def _check_field(source: Converter, field: SourceField) -> None:
             raise ElvisError(f"field {field.name}: expected an order from 0 to {HIGHEST}, found {order}")
 
 
-def _is_collapsed(source: Converter, number: int, fields: Sequence[SourceField], settings: Settings) -> bool:
-    if settings.pyramids == "native":
-        return False
-    return needs_hexahedra(source.blocks[number], number, fields)
-
-
-def _spaced(block: NativeBlock, settings: Settings) -> NativeBlock:
-    """The block with the family of its expansions."""
-    is_polynomial = block.shape is Shape.PYRAMID and block.source.pyramid is PyramidSpace.POLYNOMIAL
-    return replace(block, is_ortho=is_polynomial and settings.pyramids == "exact")
-
-
 def _curve(sampler: Sampler, plan: Topology) -> Mesh:
     """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
     traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
@@ -356,15 +323,16 @@ def _curve(sampler: Sampler, plan: Topology) -> Mesh:
 
 
 def _project(
-    sampler: Sampler, mesh: Mesh, plan: Topology, fields: Sequence[SourceField], settings: Settings
+    sampler: Sampler, mesh: Mesh, orders: ChosenOrders, settings: Settings, before: Sequence[FieldFit]
 ) -> Projection:
     """The fields on the blocks, parted by order where that is chosen by element, and how far off all is."""
-    blocks = [block for block in plan.blocks if len(block)]
+    blocks = [block for block in orders.plan.blocks if len(block)]
+    fields = orders.fields
     if settings.tolerance is not None and fields:
         return at_tolerance(sampler, mesh, blocks, fields, settings.tolerance, settings.order or HIGHEST)
     if settings.order is not None:
         blocks = [replace(block, modes=settings.order + 1) for block in blocks]
-    return at_order(sampler, mesh, blocks, fields)
+    return at_order(sampler, mesh, blocks, fields, before)
 
 
 def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[FieldFit]:

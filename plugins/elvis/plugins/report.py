@@ -89,7 +89,12 @@ def _finite(value: float) -> float | None:
 
 def is_rounding(error: float, spread: float, magnitude: float, precision: float) -> bool:
     """Whether an error is explained by rounding: of 64 bits, or of a source with numbers of less ``precision``."""
-    return error <= max(_OF_RANGE * spread, (_OF_MAGNITUDE + 4 * precision) * magnitude)
+    return error <= rounding(spread, magnitude, precision)
+
+
+def rounding(spread: float, magnitude: float, precision: float) -> float:
+    """The largest error that counts as rounding of values with a range and a largest magnitude."""
+    return max(_OF_RANGE * spread, (_OF_MAGNITUDE + 4 * precision) * magnitude)
 
 
 @dataclass(frozen=True)

@@ -75,20 +75,23 @@ def bounds_of(
 ) -> list[float]:
     """The largest error that each field may have: ``tolerance`` of its range, or of the largest of its planes'."""
     precision, most = sampler.source.precision, dict[str, float]()
-    for field, (low, high) in zip(fields, _ranges(sampler, blocks, fields), strict=True):
+    for field, (low, high) in zip(fields, ranges(sampler, blocks, fields), strict=True):
         magnitude = max(abs(low), abs(high))
         bound = error_limit(tolerance, high - low, magnitude, precision) if magnitude > 0 else 0.0
         most[field.name] = max(most.get(field.name, 0.0), bound)
     return [most[field.name] for field in fields]
 
 
-def _ranges(
-    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField]
+def ranges(
+    sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], inside: int = _INSIDE
 ) -> list[tuple[float, float]]:
-    """Least and greatest finite value of each field; zeros where it has none."""
+    """Least and greatest finite value of each field; zeros where it has none.
+
+    inside  points inside of each element at which values are taken
+    """
     low, high = np.full(len(fields), np.inf), np.full(len(fields), -np.inf)
     for block in blocks:
-        for rows, points in sampler.batches(block, check_points(block.shape, _INSIDE, block.is_collapsed)):
+        for rows, points in sampler.batches(block, check_points(block.shape, inside, block.is_collapsed)):
             for i, field in enumerate(fields):
                 if not field.is_on(block.number):
                     continue

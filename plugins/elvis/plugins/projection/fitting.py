@@ -21,7 +21,7 @@ from elvis.plugins.projection.spaces import is_contained
 from elvis.plugins.projection.traces import Traces
 
 #: quadrature points each way beyond the order, for what isn't in the space
-_EXTRA = 4
+_EXTRA = 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,9 +33,21 @@ class Projection:
     findings: Findings
 
 
-def at_order(sampler: Sampler, mesh: Mesh, blocks: list[NativeBlock], fields: Sequence[SourceField]) -> Projection:
-    """The fields at the orders of the blocks, or at their own where a block has none."""
-    fitted = fit_joined(sampler, mesh, blocks, fields)
+def at_order(
+    sampler: Sampler,
+    mesh: Mesh,
+    blocks: list[NativeBlock],
+    fields: Sequence[SourceField],
+    before: Sequence[FieldFit] = (),
+) -> Projection:
+    """The fields at the orders of the blocks, or at their own where a block has none.
+
+    before  fields on these elements, of which those that are among ``fields`` are taken over
+    """
+    known = {id(each.field): each for each in before}
+    new = fit_joined(sampler, mesh, blocks, [field for field in fields if id(field) not in known])
+    known.update({id(each.field): each for each in new})
+    fitted = [known[id(field)] for field in fields]
     return Projection(blocks, fitted, check(sampler, Maps(Dataset(mesh)), blocks, fitted, sampler.source.precision))
 
 

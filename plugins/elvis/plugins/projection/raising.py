@@ -7,8 +7,8 @@ order of the source.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from elvis.plugins.conversion import Elements, SourceField
 from elvis.plugins.projection.adaptivity import errors_of
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points
-from elvis.plugins.projection.fitting import position_operator
+from elvis.plugins.projection.fitting import field_modes, position_operator
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.verification import Tally
+from elvis.plugins.report import rounding
 
 #: the relative error at which no more orders are added
 GOAL = 1e-9
@@ -42,33 +43,60 @@ _FALL = 0.6
 #: points inside an element at which the map's error is measured
 _INSIDE = 24
 
-
-def added_to_field(sampler: Sampler, blocks: Sequence[NativeBlock], field: SourceField, tally: Tally) -> int:
-    """How many orders are added to a field whose errors are those of ``tally``."""
-    smooth = replace(field, is_polynomial=False)
-    blocks = [block for block in blocks if field.is_on(block.number)]
-
-    def order(block: NativeBlock) -> int:
-        return max(1, field.order_on(block.number) or 0)
-
-    def error(added: int) -> float:
-        worst = 0.0
-        for block in _leading(blocks, tally):
-            own = replace(block, modes=1 + added + order(block))
-            worst = max(worst, float(errors_of(sampler, own, smooth).max(initial=0.0)))
-        return worst
-
-    return _added(error, order, blocks, _goal(tally, sampler.source.precision))
+#: orders in turn that gain too little, after which no more are tried
+_PATIENCE = 2
 
 
-def added_to_map(sampler: Sampler, blocks: Sequence[NativeBlock], tally: Tally) -> int:
-    """How many orders are added to the map, whose errors are those of ``tally``."""
+@dataclass(frozen=True)
+class Raise:
+    """How many orders are added, and whether errors are then within the goal."""
+
+    added: int = 0
+    is_enough: bool = True
+
+
+def added_to_field(
+    sampler: Sampler, blocks: Sequence[NativeBlock], part: Sequence[NativeBlock], field: SourceField, goal: float
+) -> Raise:
+    """How many orders are added to a field, so that its errors on the elements ``part`` are within a goal.
+
+    blocks  all elements, which are to have these orders
+    """
 
     def error(added: int) -> float:
-        own = [replace(block, source=raised(block.source, added)) for block in _leading(blocks, tally)]
-        return max((float(_map_errors(sampler, block).max(initial=0.0)) for block in own), default=0.0)
+        return field_error(sampler, part, with_more(field, added))
 
-    return _added(error, lambda block: block.source.order, blocks, _goal(tally, sampler.source.precision))
+    own = [block for block in blocks if field.is_on(block.number)]
+    return _added(error, lambda block: max(1, field.order_on(block.number) or 0), own, goal)
+
+
+def field_error(sampler: Sampler, part: Sequence[NativeBlock], field: SourceField) -> float:
+    """The largest error of a field that is fitted on each element of some blocks by itself."""
+    own = [replace(block, modes=field_modes(block, field)) for block in part if field.is_on(block.number)]
+    return _largest(errors_of(sampler, block, field) for block in own)
+
+
+def added_to_map(sampler: Sampler, blocks: Sequence[NativeBlock], part: Sequence[NativeBlock], goal: float) -> Raise:
+    """How many orders are added to the map, so that its errors on the elements ``part`` are within a goal."""
+
+    def error(added: int) -> float:
+        return _largest(_map_errors(sampler, replace(block, source=raised(block.source, added))) for block in part)
+
+    return _added(error, lambda block: block.source.order, blocks, goal)
+
+
+def _largest(errors: Iterable[Floats]) -> float:
+    return max((float(own.max(initial=0.0)) for own in errors), default=0.0)
+
+
+def with_more(field: SourceField, added: int) -> SourceField:
+    """A field that is fitted with more orders."""
+    if not added:
+        return field
+    if isinstance(field.order, int):
+        return replace(field, order=field.order + added, is_polynomial=False)
+    orders = [None if order is None else order + added for order in field.order]
+    return replace(field, order=orders, is_polynomial=False)
 
 
 def raised(block: Elements, added: int) -> Elements:
@@ -76,26 +104,28 @@ def raised(block: Elements, added: int) -> Elements:
     return replace(block, order=block.order + added, is_polynomial=block.is_polynomial and not added)
 
 
-def _goal(tally: Tally, precision: float) -> float:
-    return error_limit(GOAL, tally.high - tally.low, max(abs(tally.low), abs(tally.high)), precision)
+def goal_of(low: float, high: float, precision: float) -> float:
+    """The error at which no more orders are added to what lies between ``low`` and ``high``."""
+    spread, magnitude = high - low, max(abs(low), abs(high))
+    return max(error_limit(GOAL, spread, magnitude, precision), rounding(spread, magnitude, precision))
 
 
-def added_orders(error: Callable[[int], float], goal: float, is_affordable: Callable[[int], bool]) -> int:
+def added_orders(error: Callable[[int], float], goal: float, is_affordable: Callable[[int], bool]) -> Raise:
     """How many orders to add; ``error`` tells what is left with a number of them."""
     first = best = error(0)
     result = 0
     for added in range(1, _MOST_ADDED + 1):
-        if best <= goal or not is_affordable(added):
+        if best <= goal or added > result + _PATIENCE or not is_affordable(added):
             break
         now = error(added)
         if now < first * _FALL**added and now < best:
             best, result = now, added
-    return result
+    return Raise(result, best <= goal)
 
 
 def _added(
     error: Callable[[int], float], order: Callable[[NativeBlock], int], blocks: Sequence[NativeBlock], goal: float
-) -> int:
+) -> Raise:
     """How many orders to add on native blocks."""
     return added_orders(error, goal, lambda added: _is_affordable(blocks, [order(block) + added for block in blocks]))
 
@@ -106,7 +136,7 @@ def _is_affordable(blocks: Sequence[NativeBlock], orders: Sequence[int]) -> bool
     return max(orders) <= _HIGHEST and numbers <= _MOST_NUMBERS
 
 
-def _leading(blocks: Sequence[NativeBlock], tally: Tally) -> list[NativeBlock]:
+def leading(blocks: Sequence[NativeBlock], tally: Tally) -> list[NativeBlock]:
     """The parts of blocks with the largest errors."""
     rows = [np.flatnonzero(np.isin(block.ids, tally.leaders[0])) for block in blocks]
     return [block.select(own, block.modes) for block, own in zip(blocks, rows, strict=True) if len(own)]

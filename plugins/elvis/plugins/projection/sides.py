@@ -22,6 +22,7 @@ class Sides:
     def __init__(self, mesh: Mesh, numbers: Ints) -> None:
         self._mesh, self._numbers = mesh, numbers
         self._indices: dict[int, _Index] = {}
+        self._tables: dict[int, Ints] = {}
 
     def matched(self, wanted: Ints) -> tuple[Ints, int]:
         """Rows of the sides whose vertices have the numbers ``wanted`` (n, k), and how many of these fit none."""
@@ -42,8 +43,11 @@ class Sides:
         """
         found = [np.empty(0, np.int64)]
         for corners in {1: (1,), 2: (2,), 3: (3, 4)}[self._mesh.dimension]:
-            own, first = _sides_of(self._mesh, corners)
-            chosen = np.intersect1d(rows, first + np.arange(len(own))) - first
+            first, count = _rows_of(self._mesh, corners)
+            chosen = np.unique(rows[(rows >= first) & (rows < first + count)]) - first
+            if not len(chosen):
+                continue
+            own = self._vertices(corners)
             numbers = np.sort(self._numbers[own[chosen]], axis=1)
             chosen, numbers = chosen[(numbers >= 0).all(axis=1)], numbers[(numbers >= 0).all(axis=1)]
             if not len(chosen):
@@ -65,9 +69,15 @@ class Sides:
 
     def _index(self, corners: int) -> _Index:
         if corners not in self._indices:
-            own, first = _sides_of(self._mesh, corners)
+            own, (first, _) = self._vertices(corners), _rows_of(self._mesh, corners)
             self._indices[corners] = _Index(self._numbers[own], first)
         return self._indices[corners]
+
+    def _vertices(self, corners: int) -> Ints:
+        """(n, corners) vertex rows of the sides with this many corners."""
+        if corners not in self._tables:
+            self._tables[corners] = _vertices_of_sides(self._mesh, corners)
+        return self._tables[corners]
 
     def _collapsed(self, wanted: Ints) -> tuple[Ints, Bools]:
         """Rows of quadrilaterals that are triangles ``wanted`` (n, 3) with one corner twice, and which (n,) are found.
@@ -122,11 +132,20 @@ def _places(ascending: Ints, values: Ints) -> Ints:
     return np.where(ascending[places] == values, places, -1)
 
 
-def _sides_of(mesh: Mesh, corners: int) -> tuple[Ints, int]:
-    """Vertex rows (n, corners) of the sides with this many corners, and the row of the first among all sides."""
+def _rows_of(mesh: Mesh, corners: int) -> tuple[int, int]:
+    """The row, among all sides, of the first one with this many corners, and how many there are."""
     if mesh.dimension == 1:
-        return np.arange(len(mesh.vertices))[:, None], 0
+        return 0, len(mesh.vertices)
     if mesh.dimension == 2:
-        return mesh.of(Shape.SEGMENT).members, 0
+        return 0, len(mesh.of(Shape.SEGMENT))
     kind = Shape.TRIANGLE if corners == 3 else Shape.QUADRILATERAL
-    return polygon_vertices(mesh, kind), first_face_row(mesh, kind)
+    return first_face_row(mesh, kind), len(mesh.of(kind))
+
+
+def _vertices_of_sides(mesh: Mesh, corners: int) -> Ints:
+    """(n, corners) vertex rows of the sides with this many corners."""
+    if mesh.dimension == 1:
+        return np.arange(len(mesh.vertices))[:, None]
+    if mesh.dimension == 2:
+        return mesh.of(Shape.SEGMENT).members
+    return polygon_vertices(mesh, Shape.TRIANGLE if corners == 3 else Shape.QUADRILATERAL)
