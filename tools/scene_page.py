@@ -80,7 +80,8 @@ away = "inside"
 
 A scene may come from anybody, so it does no harm: it reads data, triangles and colour maps, but names installed
 plugins alone, and writes nothing but `outputs` (`.png`, `.exr`, `.npz`) and `stats` (`.json`) next to itself or
-in folders below, also through links. `--plugin`, `--output` and `--stats` go further, and replace what the
+in folders below, also through links. An existing file that ElVis did not write is replaced only with
+`--overwrite`. `--plugin`, `--output` and `--stats` go further, and replace what the
 scene says; `--save-scene` leaves out what a scene may not say, with a warning.
 
 Lists are written as `[…]`, tables as `{key = value}` or under a heading. A default in *italics* is no value

@@ -42,10 +42,11 @@ def noisy(height, width):
 def test_png_files_have_the_pixels(tmp_path, step, width):
     pixels = noisy(61, width)
     with (tmp_path / "a.png").open("wb") as stream:
-        write_png(stream, width, 61, (pixels[first : first + step] for first in range(0, 61, step)))
+        write_png(stream, width, 61, (pixels[first : first + step] for first in range(0, 61, step)), "a test")
     with Image.open(tmp_path / "a.png") as image:
         image.load()
         assert (image.mode, image.size) == ("RGB", (width, 61))
+        assert image.text == {"Software": "a test"}
         assert np.array_equal(np.asarray(image), pixels)
 
 

@@ -73,6 +73,8 @@ LINK = "a name that no link leads out of the scene's folder"
         ("a.png", LINK),
         ("o.toml", "a name that ends in .png, .svg, .pdf, .exr, .npz"),
         (".bashrc", "a name that ends in"),
+        ("-rf.png", "a name that does not begin with '-'"),
+        ("below/-o.png", "a name that does not begin with '-'"),
         ("o", "a name that ends in"),
     ],
 )
@@ -85,6 +87,13 @@ def test_a_scene_writes_beside_itself_or_below(folder, key, name, expected):
     value = f'["{name}"]' if key == "outputs" else f'"{name}"'
     with pytest.raises(SceneError, match=rf"s\.toml: {key}.*: expected {expected}.*, found '{name}'"):
         read_scene(scene_in(folder, f"{key} = {value}"))
+
+
+@pytest.mark.parametrize("name", [r"a\nb.png", r"a\rb.png", r"a\u009bb.png", r"a\u202eb.png"])
+def test_a_scene_names_no_file_with_control_characters(folder, name):
+    with pytest.raises(SceneError, match=r"outputs\[0\]: expected a name without line breaks") as raised:
+        read_scene(scene_in(folder, f'outputs = ["{name}"]'))
+    assert str(raised.value).isprintable()
 
 
 def test_good_places(folder):

@@ -75,7 +75,11 @@ other_option = click.option(
 cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again, and don't cache the result.")
 
 
-overwrite_option = click.option("--overwrite", is_flag=True, help="Also write over the inputs, which else is refused.")
+overwrite_option = click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Write over inputs, and over files named by a scene file that ElVis did not write.",
+)
 
 
 workers_option = click.option(

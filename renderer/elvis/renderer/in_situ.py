@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.files.output import Outputs, check_place
+from elvis.core.files.output import check_place
 from elvis.core.geometry import share
 from elvis.core.ranks import number_of_process
 from elvis.core.terminal import one_line, warn
@@ -24,7 +24,8 @@ from elvis.scene.errors import SceneError
 from elvis.scene.files import read_scene
 from elvis.scene.frame import Frame
 from elvis.scene.keywords import scene_of_keywords
-from elvis.scene.step_outputs import first_outputs, outputs_of
+from elvis.scene.ownership import check_own
+from elvis.scene.step_outputs import first_outputs, save_step
 
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
@@ -68,7 +69,8 @@ class Session:
         self._states = states_of(mesh, reference)
         self._device = device or self.scene.device
         self._pictures: Pictures | None = None
-        _check(self.scene)
+        self._is_from_file = not (isinstance(scene, Scene) or scene is None or {"output", "outputs"} & keywords.keys())
+        _check(self.scene, self._is_from_file)
 
     def __enter__(self) -> Session:
         return self
@@ -121,9 +123,7 @@ class Session:
         else:
             self._pictures.show(data)
         frame = self._pictures.draw(self.scene)
-        with Outputs() as together:
-            for name in outputs_of(self.scene, step, time):
-                frame.save(name, plain=self.scene.plain, outputs=together)
+        save_step(frame, step, time, self._is_from_file)
         self.drawn += 1
         return frame
 
@@ -167,9 +167,11 @@ def _number(time: Any) -> float:
         raise SceneError(f"time: expected a number, found {time!r:.60}") from error
 
 
-def _check(scene: Scene) -> None:
+def _check(scene: Scene, is_from_file: bool) -> None:
     """SceneError for what can't be drawn of steps that are to come, or can't be written."""
     if scene.data:
         raise SceneError("data: expected none in the scene, for a running solver gives them")
     for name in first_outputs(scene):
         check_place(Path(name))
+        if is_from_file:
+            check_own([name])

@@ -15,14 +15,19 @@ import numpy as np
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame, Legend
+from elvis.scene.ownership import SOFTWARE
 from elvis.scene.page import BarPlace, Layout
 from elvis.scene.palette import text_color_on
 from elvis.scene.whole import VECTORS
 
 #: seeds the names that matplotlib gives to parts of SVG files, so that the same figure is the same file
 SALT = "elvis"
-#: what no file is to hold, as it differs from run to run
-DATES = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {"Software": None}}
+#: which program wrote a file; no dates, which differ from run to run
+METADATA = {
+    ".svg": {"Date": None, "Creator": SOFTWARE},
+    ".pdf": {"CreationDate": None, "Creator": SOFTWARE},
+    ".png": {"Software": SOFTWARE},
+}
 
 
 def needs_figure(frame: Frame, suffix: str) -> bool:
@@ -44,7 +49,7 @@ def save_figure(frames: Sequence[Frame], path: Path | BinaryIO, suffix: str, *, 
     with settings(scene):
         _check_mathematics(frames)
         page = Page(frames, plain=plain)
-        how = {"bbox_inches": page.bounds(), "pad_inches": 0, "metadata": DATES[suffix]}
+        how = {"bbox_inches": page.bounds(), "pad_inches": 0, "metadata": METADATA[suffix]}
         page.figure.savefig(path, format=suffix[1:], dpi=scene.dpi, **how)
         return page.layout(how["bbox_inches"])
 

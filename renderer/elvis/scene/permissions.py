@@ -74,6 +74,10 @@ def fault_of(name: str, suffixes: tuple[str, ...], folder: Path) -> str:
     path = Path(name)
     if path.is_absolute() or ".." in path.parts:
         return "a name next to the scene or in a folder below"
+    if not name.isprintable():
+        return "a name without line breaks and other control characters"
+    if any(part.startswith("-") for part in path.parts):
+        return "a name that does not begin with '-', as options do"
     if path.suffix.lower() not in suffixes:
         return f"a name that ends in {', '.join(suffixes)}"
     home = Path(os.path.realpath(folder))

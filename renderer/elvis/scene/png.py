@@ -15,10 +15,14 @@ _HEADER = bytes([8, 2, 0, 0, 0])
 _LEVEL = 6
 
 
-def write_png(file: BinaryIO, width: int, height: int, strips: Iterable[NDArray[np.uint8]]) -> None:
-    """Write a picture from strips (rows, width, 3), from the top, that have ``height`` rows together."""
+def write_png(file: BinaryIO, width: int, height: int, strips: Iterable[NDArray[np.uint8]], software: str) -> None:
+    """Write a picture from strips (rows, width, 3), from the top, that have ``height`` rows together.
+
+    software  the program, named in a text of the file
+    """
     file.write(_SIGNATURE)
     _chunk(file, b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + _HEADER)
+    _chunk(file, b"tEXt", b"Software\0" + software.encode("latin-1"))
     compressor, above = zlib.compressobj(_LEVEL), np.zeros((width, 3), np.uint8)
     for strip in strips:
         if data := compressor.compress(_filtered(strip, above)):

@@ -9,12 +9,14 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from elvis.core.files.output import Outputs, replacing
 from elvis.core.moments import Instant
 from elvis.scene.errors import SceneError
 from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
+from elvis.scene.ownership import SOFTWARE
 from elvis.scene.page import Layout
 from elvis.scene.permissions import PICTURES
 from elvis.scene.png import write_png
@@ -66,14 +68,21 @@ def save_png(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:
     from elvis.scene.picture import page
 
     if frame.scene.is_clear:
-        Image.fromarray(frame.rgba, "RGBA").save(stream, format="PNG")
+        Image.fromarray(frame.rgba, "RGBA").save(stream, format="PNG", pnginfo=_software())
         return page(frame, plain=True).layout
     whole = page(frame, plain=plain)
     if frame.view.count <= LARGE:
-        Image.fromarray(whole.rows(0, whole.height), "RGB").save(stream, format="PNG")
+        Image.fromarray(whole.rows(0, whole.height), "RGB").save(stream, format="PNG", pnginfo=_software())
     else:
-        write_png(stream, whole.width, whole.height, whole.strips())
+        write_png(stream, whole.width, whole.height, whole.strips(), SOFTWARE)
     return whole.layout
+
+
+def _software() -> PngInfo:
+    """The text of a PNG file that names the program."""
+    texts = PngInfo()
+    texts.add_text("Software", SOFTWARE)
+    return texts
 
 
 def arrays(frame: Frame) -> dict[str, Any]:
@@ -124,7 +133,7 @@ def _save_exr(frame: Frame, path: Path) -> None:
     # -1 has no place among unsigned numbers: the greatest one stands for nothing
     channels["element"] = np.ascontiguousarray(frame.element.astype(np.uint32))
     channels["status"] = np.ascontiguousarray(frame.status.astype(np.uint32))
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "software": SOFTWARE}
     # by way of memory: the library says nothing where the end of a file does not fit on a disk
     content = BytesIO()
     with OpenEXR.File(header, channels) as file:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from elvis.core.files.output import Outputs
 from elvis.scene.errors import SceneError
+from elvis.scene.frame import Frame
+from elvis.scene.ownership import check_own
 from elvis.scene.saving import check_suffix
 from elvis.scene.whole import Scene
 
@@ -12,6 +15,20 @@ from elvis.scene.whole import Scene
 def outputs_of(scene: Scene, step: int, time: float) -> list[str]:
     """A scene's outputs for a step, its number and time in their names; SceneError for braces that mean nothing."""
     return [_filled(name, step, time) for name in scene.outputs]
+
+
+def save_step(frame: Frame, step: int, time: float, is_from_file: bool) -> list[str]:
+    """Write the picture of a step to its scene's outputs, all or none, and return their names.
+
+    is_from_file  whether a scene file names them: SceneError if one of them is there and was not written by ElVis
+    """
+    names = outputs_of(frame.scene, step, time)
+    if is_from_file:
+        check_own(names)
+    with Outputs() as together:
+        for name in names:
+            frame.save(name, plain=frame.scene.plain, outputs=together)
+    return names
 
 
 def first_outputs(scene: Scene) -> list[str]:

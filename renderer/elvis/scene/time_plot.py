@@ -12,7 +12,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs
-from elvis.scene.figure import DATES, settings
+from elvis.scene.figure import METADATA, settings
 from elvis.scene.whole import Scene
 
 #: inches: width of a plot, and height of each of its panels
@@ -106,7 +106,7 @@ def _save(path: Path, build: Callable[[], Any]) -> None:
     """Write a figure as PNG, SVG or PDF; ElvisError where that can't be."""
     suffix = check_plot(path)
     with settings(Scene()), Outputs() as outputs, outputs.file(path) as new:
-        build().savefig(new, format=suffix[1:], dpi=150, metadata=DATES[suffix])
+        build().savefig(new, format=suffix[1:], dpi=150, metadata=METADATA[suffix])
 
 
 def _panels(count: int, is_shared: bool) -> tuple[Any, Any]:
@@ -122,9 +122,9 @@ def _panels(count: int, is_shared: bool) -> tuple[Any, Any]:
 def check_plot(path: Path) -> str:
     """The suffix; ElvisError where it is none of a plot."""
     suffix = path.suffix.lower()
-    if suffix not in DATES:
+    if suffix not in METADATA:
         raise ElvisError(
-            f"{path}: expected a name that ends in {', '.join(DATES)} for a plot, found {suffix or 'none'}"
+            f"{path}: expected a name that ends in {', '.join(METADATA)} for a plot, found {suffix or 'none'}"
         )
     return suffix
 

@@ -90,12 +90,15 @@ def render(
     """
     from elvis.core.terminal import say
     from elvis.renderer.series_range import with_range
-    from elvis.scene.commandline.composing import composed, panels
+    from elvis.scene.commandline.composing import composed, outputs_of_file, panels
+    from elvis.scene.ownership import check_own
 
     scene = composed(data, options, settings)
     is_named = bool(scene.outputs)
     scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
     _check_places(scene, data, save_scene, overwrite)
+    if not overwrite:
+        check_own(outputs_of_file(scene, data, options, settings))
     scenes = tuple(with_range(each, not no_cache, ranks=ranks) for each in panels(scene))
     opened = _opened(scenes, not no_cache, ranks)
     frames, notes = _frames(scenes, opened, ranks)
@@ -220,6 +223,7 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
     from elvis.core.files.output import Outputs, write_text
     from elvis.core.terminal import warn
     from elvis.scene.files import write_scene
+    from elvis.scene.ownership import SOFTWARE
     from elvis.scene.saving import save_panels
 
     frame = frames[0]
@@ -232,7 +236,7 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
                 frame.save(output, plain=scene.plain, outputs=outputs)
         if scene.stats:
             told = {"panels": [one.stats for one in frames]} if scene.scenes else frame.stats
-            write_text(scene.stats, json.dumps(told, indent=2) + "\n", outputs)
+            write_text(scene.stats, json.dumps({"software": SOFTWARE, **told}, indent=2) + "\n", outputs)
         if save_scene:
             size = (frame.view.width, frame.view.height)
             drawn = scene if scene.scenes else replace(scene, camera=frame.view.camera, size=size)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import cache_option
+from elvis.core.arguments import cache_option, overwrite_option
 from elvis.scene.commandline.command import SceneCommand, setting_option
 
 if TYPE_CHECKING:
@@ -35,12 +35,14 @@ Examples:
     "--every", type=click.FloatRange(0.05), default=2.0, show_default=True, metavar="SECONDS", help="Between looks."
 )
 @click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once nothing new has come for so long.")
+@overwrite_option
 @cache_option
 def watch(
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
     every: float,
     idle: float | None,
+    overwrite: bool,
     no_cache: bool,
     **options: Any,
 ) -> None:
@@ -57,10 +59,11 @@ def watch(
     from elvis.plugins.series.following import SOON, Following
     from elvis.renderer.rendering import Pictures
     from elvis.renderer.request import reading_for
-    from elvis.scene.commandline.composing import composed
+    from elvis.scene.commandline.composing import composed, outputs_of_file
 
     scene = composed(data, options, settings, unused=("stats", "panels", "scenes"))
-    _check(scene)
+    _check(scene, overwrite)
+    is_from_file = bool(outputs_of_file(scene, data, options, settings)) and not overwrite
     following = Following([Path(file) for file in scene.data], reading_for([scene], not no_cache))
     pictures: Pictures | None = None
     last, told, fault, is_drawn = monotonic(), "", "", False
@@ -70,7 +73,7 @@ def watch(
             found = following.look()
             if found is not None:
                 pictures = _shown(pictures, found, scene)
-                before, fault = fault, _draw(pictures, scene, found, following.number)
+                before, fault = fault, _draw(pictures, scene, found, following.number, is_from_file)
                 is_drawn |= not fault
                 if fault not in ("", before):
                     note(fault)
@@ -87,7 +90,7 @@ def watch(
         raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or fault or 'no step was whole'}")
 
 
-def _check(scene: Scene) -> None:
+def _check(scene: Scene, overwrite: bool) -> None:
     """ElvisError for what can't be drawn or written, before anything is waited for."""
     from elvis.core.files.output import check_places
     from elvis.scene.errors import SceneError
@@ -97,7 +100,7 @@ def _check(scene: Scene) -> None:
         raise SceneError("the scene names no data: give the folder of a run, or its mesh and field files")
     if not scene.outputs:
         raise SceneError("expected -o, the picture that is to be drawn again and again")
-    check_places(first_outputs(scene), [Path(file) for file in scene.data if Path(file).is_file()])
+    check_places(first_outputs(scene), [Path(file) for file in scene.data if Path(file).is_file()], overwrite)
     for file in map(Path, scene.data):
         if not file.exists() and "*" not in file.name:
             raise SceneError(f"{file}: there is no such file or folder")
@@ -113,7 +116,7 @@ def _shown(pictures: Any, found: Dataset, scene: Scene) -> Any:
     return pictures
 
 
-def _draw(pictures: Any, scene: Scene, found: Dataset, number: int) -> str:
+def _draw(pictures: Any, scene: Scene, found: Dataset, number: int, is_from_file: bool) -> str:
     """Write the picture of the step with a number in all files, and say so; why there is none, else empty.
 
     SceneError for what isn't wrong with this step alone.
@@ -121,17 +124,13 @@ def _draw(pictures: Any, scene: Scene, found: Dataset, number: int) -> str:
     from math import nan
 
     from elvis.core.errors import ElvisError
-    from elvis.core.files.output import Outputs
     from elvis.core.terminal import say
     from elvis.scene.errors import AbsentError, SceneError
-    from elvis.scene.step_outputs import outputs_of
+    from elvis.scene.step_outputs import save_step
 
     try:
         frame = pictures.draw(scene)
-        outputs = outputs_of(scene, number, nan if found.time is None else found.time)
-        with Outputs() as together:
-            for name in outputs:
-                frame.save(name, plain=scene.plain, outputs=together)
+        outputs = save_step(frame, number, nan if found.time is None else found.time, is_from_file)
     except ElvisError as error:
         if isinstance(error, SceneError) and not isinstance(error, AbsentError):
             raise

@@ -56,6 +56,22 @@ def composed(
     return with_settings(scene, settings)
 
 
+def outputs_of_file(
+    scene: Scene, files: tuple[Path, ...], options: dict[str, Any], settings: tuple[tuple[str, str], ...]
+) -> tuple[str, ...]:
+    """The outputs of a composed scene that its scene file names; none that the command line names."""
+    from elvis.scene.files import is_scene_file
+    from elvis.scene.tables import steps_of
+
+    if not any(map(is_scene_file, files)):
+        return ()
+    given = {key for key, value in options.items() if value}
+    given |= {str(steps_of(key)[0]) for key, _ in settings}
+    outputs = () if "outputs" in given else scene.outputs
+    stats = () if "stats" in given or scene.stats is None else (scene.stats,)
+    return (*outputs, *stats)
+
+
 def panels(scene: Scene) -> tuple[Scene, ...]:
     """The scenes of a figure's panels, with what the scene that lists them says for all; itself where it lists none."""
     from elvis.scene.files import read_scene
