@@ -22,6 +22,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape
+from elvis.core.terminal import plain_names
 from elvis.plugins.exporting import Loss
 from elvis.plugins.nodal import nearest_nodes
 from elvis.plugins.report import CONVERTED, REPORT
@@ -101,7 +102,7 @@ def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, t
     if any(block.expansion.homogeneous for each in dataset.fields for block in each.blocks):
         raise ElvisError("expected fields without Fourier directions, found some with")
     chosen = tuple([field.name for field in dataset.solution] if names is None else names)
-    result = Export(chosen, losses=[Loss("coordinates"), *(Loss(name) for name in chosen)])
+    result = Export(plain_names(chosen), losses=[Loss("coordinates"), *(Loss(name) for name in chosen)])
     for patch in patches(dataset, chosen):
         piece = _piece(patch, order, target)
         result.pieces.append(piece)

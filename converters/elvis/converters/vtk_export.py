@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -71,7 +72,11 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
     # the library writes to memory: it tells of a full disk in its own way, and does not take every name
     writer = vtkXMLUnstructuredGridWriter()
     writer.WriteToOutputStringOn()
-    writer.SetInputData(grid_of(export, time))
+    grid = grid_of(export, time)
+    for number in range(len(export.names)):
+        array = grid.GetPointData().GetAbstractArray(number)
+        array.SetName(escape(array.GetName(), {'"': "&quot;"}))  # the library writes names as they are
+    writer.SetInputData(grid)
     writer.SetHeaderTypeToUInt64()
     if not writer.Write():
         raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")

@@ -21,6 +21,19 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
 
 
+def plain_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Names as `visible` on one line, for files of other programs; a number follows those that would be equal."""
+    found: list[str] = []
+    for name in names:
+        plain = candidate = visible(name).replace("\n", "?")
+        number = 2
+        while candidate in found:
+            candidate = f"{plain}_{number}"
+            number += 1
+        found.append(candidate)
+    return tuple(found)
+
+
 def one_line(text: str) -> str:
     """The text as `visible`, its words on one line."""
     return visible(" ".join(text.split()))

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from elvis.core.terminal import visible
+
 if TYPE_CHECKING:
     from elvis.scene.frame import Legend
 
@@ -42,8 +44,8 @@ class Part:
         return place[0] - self.corner[0], place[1] - self.corner[1]
 
     def text(self, place: Place, text: str, **how: Any) -> None:
-        """As ImageDraw.text."""
-        self._draw.text(self._own(place), text, **how)
+        """As ImageDraw.text, without control characters."""
+        self._draw.text(self._own(place), visible(text), **how)
 
     def line(self, one: Place, other: Place, **how: Any) -> None:
         """As ImageDraw.line, between two places."""

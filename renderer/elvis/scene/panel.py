@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.core.terminal import visible
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.palette import Palette, linear_part
@@ -55,10 +56,10 @@ class Panel:
         return np.array([[box.x0, box.y0], [box.x1, box.y1]]) - self.corner
 
     def _text(self, x: float, y: float, text: str, **how: Any) -> Any:
-        """A text x and y pixels to the right and above the corner of the picture."""
+        """A text x and y pixels to the right and above the corner of the picture; XML takes no control characters."""
         usual = {"color": self.page.text_color, "fontsize": self.page.points, "va": "center", "zorder": TEXTS}
         place = (x / self.width, y / self.height)
-        return self.axes.text(*place, text, transform=self.axes.transAxes, clip_on=False, **{**usual, **how})
+        return self.axes.text(*place, visible(text), transform=self.axes.transAxes, clip_on=False, **{**usual, **how})
 
     def _line(self, line: Floats, **how: Any) -> None:
         """A thin polyline (k, 2) in columns and rows, also beyond the picture."""
@@ -271,7 +272,7 @@ class Bar:
     def _title(self, axes: Any, upright: bool) -> None:
         title = self.own.title if self.own.title is not None else self.legend.title
         title = f"{title} [{self.own.unit}]" if self.own.unit else title
-        page = self.panel.page
+        title, page = visible(title), self.panel.page
         how = {"color": page.text_color, "fontsize": page.points}
         if upright:
             axes.set_title(title, loc="left", pad=page.to_points(0.5 * self.panel.unit), **how)

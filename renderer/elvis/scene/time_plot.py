@@ -12,6 +12,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs
+from elvis.core.terminal import visible
 from elvis.scene.figure import METADATA, settings
 from elvis.scene.whole import Scene
 
@@ -130,5 +131,5 @@ def check_plot(path: Path) -> str:
 
 
 def _plain(text: str) -> str:
-    """A text in which no dollar begins mathematics."""
-    return text.replace("$", r"\$")
+    """A text without control characters, in which no dollar begins mathematics."""
+    return visible(text).replace("$", r"\$")

@@ -173,7 +173,7 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     from elvis.core.testing import approximated, grid
     from elvis.formats import Dataset, Shape, write
 
-    name = "u\x1b]0;title\x07\x1b[2J"
+    name = "u\x1b]0;title\x07\x1b[2J\x9b\u202e\u2066"
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))
     data = replace(bare, fields=(approximated(bare, name, lambda x: x[:, 0], 3),), metadata={"Note": name})
     files = write(data, tmp_path / "m.xml", field_format="hdf5")
@@ -181,7 +181,9 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     assert "u?]0;title??[2J" in shown
     assert all(character.isprintable() or character == "\n" for character in shown)
     assert elvis_json("info", *files)["fields"][0]["name"] == name
-    assert name in elvis("probe", *files, "--line", "0,0:1,1", "-n", "2")
+    table = elvis("probe", *files, "--line", "0,0:1,1", "-n", "2")
+    assert "u?]0;title??[2J" in table
+    assert all(character.isprintable() or character == "\n" for character in table)
 
 
 def test_a_map_given_by_fields_is_told_as_a_map_alone(elvis, elvis_json, tmp_path):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import replacing
 from elvis.core.needing import require_module
+from elvis.core.terminal import visible
 
 Columns = Mapping[str, NDArray[np.generic]]
 
@@ -57,7 +58,8 @@ def _write_npz(file: BinaryIO, columns: Columns) -> None:
 def csv_lines(columns: Columns) -> Iterator[str]:
     """The text of the table, many lines at a time: a header, integers plain, floats with 17 significant digits.
 
-    Names and words that hold a comma, a quote or a line end are quoted; what is not a number reads ``nan``.
+    Names and words that hold a comma, a quote or a line end are quoted, and control characters become question marks,
+    for a terminal may show the text; what is not a number reads ``nan``.
     """
     yield ",".join(map(_quote, columns)) + "\n"
     line = ",".join(_FORMATS.get(array.dtype.kind, "%d") for array in columns.values()) + "\n"
@@ -72,5 +74,6 @@ def _cells(array: NDArray[np.generic]) -> list[Any]:
 
 
 def _quote(name: str) -> str:
-    doubled = name.replace('"', '""')
-    return f'"{doubled}"' if any(c in name for c in ',"\r\n') else name
+    shown = visible(name)
+    doubled = shown.replace('"', '""')
+    return f'"{doubled}"' if any(c in shown for c in ',"\n') else shown

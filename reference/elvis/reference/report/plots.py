@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from io import StringIO
 from typing import Any
 
+from elvis.core.terminal import visible
 from elvis.reference.extras import comparison_module
 from elvis.reference.line_study import LineStudy
 from elvis.reference.report.words import size
@@ -154,6 +155,8 @@ def plot(draw: Callable[[Any], None]) -> str:
     with matplotlib.rc_context(_STYLE):
         figure = figures.Figure(figsize=(5.2, 3.6), layout="constrained")
         draw(figure.add_subplot())
-        text = StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return text.getvalue()
+        for text in figure.findobj(comparison_module("matplotlib.text").Text):
+            text.set_text(visible(text.get_text()))
+        content = StringIO()
+        figure.savefig(content, format="svg", metadata={"Date": None, "Creator": None})
+    return content.getvalue()
