@@ -302,7 +302,8 @@ def test_bricks_of_files_are_drawn_as_all(bent, tmp_path, monkeypatch):
     assert 4 * parts.bytes == whole
     asked = bricks_asked_for(monkeypatch)
     monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
-    assert drawn_by_command([*command, "--memory", str(int(0.72 * whole))], tmp_path) == expected
+    command += ["--memory", str(int(0.72 * whole))]
+    assert drawn_by_command(command, tmp_path, "memory: the process took up to") == expected
     assert [chosen.sum() for chosen in asked] == [1, 1, 1, 1]
     assert (asked[1] ^ asked[2] ^ asked[3]).all()
 
@@ -358,12 +359,13 @@ def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monk
     assert bool(read[1]) == (name != "cameras")
 
 
-def drawn_by_command(command, folder):
-    """The bytes of a picture and of its record."""
+def drawn_by_command(command, folder, told=""):
+    """The bytes of a picture and of its record; the command prints what is ``told``."""
     names = [folder / name for name in ("b.png", "b.npz")]
     outputs = [text for name in names for text in ("-o", str(name))]
     result = CliRunner().invoke(elvis, [*command, *outputs], standalone_mode=False)
     assert result.exit_code == 0, result.exception
+    assert told in result.stderr
     return [name.read_bytes() for name in names]
 
 

@@ -57,6 +57,16 @@ def size_text(size: float) -> str:
     return f"{size:.3g} {units[0]}"
 
 
+def peak_memory() -> int | None:
+    """Bytes of memory that this process took at most so far; None where the system doesn't tell."""
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
 def free_memory() -> float:
     """Bytes of memory that are free, to the system and to the control groups of this process.
 

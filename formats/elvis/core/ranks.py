@@ -13,11 +13,13 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from time import sleep
+from socket import gethostname
+from time import monotonic, sleep
 from typing import Any, Protocol, TypeVar
 
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.needing import require_module
+from elvis.core.terminal import remember_told, tell, told_lines
 
 T = TypeVar("T")
 #: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM; what stands
@@ -27,6 +29,9 @@ _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "P
 _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
+#: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
+_PATIENCE_HERE = 5.0
+_PATIENCE_ELSEWHERE = 0.5
 #: tags of messages: what a rank has found; its last word; what all have found; how the run ended; from one to another
 _FOUND, _LAST, _ALL, _END, _DIRECT = 1, 2, 3, 4, 5
 #: what is wrong with a rank that has another task
@@ -139,6 +144,8 @@ class MpiRanks:
         self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
         self._ended: set[int] = set()  # ranks that have said their last word
         self._status: int | None = None  # how the run ended, where that is known
+        self._notes: dict[int, list[tuple[str, str]]] = {}  # what other ranks noted, for rank 0
+        self._processes: list[tuple[str, int]] = []  # hosts and numbers of processes of other ranks, for rank 0
         self._sent: list[Any] = []  # messages to others that are on their way
 
     def gather(self, value: T, task: str) -> list[T]:
@@ -182,12 +189,15 @@ class MpiRanks:
         return [None if own is None else pickle.loads(own) for own in packed]
 
     def end(self, status: int, reason: str) -> int:
-        """How the run ended: told by rank 0, and waited for by all others.
+        """The status with which this process ends: that of the run at rank 0, elsewhere 0.
+
+        Rank 0 prints what the others noted.
+        A starter of processes kills those that are left once one fails, so rank 0 fails after all others have ended.
 
         status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
         """
         if self.rank:
-            self._send(reason, 0, _LAST)
+            self._send((reason, told_lines(), (gethostname(), os.getpid())), 0, _LAST)
             while self._status is None:
                 with suppress(ElvisError):
                     self._wait()
@@ -201,10 +211,36 @@ class MpiRanks:
                 with suppress(ElvisError):
                     self._wait()
             self._status = status
+            self._tell_notes()
         if self._sent:
             # who was to take these is gone
             self.abort(self._status)
-        return self._status
+        if self.rank:
+            return 0
+        if status:
+            self._outlive_others()
+        return status
+
+    def _tell_notes(self) -> None:
+        """Print what other ranks noted and this one did not, each sentence once."""
+        known = {sentence for _, sentence in told_lines()}
+        for rank, lines in sorted(self._notes.items()):
+            for kind, sentence in lines:
+                if sentence not in known:
+                    known.add(sentence)
+                    tell(kind, f"part {rank + 1} of {self.size}: {sentence}")
+
+    def _outlive_others(self) -> None:
+        """Wait until the processes of the other ranks have ended, as far as they can be seen, for a few seconds."""
+        from mpi4py import MPI
+
+        with suppress(MPI.Exception):  # of messages that nobody takes any more
+            MPI.Finalize()  # the others wait for this one there
+        own = [process for host, process in self._processes if host == gethostname() and os.name == "posix"]
+        sleep(_PATIENCE_ELSEWHERE if len(own) < len(self._processes) else 0)
+        until = monotonic() + _PATIENCE_HERE
+        while any(map(_is_running, own)) and monotonic() < until:
+            sleep(_PAUSE)
 
     def abort(self, status: int) -> None:
         """End all at once."""
@@ -234,9 +270,12 @@ class MpiRanks:
             self._status = int(status)
             raise ElvisError(f"part 1 of {self.size} has ended")
         for rank in range(1, self.size if not self.rank else 0):
-            reason = None if rank in self._ended else self._next(rank, _LAST)
-            if reason is not None:
-                self._ended.add(rank)
+            last = None if rank in self._ended else self._next(rank, _LAST)
+            if last is None:
+                continue
+            reason, self._notes[rank], process = last
+            self._ended.add(rank)
+            self._processes.append(process)
             if reason:
                 raise ElvisError(f"part {rank + 1} of {self.size}: {reason}")
         sleep(_PAUSE)
@@ -258,6 +297,15 @@ def number_of_process(environment: Mapping[str, str] = os.environ) -> int:
         return 0
     numbers = [environment[name] for name in _NUMBERS if environment.get(name, "").isdigit()]
     return int(numbers[0]) if numbers else 0
+
+
+def _is_running(process: int) -> bool:
+    """Whether there is a process of that number on this machine."""
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True
 
 
 def _is_open(number: int) -> bool:
@@ -285,6 +333,7 @@ def ranks_of_run() -> Alone | MpiRanks:
         return ALONE
     if number_of_process():
         _be_silent()
+    remember_told()
     mpi = require_module("mpi4py.MPI", "one command by several processes", "mpi")
     ranks = MpiRanks(mpi.COMM_WORLD)
     if ranks.size < count:

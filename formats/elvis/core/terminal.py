@@ -119,12 +119,37 @@ def progress(description: str) -> Iterator[Progress | None]:
 
 def warn(sentence: str) -> None:
     """Say on standard error what the user should know of a result."""
-    print("elvis: warning:", one_line(sentence), file=sys.stderr)
+    tell("warning", sentence)
 
 
 def note(sentence: str) -> None:
     """Say on standard error what the user may want to know of a result."""
-    print("elvis: note:", one_line(sentence), file=sys.stderr)
+    tell("note", sentence)
+
+
+def tell(kind: str, sentence: str) -> None:
+    """Print a warning or a note, and remember it where another process of the run may print it."""
+    line = one_line(sentence)
+    if _told is not None and len(_told) < MAX_TOLD:
+        _told[kind, line] = None
+    print(f"elvis: {kind}:", line, file=sys.stderr)
+
+
+#: kinds and sentences of what this process has told, in order; None in a process that is alone
+_told: dict[tuple[str, str], None] | None = None
+#: of these the most
+MAX_TOLD = 1000
+
+
+def remember_told() -> None:
+    """Remember warnings and notes from now on, for `told_lines`."""
+    global _told
+    _told = {}
+
+
+def told_lines() -> list[tuple[str, str]]:
+    """The kinds and sentences of the warnings and notes since `remember_told`, each once."""
+    return list(_told or ())
 
 
 def announce(sentence: str) -> None:

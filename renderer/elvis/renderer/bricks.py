@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
-from elvis.core.memory import size_text
+from elvis.core.memory import peak_memory, size_text
 from elvis.core.portions.partition import numbers_along_curve
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.shapes import Shape
@@ -274,6 +274,15 @@ def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dat
         return found
 
     return Bricks(opened, whole)
+
+
+def peak_note(scene: Scene) -> str:
+    """The memory of the whole process next to what a scene allows its elements; empty where it allows any."""
+    peak = peak_memory()
+    if scene.memory is None or peak is None:
+        return ""
+    budget = size_text(scene.memory)
+    return f"memory: the process took up to {size_text(peak)}; the {budget} of --memory count elements alone"
 
 
 def timed(dataset: Dataset, time: float | None) -> Dataset:

@@ -200,15 +200,16 @@ OtherFiles: TypeAlias = Annotated[str, Text("other")]
 Memory: TypeAlias = Annotated[
     float | None,
     Setting(
-        "Memory that elements may take while they are drawn: those that the picture depends on are looked for in "
-        "bricks of this size.",
+        "Memory that elements may take while they are drawn, about four times their coefficients: those that the "
+        "picture depends on are read in bricks of this size. Libraries, kernels and pictures are not counted.",
         gt=0,
         unit="bytes",
         option="--memory",
         metavar="BYTES",
         parse="memory",
-        option_help="Memory that elements may take while they are drawn, such as 2GiB: those that the picture depends "
-        "on are looked for in bricks of this size.",
+        option_help="Memory that elements may take while they are drawn, such as 2GiB, about four times their "
+        "coefficients: those that the picture depends on are read in bricks of this size.  Libraries, kernels and "
+        "pictures are not counted; a note tells the peak of the whole process.",
     ),
 ]
 

@@ -248,6 +248,7 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
     from dataclasses import replace
 
     from elvis.core.terminal import note, track
+    from elvis.renderer.bricks import peak_note
 
     missing = of_first(film.ranks, frames.begin, "the frames of a film")
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
@@ -255,8 +256,9 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
     drawn = film.write(shots) if team is None or not shots else team.write(shots, told)
     for _ in track(drawn, f"drawing {len(missing)} of {len(scenes)} frames", len(missing)):
         pass
-    for remark in dict.fromkeys([*film.told, *told]):
-        note(remark)
+    for remark in dict.fromkeys([*film.told, *told, peak_note(scenes[0])]):
+        if remark:
+            note(remark)
     if not film.ranks.rank and not frames.paths():
         raise ElvisError(f"expected a step that can be drawn, found none among {len(scenes)}")
     return frames

@@ -88,7 +88,8 @@ def render(
     Without --output the picture takes the name of the scene or of the first file, in the current folder, and a number
     where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
     """
-    from elvis.core.terminal import say
+    from elvis.core.terminal import note, say
+    from elvis.renderer.bricks import peak_note
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed, outputs_of_file, panels
     from elvis.scene.ownership import check_own
@@ -107,6 +108,8 @@ def render(
     _write(frames, scene, save_scene)
     for frame in frames:
         _report(frame, notes)
+    if peak := peak_note(scenes[0]):
+        note(peak)
     if not is_named:
         say(f"wrote {scene.outputs[0]}")
 
