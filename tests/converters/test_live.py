@@ -199,3 +199,21 @@ class TestArrays:
         with pytest.raises(ElvisError) as raised:
             from_arrays(places, fields)
         assert told in str(raised.value)
+
+    @pytest.mark.parametrize(
+        ("keywords", "told"),
+        [
+            ({"reference": np.zeros((3, 2))}, "reference: expected coordinates of nodes by shape"),
+            ({"fields": np.zeros((1, 3))}, "expected arrays by the names of fields"),
+            ({"fields": {7: np.zeros((1, 3))}}, "expected names of fields that are texts, found 7"),
+            ({"fields": {"u" * 5000: np.zeros((1, 3))}}, "expected a name of at most 1000 characters"),
+            ({"time": "soon"}, "time: expected an array of real numbers, found 'soon'"),
+            ({"time": np.inf}, "time: expected a finite number, found inf"),
+            ({"u": np.array([["1", "2", "3"]])}, "u: expected an array of real numbers"),
+        ],
+        ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+    )
+    def test_keywords_of_another_kind_give_one_sentence(self, keywords, told):
+        with pytest.raises(ElvisError) as raised:
+            from_arrays({"triangle": np.eye(3)[None, :, :2]}, **keywords)
+        assert told in str(raised.value)

@@ -83,6 +83,13 @@ SOLVERS = {
         ("dolfinx_tet_o3_u.pvd", "dolfinx_tet_o3_u000000.pvtu", "dolfinx_tet_o3_u_p0_000000.vtu"),
     ),
 }
+#: live bridges, and the functions of `reading` that call them
+BRIDGES = {
+    "live blueprint": "bridged_blueprint",
+    "live arrays": "bridged_arrays",
+    "live ngsolve": "bridged_ngsolve",
+    "live mfem": "bridged_mfem",
+}
 NAMES = {"hopr_flexi": "hopr", "nek5000": "nek"}
 
 
@@ -95,6 +102,7 @@ def subjects(folder, readers):
         cgns: ("cgns",),
         trixi: ("trixi",),
         horses: ("horses",),
+        bridges: BRIDGES,
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
@@ -273,6 +281,16 @@ def horses(folder):
     values = [(c, ([x[:, [0] * 5]], [x[:, [0] * 5]])) for c, x in zip(counts, places, strict=True)]
     path = writing.write_horses(folder / "two.hsol", 9, 1, values, [0.5, 1.5])
     yield Subject("horses", (mesh, path, zones), ("converted",))
+
+
+def bridges(folder):
+    """The seeds of calls of live bridges."""
+    from bridges import SOUND
+
+    for reader, action in BRIDGES.items():
+        path = folder / f"{action}.seed"
+        path.write_bytes(SOUND)
+        yield Subject(reader, (path,), (action,))
 
 
 def vtkhdf(path):

@@ -4,6 +4,8 @@ import os
 from contextlib import redirect_stdout
 from functools import cache
 
+import bridges
+
 
 @cache
 def _candidates():
@@ -73,6 +75,12 @@ def received(paths):
     content = table_of_text(paths[0].read_bytes().decode("utf-8", "replace"))
     id_of(content)
     parsed(content)
+
+
+bridged_blueprint = bridges.blueprint
+bridged_arrays = bridges.arrays
+bridged_ngsolve = bridges.ngsolve
+bridged_mfem = bridges.mfem
 
 
 def coloured(paths):

@@ -33,10 +33,11 @@ def loaded(name):
 #: our own readers: what the others' libraries take in memory differs from machine to machine, and is for ``make fuzz``
 OWN = (
     "native XML,native HDF5,scene toml,scene yaml,scene json,palette,triangles,"
-    "points,record,messages,fourier,nurbs,elvisdat,nek,gmf,cgns,trixi,horses"
+    "points,record,messages,live arrays,fourier,nurbs,elvisdat,nek,gmf,cgns,trixi,horses"
 )
 
 READERS = (*OWN.split(","), "exodus", "hopr", "pyfr", "ngsolve", "gmsh", "vtk", "mfem")
+READERS += ("live blueprint", "live ngsolve", "live mfem")
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):

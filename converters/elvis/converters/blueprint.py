@@ -20,7 +20,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.terminal import one_line
-from elvis.plugins.arrays import host_array
+from elvis.plugins.arrays import checked_time, host_array
 from elvis.plugins.converting import converted_object
 
 #: MFEM's number, the dimension and the corners of each shape
@@ -56,7 +56,7 @@ def from_blueprint(mesh: Any, *, time: float | None = None) -> Dataset:
     pieces = [_piece(domain) for domain in _domains(mesh)]
     _check_same_fields(pieces)
     source = Mfem.of(pieces)
-    source.time = _time(mesh) if time is None else time
+    source.time = _time(mesh) if time is None else checked_time(time)
     return converted_object(source, "a mesh of Conduit's Blueprint")
 
 

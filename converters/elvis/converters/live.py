@@ -15,10 +15,13 @@ from elvis.converters.ngsolve import NGSolve
 from elvis.converters.ngsolve_export import Session
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.plugins.arrays import checked_time, fields_by_name, short_text
 from elvis.plugins.converting import Settings, converted_object
 
 #: digits with which a number of 64 bits is the same when it is read
 _DIGITS = 17
+#: the highest degree of fields that is asked of the library
+HIGHEST_ORDER = 30
 
 
 def from_ngsolve(
@@ -41,13 +44,15 @@ def from_ngsolve(
     used.  ElvisError where there is another thing, or a complex function.
     """
     _check(mesh, "MapToAllElements", "an ngsolve.Mesh first")
-    given = {**(fields or {}), **named}
+    given = fields_by_name(fields, named)
     for name, field in given.items():
         _check(field, "Compile", f"a grid function or a coefficient function for {name}")
         if field.is_complex:
             raise ElvisError(f"{name}: expected a real function, found a complex one: give its real part, {name}.real")
+    if order is not None and (not isinstance(order, int) or not 1 <= order <= HIGHEST_ORDER):
+        raise ElvisError(f"order: expected a whole number from 1 to {HIGHEST_ORDER}, found {short_text(order)}")
     source = NGSolve.of(Session(mesh, given, order))
-    source.time = time
+    source.time = checked_time(time)
     return converted_object(source, "an NGSolve mesh", Settings(order=order))
 
 
@@ -64,16 +69,19 @@ def from_mfem(
     mesh.
     """
     _check(mesh, "GetNE", "an mfem Mesh first")
-    given = {**(fields or {}), **named}
+    given = fields_by_name(fields, named)
     for name, field in given.items():
         _check(field, "FESpace", f"a GridFunction for {name}")
-        own = field.FESpace().GetMesh()
+        space = field.FESpace()
+        if space is None:
+            raise ElvisError(f"{name}: expected a function on a space, found one without")
+        own = space.GetMesh()
         if (own.GetNE(), own.GetNV()) != (mesh.GetNE(), mesh.GetNV()):
             raise ElvisError(f"{name}: expected a function on the mesh's {mesh.GetNE()} elements, found {own.GetNE()}")
     texts = {name: _text(field) for name, field in given.items()}
     functions = {name: Source(Path(name), text, False) for name, text in texts.items()}
     source = Mfem.of([Piece(Source(Path("MFEM"), _text(mesh), False), functions)])
-    source.time = time
+    source.time = checked_time(time)
     return converted_object(source, "an MFEM mesh")
 
 
@@ -87,5 +95,5 @@ def _text(item: Any) -> str:
 
 def _check(item: Any, method: str, expected: str) -> None:
     """ElvisError for what is of another kind, told by a method that it lacks."""
-    if not hasattr(item, method) or isinstance(item, np.ndarray):
-        raise ElvisError(f"expected {expected}, found {type(item).__name__} {item!r:.60}")
+    if not hasattr(item, method) or isinstance(item, (type, np.ndarray)):
+        raise ElvisError(f"expected {expected}, found {type(item).__name__} {short_text(item)}")

@@ -19,6 +19,7 @@ from elvis.core.hints import perhaps
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.core.terminal import one_line
+from elvis.core.texts import check_name
 from elvis.plugins.conversion import Elements
 from elvis.plugins.converting import converted_object
 from elvis.plugins.nodal import (
@@ -60,8 +61,8 @@ def from_arrays(
     The nodes must determine a polynomial of some order.  Remarks of the dataset tell with what error it arrived.
     ElvisError where arrays don't fit.
     """
-    source = Arrays(places, {**(fields or {}), **named}, reference or {})
-    source.time = time
+    source = Arrays(places, fields_by_name(fields, named), {} if reference is None else reference)
+    source.time = checked_time(time)
     return converted_object(source, "arrays")
 
 
@@ -77,7 +78,9 @@ class Arrays(NodalConverter):
 
     def __init__(self, places: Mapping[str, Any], fields: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
         if not isinstance(places, Mapping) or not places:
-            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {_short_text(places)}")
+            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {short_text(places)}")
+        if not isinstance(reference, Mapping):
+            raise ElvisError(f"reference: expected coordinates of nodes by shape, found {short_text(reference)}")
         self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in places.items()]
         self._shapes = list(places)
         self.take(fields)
@@ -96,7 +99,9 @@ class Arrays(NodalConverter):
             raise ElvisError(f"{name}: expected values by shape, as {{'{shapes[0]}': …}}, as there are several")
         for shape in given:
             if shape not in shapes:
-                raise ElvisError(f"{name}: there are no elements of the shape {shape!r}{perhaps(str(shape), shapes)}")
+                raise ElvisError(
+                    f"{name}: there are no elements of the shape {short_text(shape)}{perhaps(str(shape)[:60], shapes)}"
+                )
         missing = [shape for shape in shapes if shape not in given]
         if missing:
             raise ElvisError(f"{name}: expected values on every shape, found none on {', '.join(missing)}")
@@ -119,7 +124,9 @@ class Arrays(NodalConverter):
 def _block(name: str, nodes: Any, reference: Any) -> Elements:
     """The elements of a shape."""
     if name not in _SHAPES:
-        raise ElvisError(f"there is no shape {name!r}{perhaps(str(name), _SHAPES)}: there are {', '.join(_SHAPES)}")
+        raise ElvisError(
+            f"there is no shape {short_text(name)}{perhaps(str(name)[:60], _SHAPES)}: there are {', '.join(_SHAPES)}"
+        )
     shape, places = _SHAPES[name], host_array(name, nodes)
     if places.ndim != 3 or not places.size or not shape.dimension <= places.shape[2] <= 3:
         raise ElvisError(f"{name}: expected places (elements, nodes, {shape.dimension}), found {places.shape}")
@@ -146,10 +153,31 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
     raise ElvisError(f"{name}: expected the argument reference, with {wanted}, found none")
 
 
+def fields_by_name(fields: Any, named: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a live bridge, those of its keywords included; ElvisError where they are not given by names."""
+    if fields is not None:
+        check_by_name(fields)
+    return {**(fields or {}), **named}
+
+
+def checked_time(time: Any) -> float | None:
+    """The time of data, None without; ElvisError for anything but a finite number."""
+    if time is None:
+        return None
+    found = host_array("time", time)
+    if found.size != 1 or not np.isfinite(found).all():
+        raise ElvisError(f"time: expected a finite number, found {short_text(time)}")
+    return float(found.item())
+
+
 def check_by_name(fields: Any) -> None:
     """ElvisError for fields that are not arrays by name."""
     if not isinstance(fields, Mapping):
-        raise ElvisError(f"expected arrays by the names of fields, as {{'u': …}}, found {fields!r:.60}")
+        raise ElvisError(f"expected arrays by the names of fields, as {{'u': …}}, found {short_text(fields)}")
+    for name in fields:
+        if not isinstance(name, str) or not name:
+            raise ElvisError(f"expected names of fields that are texts, found {short_text(name)}")
+        check_name(name, "a field")
 
 
 def host_array(what: str, values: Any) -> Floats:
@@ -160,16 +188,17 @@ def host_array(what: str, values: Any) -> Floats:
     try:
         has_dlpack = hasattr(values, "__dlpack__") and not isinstance(values, np.ndarray)
         found = np.from_dlpack(values) if has_dlpack else np.asarray(values)
-        if np.iscomplexobj(found):
+        if found.dtype.kind not in "biufO":
             raise TypeError
         return np.asarray(found, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ElvisError(f"{what}: expected an array of real numbers, found {_short_text(values)}") from error
+        raise ElvisError(f"{what}: expected an array of real numbers, found {short_text(values)}") from error
     except (BufferError, RuntimeError) as error:
         raise ElvisError(
             f"{what}: expected an array in the memory of the host, found one that is not: {error}"
         ) from error
 
 
-def _short_text(value: Any) -> str:
+def short_text(value: Any) -> str:
+    """The beginning of what Python shows of a value, on one line."""
     return one_line(f"{value!r:.60}")
