@@ -285,6 +285,7 @@ def horses(folder):
 
 def bridges(folder):
     """The seeds of calls of live bridges."""
+    sys.path.insert(0, str(Path(__file__).parent))
     from bridges import SOUND
 
     for reader, action in BRIDGES.items():
