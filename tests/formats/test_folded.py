@@ -1,5 +1,7 @@
 """Elements that fold are found by every command, and the quick test passes none of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -14,7 +16,7 @@ from elvis.core.testing import curved, grid, ripple, scattered
 from elvis.core.validity.folded import TOUCHING, folded
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.formats import Block, Dataset, Field, Shape, write
+from elvis.formats import Block, Dataset, Field, Shape, open_series, write
 from elvis.plugins.command import elvis as group
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
@@ -82,6 +84,16 @@ def test_every_command_warns(tmp_path, command):
     outcome = CliRunner().invoke(group, [command[0], *files, *command[1:]])
     assert outcome.exit_code == 0
     assert "1 element is inverted or folded" in " ".join(outcome.stderr.split())
+
+
+def test_steps_of_series_warn(tmp_path):
+    files = write(folded_between_samples(), tmp_path / "mesh.xml")
+    steps = [tmp_path / f"run_{number}.chk" for number in range(2)]
+    for number, step in enumerate(steps):
+        write(replace(folded_between_samples(), time=number / 2), field_path=step)
+    files[1].unlink()
+    series = open_series(files[0], *steps)
+    assert all(any("inverted or folded" in remark for remark in step.remarks) for step in (*series, series.at(0.25)))
 
 
 def bent(shape, bend, shift=0.0):

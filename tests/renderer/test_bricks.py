@@ -10,6 +10,8 @@ from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
 from elvis.formats import write
 from elvis.plugins.command import elvis
+from elvis.renderer.bricks import Bricks, InMemory
+from elvis.scene import Plane, Scene
 
 
 def test_films_read_bricks_of_files(tmp_path, monkeypatch):
@@ -40,3 +42,18 @@ def test_films_read_bricks_of_files(tmp_path, monkeypatch):
         monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
     assert len(frames[0]) == 3
     assert frames[0] == frames[1]
+
+
+def test_elements_that_fold_are_reported_though_other_bricks_are_shown(monkeypatch):
+    monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 1)
+
+    def fold(points):
+        return points + (points[:, :1] > 0.7) * np.sin(20 * points[:, [1, 0, 2]])
+
+    folded = with_field(curved(grid(Shape.HEXAHEDRON, 3), fold, 4), lambda points: points[:, 0], 2)
+    scene = Scene(field="u", plane=Plane((0.1, 0.5, 0.5), (1.0, 0.0, 0.0)), memory=3.9 * Portion.whole(folded).bytes)
+    bricks = Bricks(InMemory(folded), lambda: folded)
+    for _ in range(2):
+        shown = bricks.elements(scene)
+        assert len(shown.mesh.domain_ids()) < len(folded.mesh.domain_ids())
+        assert any("inverted or folded" in remark for remark in shown.remarks)

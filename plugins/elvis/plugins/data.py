@@ -178,7 +178,7 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
     if _is_native(paths, reading):
         with mapped():
             portion = read_parts(*paths, choose=reading.choice()).part(ranks.rank, ranks.size)
-        return replace(portion, dataset=_with_warnings(portion.dataset, ranks))
+        return replace(portion, dataset=with_warnings(portion.dataset, ranks))
     from elvis.plugins.kept_conversions import part_of_conversion
 
     work = _work(paths, installed_converters(), reading)
@@ -224,11 +224,11 @@ def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
     """The dataset of files that are no series, such as one step of it; moments are not looked at."""
     if _is_native(paths, reading):
-        return _with_warnings(read_data(paths, reading.choice()))
+        return with_warnings(read_data(paths, reading.choice()))
     return _convert(paths, installed_converters(), reading)
 
 
-def _with_warnings(dataset: Dataset, ranks: Ranks = ALONE) -> Dataset:
+def with_warnings(dataset: Dataset, ranks: Ranks = ALONE) -> Dataset:
     """Native data, or the part of a rank, with remarks on elements that fold and on doubts of a conversion."""
     from elvis.core.validity.folded import folded
     from elvis.plugins.report import RecordedReport

@@ -24,6 +24,7 @@ from elvis.core.memory import peak_memory, size_text
 from elvis.core.portions.partition import numbers_along_curve
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.shapes import Shape
+from elvis.core.validity.folded import Folded, folded
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.plugins.data import Reading, open_data, open_parts
@@ -160,6 +161,8 @@ class Bricks:
         self._time: float | None = None
         self._digest: Digest | None = None
         self._deciding: dict[Hashable, Portion] = {}
+        #: elements that fold, known after the first picture
+        self._folded = Folded.joined([])
         #: what the last picture depended on, how many bytes of elements, and these
         self._last: tuple[Hashable, int, Dataset] | None = None
 
@@ -202,7 +205,9 @@ class Bricks:
         if self._last is None or self._last[0] != key:
             self._last = None
             found = self._found(relevance, int(np.ceil(needed / memory)))
-            self._last = key, found.bytes, replace(drawable(found), **beside(self._source.whole))
+            dataset = replace(drawable(found), **beside(self._source.whole))
+            remarks = dict.fromkeys((*dataset.remarks, *self._folded.sentences()))
+            self._last = key, found.bytes, replace(dataset, remarks=tuple(remarks))
         _, size, dataset = self._last
         if _TIMES * size > memory:
             raise _too_much(_TIMES * size, "the elements that the picture depends on", memory)
@@ -219,12 +224,15 @@ class Bricks:
             shown = (portion.of(Relevance(drawable(portion), scene).shown()[0]) for portion in read)
             return unite([self._deciding[key], *shown])
         digest, found, deciding = Digest.of(self._count), list[Portion](), list[Portion]()
+        invalid: list[Folded] = []
         for portion in self._read(np.arange(self._count), count):
             own = Relevance(drawable(portion), scene)
+            invalid.append(folded(portion.dataset))
             for looked in own.looked_at():
                 digest.note(looked, self._bricks_of(portion, looked.ids))
             deciding.append(portion.of(own.deciding()))
             found += [deciding[-1], portion.of(own.shown()[0])]
+        self._folded = Folded.joined(invalid)
         self._digest = digest if known is None else known.joined(digest)
         self._deciding[key] = unite(deciding)
         return unite(found)

@@ -207,7 +207,10 @@ class Pictures:
         remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *remarks_on_rates(data, scene))
         if self._part is not None:
             data = self._of_ranks(self._part.timed(scene.time), scene)
-        return asked, scene, self._in_bricks(data, scene), remarks
+        found = self._in_bricks(data, scene)
+        if self._bricks is not None and isinstance(found, Dataset):
+            remarks = tuple(dict.fromkeys((*remarks, *found.remarks)))
+        return asked, scene, found, remarks
 
     def _opened(self) -> Renderer:
         """The renderer, whose device is opened when it is first asked for."""

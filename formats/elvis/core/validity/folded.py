@@ -42,6 +42,15 @@ class Folded:
     wrong: Ints
     undecided: Ints
 
+    @staticmethod
+    def joined(parts: Sequence[Folded]) -> Folded:
+        """What was found of parts of a dataset."""
+        wrong, undecided = (
+            np.unique(np.concatenate([np.empty(0, np.int64), *ids]))
+            for ids in ([own.wrong for own in parts], [own.undecided for own in parts])
+        )
+        return Folded(wrong, undecided)
+
     def sentences(self) -> Iterator[str]:
         """What every command prints."""
         if len(self.wrong):
@@ -66,8 +75,7 @@ def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
     if dataset.mesh.space == dataset.mesh.dimension > 1:
         wrong, undecided = _of_suspects(dataset, list(_suspects(dataset)))
     every = ranks.exchange((wrong, undecided), "elements that fold")
-    first, second = (np.unique(np.concatenate(own)) for own in zip(*every, strict=True))
-    return Folded(first, second)
+    return Folded.joined([Folded(*own) for own in every])
 
 
 def _suspects(dataset: Dataset) -> Iterator[GeometryBlock]:

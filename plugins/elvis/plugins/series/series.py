@@ -101,6 +101,7 @@ class Series(Sequence[Dataset]):
         self._others = Others(reading)
         self._parts = StepsByPart(found, reading) if reading.ranks.size > 1 else None
         self._first: Dataset | None = None
+        self._warnings: tuple[str, ...] | None = None
         self._kept: OrderedDict[int, Dataset] = OrderedDict()
         self._room = _KEPT
         self._passed_over: set[int] = set()
@@ -356,6 +357,8 @@ class Series(Sequence[Dataset]):
         dataset = agreed(
             self._reading.ranks, partial(self._read, self.steps[number]), f"step {self.steps[number].name}"
         )
+        if self.is_native:
+            dataset = self._warned(dataset)
         if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
@@ -369,6 +372,14 @@ class Series(Sequence[Dataset]):
             if self._parts is not None:
                 self._parts.forget(self.steps[forgotten])
         return dataset
+
+    def _warned(self, dataset: Dataset) -> Dataset:
+        """A step with the warnings of the mesh, found with the first step, whose fields may hold the map."""
+        from elvis.plugins.data import with_warnings
+
+        if self._warnings is None:
+            self._warnings = with_warnings(replace(dataset, remarks=()), self._reading.ranks).remarks
+        return replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self._warnings))))
 
     def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
         """A dataset whose remarks tell that not all of its values are finite; so do the faults of the series."""
