@@ -71,7 +71,8 @@ def check_mesh(one, other, with_composites):
 
 
 def composite_facts(composite):
-    return composite.id, composite.name, [(tag, ids.tolist()) for tag, ids in composite.parts]
+    # written labels are names
+    return composite.id, composite.name or composite.label, [(tag, ids.tolist()) for tag, ids in composite.parts]
 
 
 def check_field(one, other):

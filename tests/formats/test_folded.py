@@ -16,7 +16,7 @@ from elvis.core.testing import curved, grid, ripple, scattered
 from elvis.core.validity.folded import TOUCHING, folded
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.formats import Block, Dataset, Field, Shape, open_series, write
+from elvis.formats import Block, Dataset, ElvisError, Field, Shape, integrate, open_series, write
 from elvis.plugins.command import elvis as group
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
@@ -94,6 +94,28 @@ def test_steps_of_series_warn(tmp_path):
     files[1].unlink()
     series = open_series(files[0], *steps)
     assert all(any("inverted or folded" in remark for remark in step.remarks) for step in (*series, series.at(0.25)))
+
+
+def test_integrals_take_the_jacobian_or_its_absolute_value():
+    """Over the slab of the fold, 2 HALF wide, dx/dxi1 is negative: its integral is -4/3 HALF³, and the area is 4."""
+    data = folded_between_samples()
+    signed = ((1 - PLACE) ** 3 + (1 + PLACE) ** 3) / 3 - 2 * HALF**2
+    absolute = signed + 2 * (4 / 3) * HALF**3
+    with_sign, without = integrate(data, "1", jacobian="signed"), integrate(data, "1")
+    assert with_sign[0].exact
+    assert abs(with_sign.value - 4 * signed) <= with_sign[0].error < 1e-12
+    assert abs(without.value - 4 * absolute) <= without[0].error < 1e-3
+    root = integrate(data, "sqrt(2+y)", jacobian="signed")
+    assert abs(root.value - 2 * signed * (3**1.5 - 1) * 2 / 3) <= root[0].error < 1e-5
+    with pytest.raises(ElvisError, match="divide the integrals"):
+        integrate(data, "average(y)", jacobian="signed")
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON])
+def test_inverted_elements_have_negative_volumes_with_the_sign_of_the_jacobian(shape):
+    mirrored = Dataset(curved(grid(shape, 2), lambda x: x * [-1, 1, 1], 2))
+    assert integrate(mirrored, "1", jacobian="signed").value == pytest.approx(-1, rel=1e-13)
+    assert integrate(mirrored, "1").value == pytest.approx(1, rel=1e-13)
 
 
 def bent(shape, bend, shift=0.0):

@@ -116,6 +116,7 @@ class Evaluation:
         ranks: Ranks = ALONE,
         reached: Callable[[float], object] | None = None,
         best_effort: bool = False,
+        jacobian: str = "absolute",
     ) -> Integrals:
         """Integrals over the domain, outer faces and boundaries, by rules that are refined until they agree."""
         if is_idle(ranks):
@@ -123,6 +124,8 @@ class Evaluation:
         if coefficients is not None or clip is not None:
             option, name = "--clip" if coefficients is None else "--coefficients", self.opened.name
             raise ElvisError(f"{option}: expected elements of a known map, found what the plugin {name} opens")
+        if jacobian != "absolute":
+            raise ElvisError(f"--jacobian: expected elements of a known map, found what {self.opened.name} opens")
         wanted = integrands_of(self.names, texts)
         own = [each.expression for each in wanted]
         served = [each for each in own if each.root.op != "number" and not set(each.attributes) & set(SIDES)]

@@ -45,7 +45,7 @@ class DegreeRules:
     names      of the patch's fields
     is_affine  whether J is constant
     is_flat    whether the direction of N is constant
-    is_valid   whether det is proved to keep its sign
+    is_valid   whether det is proved to keep its sign, or counts with its sign
     """
 
     piece: Piece

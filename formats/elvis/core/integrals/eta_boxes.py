@@ -14,7 +14,6 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.integrals.reference_cells import Piece, box_rule
-from elvis.core.mapping import tangents
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.collapse import collapse_jacobian
@@ -95,7 +94,7 @@ class EtaBoxes:
         if not self.is_affine:
             return self.piece.measures(places.jacobians, eta)
         count = len(places) // max(len(self), 1)
-        stretch = np.abs(tangents.determinants(self.piece.along(places.jacobians[::count])))
+        stretch = self.piece.stretches(places.jacobians[::count])
         return np.repeat(stretch, count) * collapse_jacobian(self.piece.shape, eta[:, : self.piece.shape.dimension])
 
     @property

@@ -29,6 +29,8 @@ from elvis.core.terminal import Progress
 ERROR = 1e-6
 #: what the error of an integral is: that of rounding, a bound derived over whole elements, or an estimate
 EXACT = "exact"
+#: by what elements count: |J| or J
+ABSOLUTE, SIGNED = JACOBIANS = ("absolute", "signed")
 BOUND = "bound"
 ESTIMATE = "estimate"
 
@@ -173,6 +175,7 @@ def integrate(
     ranks: Ranks = ALONE,
     reached: Callable[[float], object] | None = None,
     best_effort: bool = False,
+    jacobian: str = ABSOLUTE,
 ) -> Integrals:
     """Integrals of quantities over the domain, regions and boundaries of a dataset.
 
@@ -191,6 +194,8 @@ def integrate(
            errors asked for are those of each share; all ranks but the first have no rows in the end
     reached  receives the largest relative error while boxes are refined
     best_effort  whether an interrupt ends the refinement and returns what is known, with ``finished`` False
+    jacobian  ``absolute``: elements count with |J|; ``signed``: with J, as in MFEM and VTK, so that inverted parts are
+           negative volumes, and rules are exact on elements that fold as well
     Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
@@ -205,6 +210,7 @@ def integrate(
     others = [name for name in names if name not in curves]
     levels = {name: level for name in others if (level := Level.parse(dataset, name)) is not None}
     part = None if clip is None else Level.clip(dataset, clip)
+    _check_jacobian(jacobian, bool(levels or curves or part), wanted)
     further = [
         *_span(dataset),
         *(each for level in [*levels.values(), *([part] if part else [])] for each in level.expressions),
@@ -216,13 +222,24 @@ def integrate(
     part = part and part.known(evaluator, parts)
     places = Places(dataset, evaluator.patches, levels, curves, parts)
     expressions = [each.expression for each in wanted]
-    summation = Summation(dataset, evaluator, expressions, error, (), None, progress, reached, best_effort)
+    options = (progress, reached, best_effort, jacobian == SIGNED)
+    summation = Summation(dataset, evaluator, expressions, error, (), None, *options)
     targets = places.together([places.clipped(name, part) if part else places.named(name) for name in names])
     terms = ConversionTerms(dataset, evaluator, expressions)
     rows = list(_sums(targets, places, wanted, (summation, terms), ranks, task))
     is_finished = not any(ranks.exchange(summation.is_unfinished, "finished")) if best_effort else True
     found = [each for name, sums in rows for each in _rows(name, wanted, sums, is_finished)]
     return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error), *_lost(rows, wanted, terms)])
+
+
+def _check_jacobian(jacobian: str, is_cut: bool, wanted: Sequence[Integrand]) -> None:
+    """ElvisError for what is no measure, and for what is integrated over parts of elements, or divided by volumes."""
+    if jacobian not in JACOBIANS:
+        raise ElvisError(f"expected a Jacobian that is {' or '.join(JACOBIANS)}, found {jacobian!r}")
+    if jacobian == SIGNED and is_cut:
+        raise ElvisError("a signed Jacobian is for integrals over the domain or regions, without surfaces and curves")
+    if jacobian == SIGNED and any(each.is_average for each in wanted):
+        raise ElvisError("averages have no signed Jacobian: divide the integrals of a quantity and of volume")
 
 
 def _span(dataset: Dataset) -> list[Expression]:

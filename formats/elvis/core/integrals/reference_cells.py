@@ -39,12 +39,14 @@ class Piece:
     rows    (n,)    of the patch
     shape   of the part
     number  of the side among those of the element's shape; None for the whole element
+    is_signed  whether its measure is J in place of |J|, negative where the element is inverted
     """
 
     patch: Patch
     rows: Ints
     shape: Shape
     number: int | None = None
+    is_signed: bool = False
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -94,7 +96,15 @@ class Piece:
     def measures(self, jacobians: Floats, eta: Floats) -> Floats:
         """(n,) length, area or volume for each unit of eta (n, k), where elements have Jacobians (n, 3, D)."""
         fold = collapse_jacobian(self.shape, eta[:, : self.shape.dimension])
-        return np.abs(tangents.determinants(self.along(jacobians))) * fold
+        return self.stretches(jacobians) * fold
+
+    def stretches(self, jacobians: Floats) -> Floats:
+        """(n,) length, area or volume for each unit of reference coordinates, for Jacobians (n, 3, D)."""
+        along = self.along(jacobians)
+        if not self.is_signed:
+            return np.abs(tangents.determinants(along))
+        own = along.shape[2]
+        return np.asarray(np.linalg.det(along[:, :own, :own]))
 
     def along(self, jacobians: Floats) -> Floats:
         """(n, 3, k) tangents of the part, from Jacobians (n, 3, D) of elements."""

@@ -86,6 +86,7 @@ class Summation:
     progress   is told how many points have been taken, and how many are planned
     reached    is told the greatest error reached, in parts of the integral of the absolute value
     best_effort  whether an interrupt ends the refinement with what is known
+    is_signed  whether elements count with the sign of their Jacobian
     """
 
     def __init__(
@@ -99,7 +100,9 @@ class Summation:
         progress: Progress | None = None,
         reached: Callable[[float], object] | None = None,
         best_effort: bool = False,
+        is_signed: bool = False,
     ) -> None:
+        self._is_signed = is_signed and dataset.mesh.space == dataset.mesh.dimension
         self._progress, self._done, self._planned = progress, 0, 0
         self._reached, self._best_effort = reached, best_effort
         #: whether refinement was interrupted
@@ -186,9 +189,11 @@ class Summation:
 
     def _alike(self, piece: Piece) -> Iterator[tuple[Piece, DegreeRules]]:
         """Parts of a piece whose elements are all affine, or all flat, or all neither, or may be folded."""
+        if self._is_signed and not piece.is_side:
+            piece = replace(piece, is_signed=True)
         names, affine = self._evaluator.names, piece.is_affine
         bent = piece.part(~affine)
-        valid = bent.is_valid(self._dataset) if len(bent) else np.empty(0, bool)
+        valid = np.ones(len(bent), bool) if piece.is_signed or not len(bent) else bent.is_valid(self._dataset)
         has_normals = piece.is_side or not piece.patch.is_flat
         flat = bent.is_flat if len(bent) and has_normals else np.zeros(len(bent), bool)
         kinds = [(piece.part(affine), True, True, True)]
@@ -228,7 +233,9 @@ class Summation:
 
     def _rough(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
         """What is known of expressions without an exact rule on a piece, apart those whose error can be bounded."""
-        are_bounded = [is_bounded(self._expressions[number].root, rules) for number in numbers]
+        roots = [self._expressions[number].root for number in numbers]
+        # bounds take the measure for positive
+        are_bounded = [not piece.is_signed and is_bounded(root, rules) for root in roots]
         for own in dict.fromkeys(are_bounded):
             some = [number for number, other in zip(numbers, are_bounded, strict=True) if other == own]
             boxes = self._whole(piece, some)
@@ -364,7 +371,8 @@ class Summation:
         for column, values in enumerate(self._values(numbers, places, missing)):
             is_beyond = np.isnan(values) & self._names_others[numbers[column]]
             terms = np.where(is_beyond, 0.0, values * shares)
-            parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, shares), np.where(is_beyond, shares, 0.0))
+            sizes = np.abs(shares)
+            parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, sizes), np.where(is_beyond, sizes, 0.0))
             for part, sums in zip(parts, found, strict=True):
                 sums[:, column] = np.bincount(box, part, len(boxes))
             gains.append(_gains(values, counts) if rules is not None else np.empty(0))

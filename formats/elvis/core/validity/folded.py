@@ -56,8 +56,9 @@ class Folded:
         if len(self.wrong):
             yield (
                 f"{_elements(self.wrong)} inverted or folded, for the Jacobian is not positive all over "
-                f"({_some(self.wrong)}): integrals take its absolute value there, points may have several places, and "
-                "rules of integration may not converge, for |J| has a kink; elvis info --jacobian shows where"
+                f"({_some(self.wrong)}): integrals take its absolute value there (elvis integrate --jacobian signed "
+                "takes the sign too), points may have several places, and rules of integration may not converge, for "
+                "|J| has a kink; elvis info --jacobian shows where"
             )
         if len(self.undecided):
             yield (

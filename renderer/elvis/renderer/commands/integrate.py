@@ -72,6 +72,13 @@ Examples:
     "cylinder:POINT:AXIS:RADIUS or QUANTITY=VALUE, where the quantity is less, of the domain or of regions.",
 )
 @click.option(
+    "--jacobian",
+    type=click.Choice(["absolute", "signed"]),
+    default="absolute",
+    show_default=True,
+    help="Count elements with |J|, or with J, negative where elements are inverted or folded, as MFEM and VTK do.",
+)
+@click.option(
     "--histogram",
     "bins",
     type=click.IntRange(1, 100_000),
@@ -99,6 +106,7 @@ def integrate(
     best_effort: bool,
     coefficients: str | None,
     clip: str | None,
+    jacobian: str,
     bins: int | None,
     times: tuple[float, float, int] | str | None,
     plot: Path | None,
@@ -133,7 +141,8 @@ def integrate(
 
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
         own = ALONE if times is not None and isinstance(source, NativeSource) and source.portion is None else ranks
-        return source.integrate(quantities, over, error, coefficients, clip, progress, own, reporter(), best_effort)
+        work = (progress, own, reporter(), best_effort, jacobian)
+        return source.integrate(quantities, over, error, coefficients, clip, *work)
 
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)

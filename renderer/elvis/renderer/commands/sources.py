@@ -332,13 +332,14 @@ class NativeSource:
         ranks: Ranks = ALONE,
         reached: Callable[[float], object] | None = None,
         best_effort: bool = False,
+        jacobian: str = "absolute",
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import evaluated, integrate
 
         expressions = [] if self.portion is None else evaluated(self.dataset, texts, coefficients)
-        dataset, report = self._surrounded(expressions), (progress, ranks, reached, best_effort)
-        return integrate(dataset, texts, over, error, coefficients, clip, *report)
+        dataset, options = self._surrounded(expressions), (progress, ranks, reached, best_effort, jacobian)
+        return integrate(dataset, texts, over, error, coefficients, clip, *options)
 
     def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""
