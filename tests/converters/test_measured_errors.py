@@ -7,7 +7,11 @@ import pytest
 
 from elvis.converters.ngsolve_export import export
 from elvis.core.conversion_errors import ConversionErrors
+from elvis.core.norms import quantity_norms
+from elvis.core.quantities import Expression
+from elvis.core.quantity_extrema import quantity_extrema
 from elvis.formats import from_ngsolve, integrate, read, sample, write
+from elvis.plugins.command import main
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +109,38 @@ def test_samples_in_files_tell_their_error(ngsolve, flux):
     off = true_error(ngsolve, mesh, dataset, "flux_x", function)
     assert 0 < off <= stated(dataset, "flux_x") < 1e-4
     assert "with errors of up to" in dataset.remarks[0]
+
+
+def test_probes_norms_and_extrema_state_the_error_of_the_conversion(ngsolve, flux, tmp_path, capsys):
+    folder, mesh, function = flux
+    paths = write(read(folder / "disk.elems.npz"), tmp_path / "a.xml")
+    dataset = read(*paths)
+    places = np.random.default_rng(3).uniform(-0.6, 0.6, (200, 2))
+    mapped = [mesh(*place) for place in places]
+    wanted = np.array([function(at) for at in mapped])
+    truth = {"flux_x": wanted[:, 0], "flux_x^2-flux_y": wanted[:, 0] ** 2 - wanted[:, 1]}
+    found = sample(dataset, list(truth), places)
+    for number, values in enumerate(truth.values()):
+        off = np.abs(found.values[:, number] - values)
+        assert off.max() > 0
+        assert (off <= found.errors[:, number]).all()
+        assert found.errors[:, number].max() < 1e-3
+
+    exact = ngsolve.sqrt(ngsolve.Integrate((function[0] ** 2 - function[1]) ** 2, mesh, order=20))
+    text = "flux_x^2-flux_y"
+    (norm,) = quantity_norms(dataset, [Expression.of(dataset, text)]).values()
+    assert 0 < abs(norm.l2 - exact) <= norm.l2_error < 1e-3
+    least, greatest = quantity_extrema(dataset, Expression.of(dataset, text))
+    assert greatest.bound - greatest.value >= found.errors[:, 1].max()
+    assert least.value - least.bound >= found.errors[:, 1].max()
+
+    # one note in each command
+    commands = (["norms", "--json"], ["probe", "--json", "--point", "0,0,0"], ["info", "--extrema", "--json"])
+    for command in commands:
+        with pytest.raises(SystemExit) as status:
+            main([*command, "--field", text, *map(str, paths)])
+        assert not status.value.code
+        assert capsys.readouterr().err.count("off by the error of the conversion (an estimate): flux_x^2") == 1
 
 
 def test_integrals_include_the_error_of_the_conversion(ngsolve, flux, tmp_path):

@@ -156,7 +156,9 @@ def test_what_was_in_doubt_counts_for_points_that_nothing_else_holds():
     def found(point, element, margin, status, is_late):
         none = np.full(len(point), -1)
         where = Location(np.array(point), none, none, np.array(element), none, np.array(margin), status, is_late)
-        return Samples(("u",), np.zeros((len(point), 3)), where, np.array(element, float)[:, None])
+        return Samples(
+            ("u",), np.zeros((len(point), 3)), where, np.array(element, float)[:, None], np.zeros((len(point), 1))
+        )
 
     inside, failed = int(Status.INSIDE), int(Status.FAILED)
     one = found([0, 1, 2], [7, 7, -1], [0.1, 0.2, np.nan], np.array([inside, inside, failed]), np.zeros(3, bool))

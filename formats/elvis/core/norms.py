@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset, Expansion, ExpansionRule, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.exact_sums import parts_of_sum, rounded_sum
@@ -18,6 +19,7 @@ from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.largest_radii import largest_radii
 from elvis.core.ranks import ALONE, Ranks, Turns
 from elvis.core.shapes import Shape
 
@@ -37,11 +39,14 @@ class Norm:
     l2       root of the integral of its square
     linf     greatest magnitude at the quadrature points
     maximum  greatest value, with its sign, at the quadrature points
+    l2_error, linf_error  how far they are from those of the source that the data were converted from: an estimate
     """
 
     l2: float
     linf: float
     maximum: float
+    l2_error: float = 0.0
+    linf_error: float = 0.0
 
 
 def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
@@ -65,7 +70,9 @@ def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
             _add_fields(list(fields.values()), patch, expansion, turns)
         for rule, members in _coordinate_rules(dataset, patch):
             _add_coordinates(coordinates, space, patch, rule, members, turns)
-    found = _gathered(dict(zip(axes, coordinates, strict=True)) | fields, dataset, ranks)
+    errors = ConversionErrors.of(dataset.metadata)
+    radii = dict.fromkeys(axes, errors.place.value) | {name: loss.value for name, loss in errors.fields.items()}
+    found = _gathered(dict(zip(axes, coordinates, strict=True)) | fields, dataset, ranks, radii)
     return {name: norm for name, norm in found.items() if name not in dataset.map_names}
 
 
@@ -80,7 +87,9 @@ def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: R
     for each in expressions:
         for values, measure in _quadrature(dataset, each, np.inf, _turns(dataset, ranks)):
             sums[each.text].add(values, measure)
-    return _gathered(sums, dataset, ranks)
+    texts = [each.text for each in expressions]
+    radii = dict(zip(texts, largest_radii(dataset, expressions).tolist(), strict=True))
+    return _gathered(sums, dataset, ranks, radii)
 
 
 def _turns(dataset: Dataset, ranks: Ranks) -> Turns:
@@ -88,15 +97,20 @@ def _turns(dataset: Dataset, ranks: Ranks) -> Turns:
     return Turns(ranks if dataset.mesh.excerpt is None else ALONE)
 
 
-def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks) -> dict[str, Norm]:
-    """The norms of functions by name, of what all ranks know; nothing elsewhere than at the first one."""
-    found = {name: total.found() for name, total in sums.items()}
+def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks, radii: Mapping[str, float]) -> dict[str, Norm]:
+    """The norms of functions by name, of what all ranks know; nothing elsewhere than at the first one.
+
+    radii  by how much each function is off that of the source
+    """
+    found = {name: total.found(radii.get(name, 0.0)) for name, total in sums.items()}
     every = ranks.gather(found, f"norms of {', '.join(sums)} on {dataset.mesh.count} elements")
     whole = {name: [own[name] for own in every] for name in sums} if every else {}
     empty = [name for name, parts in whole.items() if not any(own.count for own in parts)]
     if empty:
         raise ElvisError(f"expected elements of the domain under {', '.join(empty)}, found none")
-    return {name: _norm(parts) for name, parts in whole.items()}
+    slope = ConversionErrors.of(dataset.metadata).place.slope
+    stretch = (1 + slope) ** (dataset.mesh.dimension / 2) - 1
+    return {name: _norm(parts, stretch) for name, parts in whole.items()}
 
 
 def integration_points(
@@ -141,38 +155,53 @@ class _Sum:
     squares: list[Floats] = field(default_factory=list)
     least: float = field(default=np.inf)
     greatest: float = field(default=-np.inf)
+    measure: float = 0.0
 
     def add(self, values: Floats, measure: Floats) -> None:
         """Take in elements: values at points (n, q), and the measure (n, q) that each stands for."""
         self.count += values.size
+        self.measure += float(measure.sum())
         self.squares.append((values * values * measure).sum(axis=1))
         self.least = float(np.minimum(self.least, values.min()))
         self.greatest = float(np.maximum(self.greatest, values.max()))
 
-    def found(self) -> _Found:
-        """What others have to know of it."""
+    def found(self, radius: float) -> _Found:
+        """What others have to know of a function that is off by a radius at most."""
         squares = np.concatenate([np.empty(0), *self.squares])
-        return _Found(self.count, parts_of_sum(squares), self.least, self.greatest)
+        return _Found(self.count, parts_of_sum(squares), self.least, self.greatest, self.measure, radius)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """How many values a function has at points, numbers whose exact sum is that of its squares, and its ends."""
+    """How many values a function has at points, numbers whose exact sum is that of its squares, and its ends.
+
+    measure  of the elements
+    radius   by how much the function is off that of the source
+    """
 
     count: int
     squares: list[float]
     least: float
     greatest: float
+    measure: float
+    radius: float
 
 
-def _norm(parts: Sequence[_Found]) -> Norm:
+def _norm(parts: Sequence[_Found], stretch: float) -> Norm:
     """The norms of what several know of different elements.
+
+    stretch  share by which the root of the measure is wrong
 
     Squares are added up exactly and rounded once, so that the sum doesn't depend on who knows which.
     """
-    square = rounded_sum([number for own in parts for number in own.squares])
+    l2 = float(np.sqrt(rounded_sum([number for own in parts for number in own.squares])))
     least, greatest = np.min([own.least for own in parts]), np.max([own.greatest for own in parts])
-    return Norm(float(np.sqrt(square)), float(np.maximum(abs(least), abs(greatest))), float(greatest))
+    radius = max(own.radius for own in parts)
+
+    # | ||f|| - ||g|| | <= ||f - g|| <= radius times the root of the measure
+    l2_error = radius * float(np.sqrt(sum(own.measure for own in parts)))
+    l2_error = (1 + stretch) * l2_error + stretch * l2 if radius or stretch else 0.0
+    return Norm(l2, float(np.maximum(abs(least), abs(greatest))), float(greatest), l2_error, radius)
 
 
 def _planes(dataset: Dataset) -> Homogeneous | None:

@@ -30,6 +30,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import degree_on, lattice_of, rounded_nets
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.largest_radii import largest_radii
 from elvis.core.quantities.tree import Node, negative
 from elvis.core.ranks import Ranks
 
@@ -46,8 +47,20 @@ _HOPEFUL = 3
 def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
     """The least and the greatest value of a quantity; bounds are infinite where nothing is known.
 
+    Bounds of converted data include the error of the conversion, which is an estimate.
     ElvisError where no element has a value, and for data with Fourier directions.
     """
+    return _widened(_extrema(dataset, expression), float(largest_radii(dataset, [expression])[0]))
+
+
+def _widened(ends: tuple[Extreme, Extreme], radius: float) -> tuple[Extreme, Extreme]:
+    """Extremes whose bounds hold for values that are off by a radius at most."""
+    least, greatest = ends
+    return replace(least, bound=least.bound - radius), replace(greatest, bound=greatest.bound + radius)
+
+
+def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
+    """The extremes of a quantity of the data as they are."""
     if expression.is_field:
         return extrema(dataset, expression.root.name)
     own = _Quantity.of(dataset, expression)
@@ -59,8 +72,10 @@ def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks
 
     Those elements of all parts that may decide them go there.
     """
+    radii = ranks.exchange(largest_radii(part.dataset, quantities), "errors of conversions")
     found = [_shared(part, each, ranks) for each in quantities]
-    return [each for each in found if each is not None]
+    pairs = zip(found, np.max(radii, axis=0).tolist(), strict=True)
+    return [_widened(each, radius) for each, radius in pairs if each is not None]
 
 
 def _shared(part: Portion, expression: Expression, ranks: Ranks) -> tuple[Extreme, Extreme] | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints
+from elvis.core.conversion_errors import ConversionErrors, Loss
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
@@ -33,12 +34,15 @@ class Samples:
     points    (k, 3)  world coordinates as asked
     location  (k,)    element, reference coordinates and status of each result
     values    (k, f)  one column a quantity; NaN outside the domain and where the quantity hasn't the element
+    errors    (k, f)  by how much values are off those of the source that the data were converted from: an estimate;
+                      infinite where it is not known, zeros where nothing was lost
     """
 
     names: tuple[str, ...]
     points: Floats
     location: Location
     values: Floats
+    errors: Floats
 
     def __getitem__(self, name: str) -> Floats:
         """(k,) values of a quantity; KeyError where it was not asked for."""
@@ -66,7 +70,7 @@ class Samples:
     def known(self) -> Samples:
         """Without the points that are outside."""
         here = self.location.status != Status.OUTSIDE
-        return Samples(self.names, self.points[here], self.location.part(here), self.values[here])
+        return Samples(self.names, self.points[here], self.location.part(here), self.values[here], self.errors[here])
 
     def to_pandas(self) -> Any:
         """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
@@ -82,6 +86,8 @@ class Sampler:
 
     def __init__(self, dataset: Dataset, names: Sequence[str]) -> None:
         self.names = tuple(names)
+        errors = ConversionErrors.of(dataset.metadata).fields
+        self._errors = np.array([errors.get(name, Loss()).value for name in self.names])
         self.patches = patches(dataset, self.names)
         self.locator = Locator(self.patches)
 
@@ -94,7 +100,8 @@ class Sampler:
             for field, expansion in enumerate(patch.fields):
                 if expansion is not None:
                     found[here, field] = values(patch, field, location.row[here], location.reference[here])
-        return Samples(self.names, np.asarray(points, np.float64)[location.point], location, found)
+        errors = np.where(np.isfinite(found), self._errors, 0.0)
+        return Samples(self.names, np.asarray(points, np.float64)[location.point], location, found, errors)
 
     def gradients(self, location: Location) -> Floats:
         """(k, f, 3) world gradients of the fields where `locate` found the points; NaN elsewhere."""

@@ -43,7 +43,7 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
     lines = lattice_of(expansion, points)
     if lines is not None:
         flat, found = coefficients.reshape(-1, coefficients.shape[-1]), values.reshape(-1, len(points))
-        slopes = gradients.reshape(*found.shape, -1)
+        slopes = gradients.reshape(*found.shape, gradients.shape[-1])
         for batch in _batches(len(flat), len(points)):
             found[batch], slopes[batch] = values_and_gradients_on_lattice(expansion, flat[batch], lines)
         return values, gradients

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.patch import Patch, patches
 from elvis.core.quantities.attributes import Attributes
+from elvis.core.quantities.conversion_radius import radius_at
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
@@ -40,6 +42,13 @@ class Evaluator:
         self.names = tuple(dict.fromkeys(name for each in expressions for name in each.fields))
         self.patches = patches(dataset, self.names)
         self.attributes = Attributes(dataset)
+        self.errors = ConversionErrors.of(dataset.metadata)
+
+    def radius_at(self, expression: Expression, places: ElementPoints) -> Floats:
+        """(n,) how far values at points are from those of the source of converted data: an estimate."""
+        if not self.errors:
+            return np.zeros(len(places))
+        return radius_at(self.errors, expression, self.names, self.leaves_at(places), places)
 
     def values(self, expression: Expression, patch: Patch, rows: Ints, points: Floats) -> Floats:
         """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN where there are none."""
@@ -95,13 +104,15 @@ class Sampler:
         location = self.locator.locate(points, all)
         expressions = self.evaluator.expressions
         found = np.full((len(location), len(expressions)), np.nan)
+        errors = np.zeros_like(found)
         for number, patch in enumerate(self.evaluator.patches):
             here = np.flatnonzero((location.status == Status.INSIDE) & (location.patch == number))
             rows, reference = _places(location, here, patch)
             for column, expression in enumerate(expressions):
                 found[here, column] = self.evaluator.values(expression, patch, rows, reference)
+                errors[here, column] = self.evaluator.radius_at(expression, ElementPoints(patch, rows, reference))
         names = tuple(expression.text for expression in expressions)
-        return Samples(names, np.asarray(points, np.float64)[location.point], location, found)
+        return Samples(names, np.asarray(points, np.float64)[location.point], location, found, errors)
 
 
 def _places(location: Location, here: Ints, patch: Patch) -> tuple[Ints, Floats]:

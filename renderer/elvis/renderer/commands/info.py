@@ -14,7 +14,7 @@ from elvis.core.arguments import field_option, json_option
 from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
-from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options
+from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, tell_conversion
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -165,6 +165,7 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
 
     from elvis.core.arguments import field_names
     from elvis.core.quantities import Expression
+    from elvis.core.quantities.largest_radii import largest_radii
     from elvis.core.terminal import print_json, print_table, stage
 
     dataset = source.dataset
@@ -173,6 +174,8 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
         pairs = source.extrema(known)
     if not pairs:
         return
+    radii = largest_radii(dataset, known).tolist() if not source.is_part else []
+    tell_conversion([each.text for each in known[: len(radii)]], radii)
     found = {
         each.text: dict(zip(("least", "greatest"), own, strict=True)) for each, own in zip(known, pairs, strict=True)
     }

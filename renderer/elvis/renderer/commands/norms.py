@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import click
 
 from elvis.core.arguments import field_option, json_option
 from elvis.plugins.running import shared
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.sources import Data, data_options, tell_conversion
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -49,6 +50,7 @@ def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) 
         found = source.norms(quantities or None, ranks)
     if found:
         _tell_measure(quantities, found)
+        tell_conversion(found, [norm.linf_error for norm in found.values()])
         _print(found, as_json)
 
 
@@ -56,10 +58,19 @@ def _print(found: Mapping[str, Norm], as_json: bool) -> None:
     from elvis.core.terminal import print_json, print_table
 
     if as_json:
-        print_json({name: {"L2": norm.l2, "Linf": norm.linf} for name, norm in found.items()})
+        print_json({name: _facts(norm) for name, norm in found.items()})
         return
     rows = [(name, *(f"{number:.10g}" for number in (n.l2, n.linf, n.maximum))) for name, n in found.items()]
     print_table(("", "L2", "Linf", "maximum"), rows)
+
+
+def _facts(norm: Norm) -> dict[str, float | None]:
+    """For ``--json``: errors where a conversion lost something, None where they are not known."""
+    facts: dict[str, float | None] = {"L2": norm.l2, "Linf": norm.linf}
+    if norm.l2_error or norm.linf_error:
+        errors = {"L2_error": norm.l2_error, "Linf_error": norm.linf_error}
+        facts |= {name: error if isfinite(error) else None for name, error in errors.items()}
+    return facts
 
 
 def _tell_measure(quantities: tuple[str, ...], found: Mapping[str, Norm]) -> None:

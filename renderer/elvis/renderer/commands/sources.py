@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from elvis.core.norms import Norm
     from elvis.core.portions import Portion
     from elvis.core.quantities import Expression, Names
+    from elvis.core.sampling import Samples
     from elvis.core.streamlines import Streamlines
     from elvis.core.terminal import Progress
     from elvis.core.validity.validity import Validity
@@ -304,13 +305,27 @@ class NativeSource:
 
         ranks  share the points, or each has its part of the elements; all but the first have no rows in the end
         """
+        import numpy as np
+
         from elvis.core.quantities.evaluator import Sampler
         from elvis.core.sampling import by_elements, by_points
 
         sampler, names = Sampler(self._surrounded(wanted), wanted), [each.text for each in wanted]
-        if not self.is_part:
-            return by_points(lambda some: sampler.sample(some, all=every).columns(), points, names, ranks)
-        return by_elements(sampler.sample(points, all=every), points, every, ranks)
+        radii = np.zeros(len(names))
+
+        def sampled(some: Floats) -> Samples:
+            samples = sampler.sample(some, all=every)
+            np.maximum(radii, samples.errors.max(axis=0, initial=0.0), out=radii)
+            return samples
+
+        if self.is_part:
+            found = by_elements(sampled(points), points, every, ranks)
+        else:
+            found = by_points(lambda some: sampled(some).columns(), points, names, ranks)
+        largest = np.max(ranks.exchange(radii, "errors of conversions"), axis=0)
+        if not ranks.rank:
+            tell_conversion(names, largest.tolist())
+        return found
 
     def norms(self, texts: Sequence[str] | None, ranks: Ranks) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities."""
@@ -403,6 +418,16 @@ class NativeSource:
         from elvis.core.validity.validity import shared_validity, validity
 
         return shared_validity(self.dataset, self.ranks) if self.is_part else validity(self.dataset)
+
+
+def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
+    """Print by how much quantities are off those of the source, where a conversion lost something."""
+    from elvis.core.quantities.conversion_radius import sentence
+    from elvis.core.terminal import note
+
+    text = sentence(list(names), radii)
+    if text is not None:
+        note(text)
 
 
 def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:

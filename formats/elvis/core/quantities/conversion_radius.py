@@ -1,0 +1,74 @@
+"""How far quantities of converted data are from those of the source: an estimate, as the errors of fields are.
+
+At a point the leaves of an expression become intervals: a field f lies in f +- its error, a derivative in that of the
+error's derivative, a coordinate in that of the map.  Interval arithmetic makes of these the radius of the expression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.conversion_errors import ConversionErrors, Loss
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.tree import Node, fold
+
+
+def radius_at(
+    errors: ConversionErrors,
+    expression: Expression,
+    names: Sequence[str],
+    leaf: Callable[[Node], Floats | float],
+    places: ElementPoints,
+) -> Floats:
+    """(n,) how far the values of an expression at points are from those of the source; infinite if not known.
+
+    names  of the fields of the patch of the points
+    leaf   what the leaves of the expression are there
+    """
+
+    def interval(node: Node) -> Interval:
+        value, radius = leaf(node), _radius_of(node, errors, names, places)
+        return value - radius, value + radius
+
+    with np.errstate(all="ignore"):
+        low, high = fold(expression.root, interval, lambda node, parts: function(node).interval(*parts))
+        value = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
+        radius = np.maximum(high - value, value - low)
+    # what has no value at a point has no error there
+    found = np.where(np.isfinite(value), np.nan_to_num(radius, nan=np.inf, posinf=np.inf), 0.0)
+    return np.broadcast_to(found, len(places))
+
+
+def _radius_of(node: Node, errors: ConversionErrors, names: Sequence[str], places: ElementPoints) -> Floats | float:
+    """The error of a field, of a derivative, of a coordinate; infinite for others that are not exact."""
+    place = errors.place
+    if node.op == "coordinate":
+        return place.value
+    if node.op == "field":
+        own = errors.fields.get(node.name, Loss())
+        if len(node.axes) == 1 and place.slope < 1:
+            # the map's error turns the gradient g into (1 + grad e)^-T g
+            gradients = places.derivative(names.index(node.name), 1)
+            turned = place.slope / (1 - place.slope)
+            return np.asarray(own.slope * (1 + turned) + turned * np.linalg.norm(gradients, axis=-1))
+        return own.value if not node.axes else np.inf
+    if node.op == "attribute":
+        # a unit normal turns by as much as tangents do
+        return 2 * place.slope if node.name in SIDES[:3] else np.inf if place.value else 0.0
+    return 0.0
+
+
+def sentence(names: Sequence[str], radii: Sequence[float]) -> str | None:
+    """How far quantities are from those of the source; None where no conversion lost anything."""
+    known = [f"{name} by up to {radius:.2g}" for name, radius in zip(names, radii, strict=True) if 0 < radius < np.inf]
+    unknown = [name for name, radius in zip(names, radii, strict=True) if radius == np.inf]
+    parts = [f"values may be off by the error of the conversion (an estimate): {', '.join(known)}"] if known else []
+    parts += [f"the error of the conversion of {', '.join(unknown)} is not known"] if unknown else []
+    return "; ".join(parts) or None
