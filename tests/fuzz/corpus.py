@@ -5,6 +5,7 @@ import math
 import struct
 import sys
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,7 @@ def subjects(folder, readers):
         trixi: ("trixi",),
         horses: ("horses",),
         bridges: BRIDGES,
+        vtx: ("vtx",),
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
     }
     made = [each for make, names in makers.items() if set(names) & set(readers) for each in make(folder)]
@@ -292,6 +294,23 @@ def bridges(folder):
         path = folder / f"{action}.seed"
         path.write_bytes(SOUND)
         yield Subject(reader, (path,), (action,))
+
+
+def vtx(folder):
+    """A folder of ADIOS2's, where its library is there: two steps of squares in two blocks."""
+    if find_spec("adios2") is None:
+        return
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+    import vtx_writer as writing
+
+    nodes = writing.vtx_nodes(70, 2, True)
+    ids = np.arange(2 * len(nodes)).reshape(2, 1, -1)
+    cells = [[nodes], [nodes + np.array([1, 0, 0])]]
+    arrays = writing.vtx_blocks(cells, ids, {"u": lambda x: x[:, 0]})
+    steps = [(0.5, arrays), (1.5, {"u": arrays["u"]})]
+    path = writing.write_vtx(folder / "u.bp", 70, steps, writing.schema_of(["u"], []))
+    names = ("md.idx", "md.0", "mmd.0", "data.0")
+    yield Subject("vtx", tuple(path / name for name in names), ("converted",))
 
 
 def vtkhdf(path):

@@ -30,8 +30,8 @@ SHARES = {
     "scene toml": 60, "scene yaml": 60, "scene json": 60, "palette": 60,
     "triangles": 80, "points": 40, "record": 60, "fourier": 60, "nurbs": 60, "elvisdat": 31, "nek": 15, "gmf": 15,
     "exodus": 15, "hopr": 12, "pyfr": 12, "ngsolve": 8, "gmsh": 15, "vtk": 15, "mfem": 6, "cgns": 20,
-    "trixi": 20, "horses": 15,
     "live blueprint": 30, "live arrays": 30, "live ngsolve": 6, "live mfem": 6,
+    "trixi": 20, "horses": 15, "vtx": 6,
 }  # fmt: skip
 
 #: seconds without a word after which a process is ended

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Vtk(NodalConverter):
         "by place",
         "no",
     )
-    needs = ("vtk",)
+    needs: ClassVar[tuple[str, ...]] = ("vtk",)
     options = (
         Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", *FAMILIES), "auto"),
         Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("auto", "as-read", "exchanged"), "auto"),
@@ -116,7 +117,7 @@ class Vtk(NodalConverter):
         wedges: str = "auto",
         step: str | None = None,
     ) -> None:
-        self._grids, self.beside = read(paths, step_number(step))
+        self._grids, self.beside = self.read_grids(paths, step_number(step))
         self.notes, self.warnings = [], _missing_processes(paths)
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
@@ -127,6 +128,11 @@ class Vtk(NodalConverter):
         self._add_fields(False)
         self.time = self._grids[0].time
         self.precision = self._precision()
+
+    @staticmethod
+    def read_grids(paths: Sequence[Path], step: int) -> tuple[list[Grid], list[Path] | None]:
+        """The grids of a step, and the files that they are in, None where conversions aren't to be kept."""
+        return read(paths, step)
 
     def _collect(self, dimension: int) -> list[Part]:
         """The cells of one kind of each grid, by number; grids of the same cells are taken together."""
