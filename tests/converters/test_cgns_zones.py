@@ -13,6 +13,7 @@ from cgns_writing import base, condition, conditions, section, unstructured
 from elvis.converters.cgns import Cgns
 from elvis.converters.cgns_elements import _TYPES, AMBIGUOUS
 from elvis.core.integrals import integrate
+from elvis.core.mesh import NON_CONFORMING
 from elvis.formats import write
 from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
@@ -150,3 +151,18 @@ def test_patches_of_every_version_agree_with_another_reader(tmp_path, version, b
     assert found["domain"] == pytest.approx(volume, rel=1e-12)
     assert set(wanted) == set(names)
     assert {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("pieces", [(17, 17), (17, 10)])
+def test_zones_without_interfaces_are_joined_by_place(tmp_path, pieces):
+    """Hexahedra in one zone, and in the next hexahedra that match them, or tetrahedra that don't."""
+    zones = []
+    for i, number in enumerate(pieces):
+        block = Block(number)
+        parts = [section("cells", number, 1, block.table)]
+        zones.append(unstructured(f"Zone{i}", np.array([i, 0, 0]) + block.straight, len(block.table), *parts))
+    dataset = convert(Cgns([writing.write_hdf5(tmp_path / "a.cgns", [base(*zones)], 4.2)])).dataset
+    assert integrate(dataset, "1")[0].value == pytest.approx(2, rel=1e-12)
+    assert integrate(dataset, "1", over="all").value == pytest.approx(10, rel=1e-12)
+    names = [composite.name for composite in dataset.mesh.composites]
+    assert (NON_CONFORMING in names) == (pieces[0] != pieces[1])

@@ -5,10 +5,11 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from small_files import hopr as small_hopr
 
 from elvis.converters.hopr import Hopr
-from elvis.core.mesh import NON_CONFORMING
-from elvis.formats import FormatError
+from elvis.core.mesh import NON_CONFORMING, PERIODIC
+from elvis.formats import FormatError, integrate
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, values_found
 
@@ -51,7 +52,7 @@ def test_names_time_boundaries(folder):
     assert dataset.time == 10.0
     assert dataset.metadata["Program"] == "Flexi"
     names = [composite.name for composite in dataset.mesh.composites]
-    assert names == ["hexahedron", "BC_wall", "BC_inflow", "BC_outflow", "BC_zminus", "BC_zplus"]
+    assert names == ["hexahedron", "BC_wall", "BC_inflow", "BC_outflow", "BC_zminus", "BC_zplus", PERIODIC]
 
 
 def test_all_shapes_of_a_mesh_alone(folder):
@@ -198,3 +199,22 @@ def test_a_truncated_file_is_refused(copied, elvis, tmp_path):
     with pytest.raises(Exception, match=CAVITY):
         elvis("convert", copied / CAVITY, "-o", tmp_path / "out.xml")
     assert not (tmp_path / "out.xml").exists()
+
+
+@pytest.mark.parametrize("has_types", [True, False])
+def test_periodic_sides_are_no_outer_boundary_and_keep_their_names(tmp_path, has_types):
+    """Of two cubes in a row, the first and the last side are one; of others that have such a type no neighbour."""
+    (path,) = small_hopr(tmp_path)
+    with h5py.File(path, "r+") as file:
+        sides = np.asarray(file["SideInfo"])
+        sides[4, 2:4], sides[8, 2:4] = (2, 30), (1, 50)
+        file["SideInfo"][...] = sides
+        types = np.asarray(file["BCType"])
+        types[:, 0] = 1
+        del file["BCType"]
+        if has_types:
+            file["BCType"] = types
+    dataset = convert(Hopr([path])).dataset
+    assert integrate(dataset, "1", "all").value == pytest.approx(8, rel=1e-12)
+    assert [integrate(dataset, "1", name).value for name in ("in", "out")] == pytest.approx([1, 1], rel=1e-12)
+    assert {c.name: len(c.parts[0][1]) for c in dataset.mesh.composites}[PERIODIC] == 2

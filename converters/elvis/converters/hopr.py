@@ -21,6 +21,7 @@ from elvis.converters.inputs import check_roles, check_rows
 from elvis.converters.unit import UNIT, lattice, unit_basis
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
@@ -42,6 +43,9 @@ _SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXA
 
 #: our local side for each of the file's, by number of corners
 _SIDES = {6: (4, 2, 0, 1, 3)}
+
+#: the type of boundary conditions that identify sides
+_PERIODIC = 1
 
 #: of orders; of columns of ElemInfo
 _HIGHEST, _COLUMNS = 30, 6
@@ -128,7 +132,8 @@ class Hopr(NodalConverter):
         if sides.shape[1] < _COLUMNS - 1:
             raise FormatError(f"expected {_COLUMNS - 1} numbers a side, found {sides.shape[1]}", place="SideInfo")
         found: list[list[tuple[int, Ints, Ints]]] = [[] for _ in names]
-        mortars = []
+        mortars, periodic = [], []
+        is_identified = _are_identified(sides, _periodic_conditions(file, len(names)))
         for index, block in enumerate(self.blocks):
             count = len(block.shape.faces)
             numbers = self._sides_of(block, sides, file)
@@ -136,11 +141,15 @@ class Hopr(NodalConverter):
             for condition, own in enumerate(found, 1):
                 rows, local = np.nonzero(sides[numbers, 4] == condition)
                 own.append((index, rows, order[local]))
-            rows, local = np.nonzero((_small_sides(sides[numbers, 2]) > 0) | (sides[numbers, 0] < 0))
+            is_mortar = (_small_sides(sides[numbers, 2]) > 0) | (sides[numbers, 0] < 0)
+            rows, local = np.nonzero(is_mortar & ~is_identified[numbers])
             mortars.append((index, rows, order[local]))
+            rows, local = np.nonzero(is_identified[numbers])
+            periodic.append((index, rows, order[local]))
         self.mortars = [own for own in mortars if len(own[1])]
         self.is_conforming = not self.mortars
-        return [Boundary(name, sides=own) for name, own in zip(names, found, strict=True)]
+        named = zip([*names, PERIODIC], [*found, periodic], strict=True)
+        return [Boundary(name, sides=own) for name, own in named]
 
     def _sides_of(self, block: Elements, sides: Ints, file: h5py.File) -> Ints:
         """(n, faces) rows of SideInfo of the elements of a block.
@@ -275,6 +284,20 @@ class SubCells(NodalValues):
             found.append((boxes, np.full(len(boxes), face)))
         boxes, local_faces = (np.concatenate(each) for each in zip(*found, strict=True))
         return Boundary(boundary.name, sides=[(0, place, faces[is_other]), (1, boxes, local_faces)])
+
+
+def _periodic_conditions(file: h5py.File, count: int) -> Ints:
+    """Numbers of the boundary conditions that are periodic: those of type 1, all where the file tells no types."""
+    numbers = np.arange(1, count + 1)
+    if "BCType" not in file:
+        return numbers
+    types = ints(file, "BCType", None, None)
+    return numbers[types[:count, 0] == _PERIODIC] if len(types) == count and types.shape[1] else numbers[:0]
+
+
+def _are_identified(sides: Ints, conditions: Ints) -> NDArray[np.bool_]:
+    """(n,) which sides with one of some boundary conditions are identified with sides of other elements."""
+    return np.isin(sides[:, 4], conditions) & (sides[:, 2] != 0)
 
 
 def _declared(file: h5py.File) -> Declared:
