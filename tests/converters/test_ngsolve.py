@@ -10,8 +10,11 @@ from elvis.converters.ngsolve import NGSolve
 from elvis.converters.ngsolve_export import _rule, export
 from elvis.converters.unit import UNIT
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
+from elvis.formats import sample
 from elvis.plugins.conversion import PyramidSpace
+from elvis.plugins.converting import convert
 from elvis.plugins.nodal import NodalBasis, native_points
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.testing import check, values_found
@@ -323,3 +326,74 @@ def test_a_plane_mesh_without_elements_is_named(tmp_path):
     own.Save(str(tmp_path / "empty.vol"))
     with pytest.raises(FormatError, match=r"empty\.vol: expected elements, found none"):
         NGSolve([tmp_path / "empty.vol"])
+
+
+def reloaded(folder, mesh):
+    """A mesh as its file holds it."""
+    mesh.ngmesh.Save(str(folder / "case.vol"))
+    return ngsolve.Mesh(str(folder / "case.vol"))
+
+
+def saved(folder, function):
+    """The files of a mesh, which is there, and of a function."""
+    function.Save(str(folder / "case.u.gfu"))
+    return [folder / "case.vol", folder / "case.u.gfu"]
+
+
+def two_squares():
+    """The squares ``left`` and ``right`` of a rectangle."""
+    from netgen.occ import Glue, OCCGeometry, WorkPlane
+
+    faces = [WorkPlane().MoveTo(start, 0).Rectangle(1, 1).Face() for start in (0, 1)]
+    for face, name in zip(faces, ("left", "right"), strict=True):
+        face.faces.name = name
+    return ngsolve.Mesh(OCCGeometry(Glue(faces), dim=2).GenerateMesh(maxh=0.6))
+
+
+def value(dataset, quantity, over="domain"):
+    return integrate(dataset, quantity, over=over)[-1].value
+
+
+def test_complex_functions_products_and_parts_of_the_mesh(tmp_path):
+    mesh = reloaded(tmp_path, two_squares())
+    x, y = ngsolve.x, ngsolve.y
+    wave = ngsolve.GridFunction(ngsolve.H1(mesh, order=3, complex=True))
+    wave.Set(x**2 * y + 1j * (x - y))
+    dataset = check(NGSolve, saved(tmp_path, wave), spaces="H1:3:complex").dataset
+    assert value(dataset, "u_re") == pytest.approx(4 / 3, rel=1e-12)
+    assert value(dataset, "u_im") == pytest.approx(1, rel=1e-12)
+
+    product = ngsolve.GridFunction(ngsolve.FESpace([ngsolve.VectorH1(mesh, order=2), ngsolve.L2(mesh, order=1)]))
+    velocity, pressure = product.components
+    velocity.Set((x * y, y))
+    pressure.Set(x + y)
+    dataset = convert(NGSolve(saved(tmp_path, product), spaces="VectorH1:2*L2:1")).dataset
+    assert value(dataset, "u_1_x") == pytest.approx(1, rel=1e-12)
+    assert value(dataset, "u_2") == pytest.approx(3, rel=1e-12)
+
+    part = ngsolve.GridFunction(ngsolve.H1(mesh, order=2, definedon=mesh.Materials("right")))
+    part.Set(x)
+    dataset = convert(NGSolve(saved(tmp_path, part), spaces="H1:2@right")).dataset
+    assert value(dataset, "u", "region:right") == pytest.approx(1.5, rel=1e-12)
+    assert np.isnan(sample(dataset, "u", (0.5, 0.5))["u"]).all()
+    with pytest.raises(FormatError, match="expected parts of the mesh among left, right, found 'middle'"):
+        NGSolve(saved(tmp_path, part), spaces="H1:2@middle")
+    with pytest.raises(FormatError, match="complex numbers of H1 of order 2"):
+        NGSolve(saved(tmp_path, part), spaces="H1:2:complex")
+
+
+def test_surfaces_without_a_volume(tmp_path):
+    from netgen.meshing import MeshingStep
+    from netgen.occ import OCCGeometry, Pnt, Sphere
+
+    geometry = OCCGeometry(Sphere(Pnt(0, 0, 0), 1))
+    mesh = ngsolve.Mesh(geometry.GenerateMesh(maxh=1, perfstepsend=MeshingStep.MESHSURFACE))
+    mesh.Curve(3)
+    mesh = reloaded(tmp_path, mesh)
+    function = ngsolve.GridFunction(ngsolve.H1(mesh, order=3))
+    function.Set(ngsolve.z**2, definedon=mesh.Boundaries(".*"))
+    conversion = check(NGSolve, saved(tmp_path, function), spaces="H1:3")
+    assert set(conversion.report.elements) == {"triangle"}
+    for quantity, own in (("1", ngsolve.CoefficientFunction(1)), ("u", function)):
+        wanted = ngsolve.Integrate(own, mesh, ngsolve.BND, order=20)
+        assert integrate(conversion.dataset, quantity, error=1e-10)[0].value == pytest.approx(wanted, rel=1e-8)

@@ -35,20 +35,18 @@ def from_ngsolve(
     """The dataset of an NGSolve mesh and its functions: ``from_ngsolve(mesh, u=gfu, p=gfp)``.
 
     fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
-            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
+            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``
     order   polynomial degree of all fields; where it is not given, that of the spaces, or a higher one for functions
             that are no polynomials in the reference element, such as those of H(div) on curved elements
     time    of the data
 
     The library evaluates all functions.  Remarks of the dataset tell the error, measured at points that no fit has
-    used.  ElvisError where there is another thing, or a complex function.
+    used.  ElvisError where there is another thing.
     """
     _check(mesh, "MapToAllElements", "an ngsolve.Mesh first")
     given = fields_by_name(fields, named)
     for name, field in given.items():
         _check(field, "Compile", f"a grid function or a coefficient function for {name}")
-        if field.is_complex:
-            raise ElvisError(f"{name}: expected a real function, found a complex one: give its real part, {name}.real")
     if order is not None and (not isinstance(order, int) or not 1 <= order <= HIGHEST_ORDER):
         raise ElvisError(f"order: expected a whole number from 1 to {HIGHEST_ORDER}, found {short_text(order)}")
     source = NGSolve.of(Session(mesh, given, order))

@@ -64,14 +64,19 @@ class NGSolve(NodalConverter):
     reads = Reads(
         "all",
         "any",
-        "H1, L2, vectors of these, H(div), H(curl)",
+        "H1, L2, vectors of these, H(div), H(curl), products",
         "by name and number",
         "none",
         "none",
         "no",
-        "no",
+        "two fields, `u_re` and `u_im`",
     )
-    options = (Option("spaces", "Spaces of the .gfu files in their order, such as H1:5,L2:4,VectorH1:4."),)
+    options = (
+        Option(
+            "spaces",
+            "Spaces of the .gfu files in their order, as H1:5,VectorH1:3*H1:2 (a product), H1:4:complex, L2:4@air.",
+        ),
+    )
     beside = ()
 
     @classmethod
@@ -263,10 +268,19 @@ class NGSolve(NodalConverter):
             is_polynomial = polynomial is None or name in np.ravel(polynomial).tolist()
             own = int(self._orders_of(f"order_{name}")[0]) if f"order_{name}" in self._data else _HIGHEST
             parts = zip(self.blocks, self._parts, strict=True)
-            values = [self._values(name, count, block, *part, own) for block, part in parts]
-            orders = [min(own, each.order) for each in values]
+            regions = self._regions_of(name)
+            values = [
+                self._values(name, count, block, *part, own) if regions is None or block.region in regions else None
+                for block, part in parts
+            ]
+            orders = [None if each is None else min(own, each.order) for each in values]
             labels = component_names(name, count)
             self.add_field(name, labels, values, is_continuous, is_polynomial, orders=orders)
+
+    def _regions_of(self, name: str) -> list[str] | None:
+        """The parts of the mesh that have a function, None for all."""
+        found = self._data.get(f"regions_{name}")
+        return None if found is None else [str(own) for own in np.ravel(found)]
 
     def _values(self, name: str, count: int, block: Elements, shape: str, rows: Ints, order: int) -> NodalValues:
         """A function on the elements of a block."""

@@ -10,9 +10,10 @@ how far these are from the functions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,9 @@ UNIT_VERTICES = {
 _CONTINUOUS = ("h1ho", "VectorH1", "nodalfespace")
 _POLYNOMIAL = (*_CONTINUOUS, "l2ho", "VectorL2", "number", "Periodich1ho")
 
+#: the dimension of meshes that may be surfaces
+_SPACE_DIMENSION = 3
+
 #: the highest order of samples
 _HIGHEST = 16
 
@@ -63,44 +67,67 @@ _HIGHEST = 16
 _INSIDE = 40
 
 
+class Sampled(NamedTuple):
+    """A function that is evaluated, and where it comes from.
+
+    space    of the grid function that it is or is a part of, None for other functions
+    regions  names of the parts of the mesh that have it, None for all
+    """
+
+    function: Any
+    space: Any = None
+    regions: tuple[str, ...] | None = None
+
+
 class Session:
     """A mesh of the library with functions on it, evaluated at reference points of elements.
 
-    fields  grid functions by name, or coefficient functions, for which ``order`` must be given
+    fields  grid functions by name, coefficient functions, for which ``order`` must be given, or `Sampled`; of complex
+            ones the real part is called ``NAME_re``, the imaginary one ``NAME_im``
     order   polynomial degree of all fields; that of each space where it is not given
 
+    Elements are those of the volume, or of the surface of a mesh without a volume.
     ElvisError where there are no elements, or an order is missing.
     """
 
     def __init__(self, mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> None:
         import ngsolve
 
-        self._ngsolve, self._mesh, self._fields = ngsolve, mesh, dict(fields)
-        self.orders = {name: _order(mesh, name, field, order) for name, field in fields.items()}
+        self._ngsolve, self._mesh, self._fields = ngsolve, mesh, _real_fields(fields)
         bend = 0 if mesh.deformation is None else mesh.deformation.space.globalorder
         self.geometry = max(mesh.GetCurveOrder(), bend, 1)
+        self._parts, self._sides = ngsolve.VOL, ngsolve.BND
         self.elements = _elements(mesh.Elements(ngsolve.VOL))
+        if not self.elements and mesh.dim == _SPACE_DIMENSION:
+            self._parts, self._sides = ngsolve.BND, ngsolve.BBND
+            self.elements = _elements(mesh.Elements(ngsolve.BND))
         if not self.elements:
             raise ElvisError("expected elements, found none")
+        own = mesh.Elements(self._parts)
+        self.orders = {name: _order(own, name, field.space, order) for name, field in self._fields.items()}
         self._place = ngsolve.CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim])
         one = {getattr(ngsolve.ET, name.upper()): _one_point(ngsolve, SHAPES[name]) for name in self.elements}
-        self._first = mesh.MapToAllElements(one, ngsolve.VOL)[:1]
+        self._first = mesh.MapToAllElements(one, self._parts)[:1]
 
     def description(self) -> dict[str, Any]:
         """What a file holds (see `elvis.converters.ngsolve`) but for points, places and values; counts of components.
 
         polynomial  names of the functions that are polynomials of their order
         count_NAME  number of components
+        regions_NAME  the parts of the mesh that have the function, where these aren't all
         """
         data: dict[str, Any] = {"order": np.array([self.geometry, max([self.geometry, *self.orders.values()])])}
-        types = {name: getattr(getattr(own, "space", None), "type", "") for name, own in self._fields.items()}
+        types = {name: getattr(own.space, "type", "") for name, own in self._fields.items()}
         data["continuous"] = np.array([name for name, own in types.items() if own in _CONTINUOUS], dtype="U")
         data["polynomial"] = np.array([name for name, own in types.items() if own in _POLYNOMIAL], dtype="U")
         data |= {f"order_{name}": np.array(each) for name, each in self.orders.items()}
-        data |= {f"count_{name}": np.array(int(field.dim)) for name, field in self._fields.items()}
+        data |= {f"count_{name}": np.array(int(field.function.dim)) for name, field in self._fields.items()}
+        for name, field in self._fields.items():
+            if field.regions is not None:
+                data[f"regions_{name}"] = np.array(field.regions, dtype="U")
         for name, (numbers, vertices, regions, _) in self.elements.items():
             data |= {f"{name}_elem": numbers, f"{name}_verts": vertices, f"{name}_region": regions}
-        for name, (_, vertices, regions, indices) in _elements(self._mesh.Elements(self._ngsolve.BND)).items():
+        for name, (_, vertices, regions, indices) in _elements(self._mesh.Elements(self._sides)).items():
             data |= {f"boundary_{name}_verts": vertices, f"boundary_{name}_region": regions}
             data[f"boundary_{name}_number"] = 1 + indices
         return data
@@ -111,7 +138,7 @@ class Session:
 
     def values(self, name: str, elements: Ints, points: Floats) -> Floats:
         """(k, n, c) components of a function at reference points (n, d) of elements (k,)."""
-        return self._table(self._fields[name], elements, points)
+        return self._table(self._fields[name].function, elements, points)
 
     def _table(self, function: Any, elements: Ints, points: Floats) -> Floats:
         """(k, n, c) values; the library takes points as records of coordinates and an element's number."""
@@ -187,16 +214,27 @@ def _added(session: Session, field: str) -> int:
     return more.added
 
 
-def _order(mesh: Any, name: str, field: Any, order: int | None) -> int:
-    """The order that is asked for, or the highest of the elements of the field's space."""
-    space = getattr(field, "space", None)
+def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
+    """Functions with real values: of complex ones two."""
+    found: dict[str, Sampled] = {}
+    for name, field in fields.items():
+        own = field if isinstance(field, Sampled) else Sampled(field, getattr(field, "space", None))
+        if own.function.is_complex:
+            found[f"{name}_re"] = own._replace(function=own.function.real)
+            found[f"{name}_im"] = own._replace(function=own.function.imag)
+        else:
+            found[name] = own
+    return found
+
+
+def _order(elements: Any, name: str, space: Any, order: int | None) -> int:
+    """The order that is asked for, or the highest of the elements of a field's space."""
     if order is None and space is None:
         raise ElvisError(f"expected an order for {name}, which is no grid function, found none")
     if order is not None:
         return order
-    assert space is not None
     # orders may differ by element (SetOrder), which the order of the space doesn't tell
-    return max([int(space.globalorder), *(int(space.GetFE(element).order) for element in mesh.Elements())])
+    return max([int(space.globalorder), *(int(space.GetFE(element).order) for element in elements)])
 
 
 def _elements(found: Any) -> dict[str, tuple[Ints, Ints, Any, Ints]]:
@@ -257,17 +295,19 @@ class Library:
 
         self._ngsolve: Any = ngsolve
 
-    def read(self, path: str, named: str, fields: Mapping[str, tuple[str, str, int]]) -> dict[str, Any]:
-        """The `Session.description` of a mesh and functions; ``fields`` are file, space and order by name.
+    def read(self, path: str, named: str, fields: Mapping[str, tuple[str, Sequence[Sequence[Any]]]]) -> dict[str, Any]:
+        """The `Session.description` of a mesh and functions.
 
+        fields  file and spaces (see `_space`) by name; functions of several spaces are called ``NAME_1``, ``NAME_2``
         FormatError where a function has another number of values than its space, or, naming ``named``, where the
         samples can't be made.
         """
         mesh = self._ngsolve.Mesh(path)
-        functions = {
-            name: _function(self._ngsolve, mesh, Path(file), kind, order)
-            for name, (file, kind, order) in fields.items()
-        }
+        functions: dict[str, Sampled] = {}
+        for name, (file, spaces) in fields.items():
+            parts = _functions(self._ngsolve, mesh, Path(file), spaces)
+            names = [name] if len(parts) == 1 else [f"{name}_{number + 1}" for number in range(len(parts))]
+            functions |= dict(zip(names, parts, strict=True))
         try:
             self._session = Session(mesh, functions)
         except ElvisError as error:
@@ -283,12 +323,35 @@ class Library:
         return self._session.values(name, elements, points)
 
 
-def _function(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int) -> Any:
-    """The grid function of a file; FormatError where it has another number of values than the space."""
-    space = getattr(ngsolve, kind)(mesh, order=order)
-    if path.stat().st_size != 8 * space.ndof:
-        expected = f"{space.ndof} numbers of {kind} of order {order}"
-        raise FormatError(f"expected {expected}, found {path.stat().st_size / 8:g}", file=path)
+def _functions(ngsolve: Any, mesh: Any, path: Path, spaces: Sequence[Sequence[Any]]) -> list[Sampled]:
+    """The functions of a file, one of each space; FormatError where it has another number of values than these."""
+    own = [_space(ngsolve, mesh, path, *each) for each in spaces]
+    space = own[0] if len(own) == 1 else ngsolve.FESpace(own)
+    width = 16 if space.is_complex else 8
+    if path.stat().st_size != width * space.ndof:
+        names = " and ".join(f"{kind} of order {order}" for kind, order, *_ in spaces)
+        expected = f"{space.ndof} {'complex ' if space.is_complex else ''}numbers of {names}"
+        raise FormatError(f"expected {expected}, found {path.stat().st_size / width:g}", file=path)
     function = ngsolve.GridFunction(space)
     function.Load(str(path))
-    return function
+    parts = [function] if len(own) == 1 else list(function.components)
+    regions = [_regions(mesh, region) for _, _, _, region in spaces]
+    return [Sampled(*each) for each in zip(parts, own, regions, strict=True)]
+
+
+def _space(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int, is_complex: bool, region: str) -> Any:
+    """A space by its kind and order, on all of the mesh or on the parts that a regular expression names."""
+    if not region:
+        return getattr(ngsolve, kind)(mesh, order=order, complex=is_complex)
+    names = _regions(mesh, region)
+    if not names:
+        known = ", ".join(sorted(set(mesh.GetMaterials())))
+        raise FormatError(f"expected parts of the mesh among {known}, found {region!r}", file=path)
+    return getattr(ngsolve, kind)(mesh, order=order, complex=is_complex, definedon=mesh.Materials("|".join(names)))
+
+
+def _regions(mesh: Any, region: str) -> tuple[str, ...] | None:
+    """The names of the parts of a mesh that a regular expression fits, None for all."""
+    if not region:
+        return None
+    return tuple(name for name in sorted(set(mesh.GetMaterials())) if re.fullmatch(region, name))

@@ -30,8 +30,12 @@ from elvis.plugins.discovery import installing
 SPACES = ("H1", "L2", "VectorH1", "VectorL2", "HDiv", "HCurl")
 
 _BEGIN = re.compile(rb"(?m)^mesh[123]d\s*$")
-_SPACE = re.compile(rf"({'|'.join(SPACES)}):(\d{{1,2}})")
+#: a space: its kind and order, whether it is complex, the part of the mesh that it is defined on
+_SPACE = re.compile(rf"({'|'.join(SPACES)}):(\d{{1,2}})(:complex)?(?:@([\w.|-]{{1,200}}))?")
 _HIGHEST, _HEAD = 20, 400
+
+#: kind and order of a space, whether it is complex, and the names of the parts of the mesh that it is defined on
+Space = tuple[str, int, bool, str]
 
 #: sections of elements, with the columns of the number of vertices
 _ELEMENTS = {
@@ -77,7 +81,7 @@ class Reader:
     FormatError where the library fails.
     """
 
-    def __init__(self, path: Path, fields: Mapping[str, tuple[str, str, int]], size: int) -> None:
+    def __init__(self, path: Path, fields: Mapping[str, tuple[str, Sequence[Space]]], size: int) -> None:
         self._path, self._library = path, Apart(_WORKER, size)
         with _link(path) as link:
             self.data: dict[str, Any] = self._ask("read", str(link), str(path), dict(fields), size=size)
@@ -117,7 +121,7 @@ def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], P
         )
     text = _text(meshes[0])
     notes = _check(meshes[0], text)
-    fields = {_name(meshes[0], path): (str(path), *own) for path, own in named}
+    fields = {_name(meshes[0], path): (str(path), own) for path, own in named}
     size = len(text) + sum(path.stat().st_size for path in functions)
     reader = Reader(meshes[0], fields, size)
     declared = np.array(_declared(meshes[0], text))
@@ -133,22 +137,26 @@ def _link(path: Path) -> Iterator[Path]:
         yield link
 
 
-def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, tuple[str, int]]]:
-    """The space and order of each function's file."""
+def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, list[Space]]]:
+    """The spaces of each function's file: one, or those of a product."""
     found = [part.strip() for part in (spaces or "").split(",") if part.strip()]
     if len(found) != len(functions):
         expected = f"a space for each of {len(functions)} .gfu files, which don't say theirs"
         raise ElvisError(
             f"expected {expected} (--reader spaces=H1:5,L2:4; of elvis convert --spaces), found {len(found)}"
         )
-    result = []
-    for path, text in zip(functions, found, strict=True):
-        match = _SPACE.fullmatch(text)
-        if match is None or int(match[2]) > _HIGHEST:
-            expected = f"{', '.join(SPACES)}, a colon and an order up to {_HIGHEST}"
-            raise ElvisError(f"expected a space among {expected}, found {text!r}")
-        result.append((path, (match[1], int(match[2]))))
-    return result
+    return [(path, [_space(part) for part in text.split("*")]) for path, text in zip(functions, found, strict=True)]
+
+
+def _space(text: str) -> Space:
+    """A space by its text; ElvisError for others."""
+    match = _SPACE.fullmatch(text.strip())
+    if match is None or int(match[2]) > _HIGHEST:
+        expected = f"{', '.join(SPACES)}, a colon and an order up to {_HIGHEST}"
+        raise ElvisError(
+            f"expected a space among {expected}, perhaps with :complex or @PART behind it, found {text.strip()!r}"
+        )
+    return match[1], int(match[2]), match[3] is not None, match[4] or ""
 
 
 def _name(mesh: Path, path: Path) -> str:
