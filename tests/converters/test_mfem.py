@@ -7,6 +7,8 @@ import pytest
 
 from elvis.converters.mfem import Mfem
 from elvis.core.errors import FormatError
+from elvis.core.integrals import integrate
+from elvis.formats import sample
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
@@ -447,3 +449,58 @@ def test_bad_streams_are_refused_in_a_sentence(solvers, tmp_path, old, new, mess
     with pytest.raises(FormatError, match=message) as caught:
         Mfem([path])
     assert str(path) in str(caught.value)
+
+
+def saved(folder, mesh, name, function):
+    """The files of a mesh and of a function."""
+    mesh.Print(str(folder / "m.mesh"), 17)
+    function.Save(str(folder / name), 17)
+    return [folder / "m.mesh", folder / name]
+
+
+def test_complex_functions_are_two_fields(tmp_path):
+    mesh = mfem.Mesh(2, 2, "QUADRILATERAL")
+    collection = mfem.H1_FECollection(2, 2)
+    space = mfem.FiniteElementSpace(mesh, collection)
+    function = mfem.ComplexGridFunction(space)
+    places = np.array([[0.5 * (i % 3), 0.5 * (i // 3)] for i in range(9)])
+    size = space.GetVSize()
+    data = np.zeros(2 * size)
+    data[:size], data[size:] = 3.0, -2.0
+    data[: len(places)] += places[:, 0]
+    function.Assign(mfem.Vector(data))
+    paths = saved(tmp_path, mesh, "m.wave.gf", function)
+    dataset = check(Mfem, paths).dataset
+    assert [field.name for field in dataset.fields] == ["wave_re", "wave_im"]
+    real = mfem.GridFunction(space)
+    real.Assign(mfem.Vector(data[:size]))
+    real.Save(str(tmp_path / "m.real.gf"), 17)
+    alone = convert(Mfem([paths[0], tmp_path / "m.real.gf"])).dataset
+    for one, other in zip(dataset.fields[0].blocks, alone.fields[0].blocks, strict=True):
+        assert np.array_equal(one.coefficients, other.coefficients)
+    assert integrate(dataset, "wave_im")[0].value == pytest.approx(-2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "order"), [("QUADRILATERAL", 3), ("TRIANGLE", 2), ("TRIANGLE", 5)])
+def test_functions_at_quadrature_points(tmp_path, kind, order):
+    """At the points of the rule the values are those of the file; x + 2 y arrives as it is."""
+    mesh = mfem.Mesh(2, 1, kind)
+    space = mfem.QuadratureSpace(mesh, order)
+    values, places = [], []
+    for element in range(mesh.GetNE()):
+        rule, move = space.GetIntRule(element), mesh.GetElementTransformation(element)
+        for i in range(rule.GetNPoints()):
+            place = np.array(move.Transform(rule.IntPoint(i)))[:2]
+            places.append(place)
+            values += [place[0] + 2 * place[1], np.cos(9 * place[0]) * place[1]]
+    function = mfem.QuadratureFunction(space, 2)
+    function.Assign(mfem.Vector(values))
+    paths = saved(tmp_path, mesh, "m.q.qf", function)
+    dataset = check(Mfem, paths).dataset
+    first, second = (field.name for field in dataset.fields)
+    assert integrate(dataset, first)[0].value == pytest.approx(1.5, rel=1e-12)
+    found = sample(dataset, second, np.array(places))[second]
+    assert np.allclose(found, values[1::2], rtol=0, atol=1e-12)
+    (tmp_path / "m.q.qf").write_text((tmp_path / "m.q.qf").read_text().rsplit(maxsplit=1)[0])
+    with pytest.raises(FormatError, match=r"m\.q\.qf: values: expected \d+ numbers, found"):
+        Mfem(paths)

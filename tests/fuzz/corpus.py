@@ -199,6 +199,9 @@ def converted(folder):
     yield Subject("vtk", (folder / "tiny.vtk",), ("converted",))
     (folder / "tet.mesh").write_text(MFEM)
     yield Subject("mfem", (folder / "tet.mesh",), ("converted",))
+    for name, text in MFEM_FUNCTIONS.items():
+        (folder / name).write_text(text)
+        yield Subject("mfem", (folder / "tet.mesh", folder / name), ("converted",))
 
 
 def cgns(folder):
@@ -406,6 +409,14 @@ vertices
 0 1 0
 0 0 1
 """
+
+
+MFEM_FUNCTIONS = {
+    "tet.q.qf": "QuadratureSpace\nType: default_quadrature\nOrder: 2\nVDim: 1\n\n1\n2\n3\n4\n",
+    "tet.c.gf": "ComplexGridFunction\nFiniteElementSpace\nFiniteElementCollection: H1_3D_P1\nVDim: 1\nOrdering: 0\n\n"
+    + "1\n" * 4
+    + "2\n" * 4,
+}
 
 
 def nek():

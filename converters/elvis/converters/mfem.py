@@ -30,7 +30,8 @@ from elvis.converters.mfem_files import (
     rounding,
     values_after_header,
 )
-from elvis.converters.mfem_pieces import Piece, is_piece, is_stream, pieces
+from elvis.converters.mfem_pieces import Piece, Source, is_piece, is_stream, pieces
+from elvis.converters.mfem_quadrature import QUADRATURE, QuadratureFunction
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -55,16 +56,16 @@ class Mfem(NodalConverter):
 
     format = "MFEM meshes and grid functions (.mesh, .gf, .saved; pieces of parallel ones; .mfem_root)"
     keeps = "elements of all shapes and orders, H1 and L2 fields exactly; NURBS, H(div), H(curl) with a measured error"
-    loses = "hanging nodes make fields discontinuous; complex functions and functions at quadrature points are refused"
+    loses = "hanging nodes make fields discontinuous; functions at quadrature points are polynomials through these"
     reads = Reads(
         "all",
         "any, variable",
-        "H1, L2, H(div), H(curl), plane vectors of three components, NURBS",
+        "H1, L2, H(div), H(curl), plane vectors of three components, NURBS, quadrature points",
         "attributes and sets by name",
         "collections, numbered files",
         "pieces, `.mfem_root`",
         "NCMesh",
-        "no",
+        "two fields, `u_re` and `u_im`",
     )
     needs = ("mfem",)
 
@@ -183,7 +184,7 @@ class _Part:
 
     def __init__(self, number: int, piece: Piece, folder: Path, library: Apart) -> None:
         self.path, text = piece.mesh.named, piece.mesh.text
-        self._asked = _RemoteMesh(library, number, self.path)
+        self._asked, self._number = _RemoteMesh(library, number, self.path), number
         check_mesh(self.path, text)
         found = self._asked.read("mesh", str(piece.mesh.file(folder)), size=_work(text), path=self.path)
         self.vertices, self.attributes = found["vertices"], found["attributes"]
@@ -195,13 +196,33 @@ class _Part:
         self.geometry = _Function(self._asked, 0, found["map"])
         if found["has_nodes"] and "FiniteElementCollection:" in text:
             values_after_header(self.path, text, found["map"]["size"], is_last=False)
-        self.names, self.functions = list(piece.functions), []
-        for at, source in enumerate(piece.functions.values(), 1):
-            own = self._asked.function(source.file(folder), _work(source.text), source.named)
-            values_after_header(source.named, source.text, own["size"], is_last=True)
-            self.functions.append(_Function(self._asked, at, own))
+        self.names, self.functions = list(piece.functions), self._functions(piece, folder)
         self.precision = rounding(text)
         self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
+
+    def _functions(self, piece: Piece, folder: Path) -> list[_Function | QuadratureFunction]:
+        """The functions on the mesh; FormatError where one has another number of values than its space."""
+        found: list[_Function | QuadratureFunction] = []
+        for source in piece.functions.values():
+            if source.text.startswith(QUADRATURE):
+                found.append(self._quadrature(source))
+                continue
+            own = self._asked.function(source.file(folder), _work(source.text), source.named)
+            values_after_header(source.named, source.text, own["size"], is_last=True)
+            at = 1 + sum(isinstance(each, _Function) for each in found)
+            found.append(_Function(self._asked, at, own))
+        return found
+
+    def _quadrature(self, source: Source) -> QuadratureFunction:
+        """A function at quadrature points."""
+        corners = self._corners.sizes
+        shapes = {number: self._shape(number) for number in np.unique(corners).tolist()}
+
+        def rule(element: int, order: int) -> Floats:
+            found = self._asked.read("rule", self._number, element, order, size=_work(source.text), path=source.named)
+            return np.asarray(found["points"])
+
+        return QuadratureFunction(source.named, source.text, shapes, corners, rule)
 
     def _shape(self, corners: int) -> Shape:
         """The shape of elements with this many corners; FormatError where none of the mesh's dimension has."""

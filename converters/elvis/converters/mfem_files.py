@@ -31,6 +31,10 @@ _PER_SECOND, _LONGEST = 10**9, 3600
 _FEW_DIGITS, _LOOKED_AT = 9, 500
 
 
+#: how files of complex grid functions begin, and those of a process
+COMPLEX = ("ComplexGridFunction", "ParComplexGridFunction")
+
+
 def first_line(path: Path) -> str:
     """The first line of a file, shortened; empty where it can't be read."""
     return leading(path, 80).split(b"\n")[0].decode("ascii", "replace").strip()
@@ -48,7 +52,7 @@ def is_mesh(path: Path) -> bool:
 
 def is_field(path: Path) -> bool:
     """Whether a file begins as grid functions do."""
-    return first_line(path) in ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0")
+    return first_line(path) in ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0", *COMPLEX, "QuadratureSpace")
 
 
 def is_root(path: Path) -> bool:
@@ -175,7 +179,10 @@ def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Flo
 
 def header_end(path: Path, text: str) -> int:
     """Where the last description of a space in a text ends; FormatError where there is none."""
-    header = list(re.finditer(r"(?m)^(Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0) *$", text))
+    ends = r"Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0"
+    if text.startswith("QuadratureSpace"):
+        ends = r"VDim: *\d+"
+    header = list(re.finditer(rf"(?m)^({ends}) *$", text))
     if not header:
         raise FormatError("expected the description of a space, found none that ends", file=path)
     return header[-1].end()

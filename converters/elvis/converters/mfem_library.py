@@ -60,6 +60,14 @@ class Library:
         own.functions.append(_Function(self._mfem, found, found.FESpace()))
         return own.functions[-1].description(own.corners)
 
+    def rule(self, mesh: int, element: int, order: int, named: str) -> dict[str, Any]:
+        """The ``points`` (n, d) of the library's rule of an order in an element; FormatError where it has none."""
+        own = self._meshes[mesh].mesh
+        rule = _guard(named, lambda: self._mfem.IntRules.Get(own.GetElementBaseGeometry(element), order))
+        points = [rule.IntPoint(i) for i in range(rule.GetNPoints())]
+        table = np.array([(point.x, point.y, point.z) for point in points], np.float64).reshape(-1, 3)
+        return {"points": table[:, : own.Dimension()]}
+
     def basis(self, mesh: int, elements: Ints, points: Floats, function: int) -> Floats:
         """(n_points, n) the functions of the space of a function on the first of some elements."""
         return self._meshes[mesh].functions[function].basis(int(elements[0]), points)

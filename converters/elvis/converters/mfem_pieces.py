@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from elvis.converters.mfem_files import first_line, header_end, is_mesh, load
+from elvis.converters.mfem_files import COMPLEX, first_line, header_end, is_mesh, load
 from elvis.core.errors import FormatError
 
 #: first words of streams with functions and without; ``keys`` follow the numbers of some
 _STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
 
-#: how those begin that hold something else
-_REFUSED = ("ComplexGridFunction", "QuadratureSpace")
+#: how streams begin that hold something else
+_REFUSED = (*COMPLEX, "QuadratureSpace")
 
 _SHARED = re.compile(r"(?m)^(mfem_serial_mesh_end|communication_groups)\s*$")
 _SPACE = re.compile(r"(?m)^(FiniteElementSpace|MFEM FiniteElementSpace v1\.0)\s*$")
@@ -87,10 +87,24 @@ def _piece(mesh: Path, functions: Sequence[Path]) -> Piece:
     shared = _SHARED.search(text)
     end = f"{_END}\n" if _END in text else ""
     source = Source(mesh, text[: shared.start()] + end if shared else text, shared is None)
-    named = {_name(mesh, path): Source(path, load(path), True) for path in functions}
-    for each in named.values():
-        _refuse(each.named, each.text)
+    named: dict[str, Source] = {}
+    for path in functions:
+        named |= _functions(_name(mesh, path), path, load(path))
     return Piece(source, named)
+
+
+def _functions(name: str, path: Path, text: str) -> dict[str, Source]:
+    """The function of a file by name; of a complex one, whose imaginary values follow the real ones, two functions."""
+    if not text.startswith(COMPLEX):
+        return {name: Source(path, text, True)}
+    own = text.partition("\n")[2].lstrip()
+    end = header_end(path, own)
+    words = own[end:].split()
+    if len(words) % 2:
+        raise FormatError(f"expected as many real numbers as imaginary ones, found {len(words)}", file=path)
+    parts = {"re": words[: len(words) // 2], "im": words[len(words) // 2 :]}
+    head = own[:end]
+    return {f"{name}_{part}": Source(path, f"{head}\n\n" + "\n".join(of) + "\n", False) for part, of in parts.items()}
 
 
 def _name(mesh: Path, field: Path) -> str:
