@@ -30,6 +30,8 @@ from elvis.core.validity.validity import ValidityStatus, statuses
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of what a map's derivatives are made of, in units of the last place
 _ROUNDING = 64
+#: a length that is positive, whatever the coordinates
+_SMALLEST = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +123,8 @@ class Piece:
         """
         shortest = np.linalg.norm(self.along(jacobians), axis=1).min(axis=1)
         size = np.abs(self.patch.geometry_coefficients[self.rows]).max(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.where(shortest > 0, size / shortest, 0.0))
+        # a side that is collapsed to a point or a line is nothing but rounding
+        return np.asarray(size / np.maximum(shortest, np.maximum(_EPS * size, _SMALLEST)))
 
     @cached_property
     def is_affine(self) -> Bools:

@@ -308,7 +308,8 @@ class Summation:
         count, taken = len(self._expressions), 0
         total = sum((group.sums(count) for group in groups), Sums.none(count))
         while groups and not self.is_unfinished:
-            goals = self._error * (magnitude + total.magnitude)
+            # nothing is gained by errors less than rounding, which is all there is of sides that are collapsed
+            goals = np.maximum(self._error * (magnitude + total.magnitude), total.rounding)
             self._tell(total, magnitude)
             scores = [group.scores(goals) for group in groups]
             costs = np.repeat([group.cost for group in groups], list(map(len, scores)))
