@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from audit import integrals, levels
 from audit.families.expressions import Rays, Values, crossings
-from audit.integrals import refutation
 from audit.running import Gallery, case_of
 from audit.validating import Count
 from audit.worlds import margins
@@ -197,7 +197,8 @@ def frame_of(case, own, view, depth):
     return Frame(scene, view, np.full(rows, np.nan), element, nothing, status, {}, drawing)
 
 
-def test_no_stated_error_of_a_sample_of_integrals_is_less_than_the_true_one(monkeypatch):
+@pytest.mark.parametrize(("refutation", "count"), [(integrals.refutation, 60), (levels.refutation, 8)])
+def test_no_stated_error_of_a_sample_is_less_than_the_true_one(monkeypatch, refutation, count):
     """Fewer points than users have: bounds hold wherever refinement ends."""
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 12)
-    assert not [sentence for seed in range(60) if (sentence := refutation(seed))]
+    assert not [sentence for seed in range(count) if (sentence := refutation(seed))]
