@@ -63,7 +63,7 @@ def function_of(rng, mesh):
 
 
 def refutation(seed):
-    """A sentence if the stated error of a case is less than the true one; None else, or without NGSolve."""
+    """A sentence if the stated error of a case is less than the true one; None else."""
     import ngsolve as ng
 
     rng = np.random.default_rng([9, seed])
