@@ -41,6 +41,7 @@ TYPES = {
     "PYRAMID5": (Shape.PYRAMID, 5),
     "PYRAMID13": (Shape.PYRAMID, 13),
     "PYRAMID14": (Shape.PYRAMID, 14),
+    "PYRAMID18": (Shape.PYRAMID, 18),
     "WEDGE6": (Shape.PRISM, 6),
     "WEDGE15": (Shape.PRISM, 15),
     "WEDGE18": (Shape.PRISM, 18),
@@ -360,3 +361,17 @@ def test_bubbles_of_tetrahedra_belong_to_their_faces():
     table = functions.at(points @ Shape.TETRAHEDRON.vertices)
     for node, face in enumerate([(0, 1, 2), (1, 2, 3), (0, 2, 3), (0, 1, 3)], 10):
         assert np.abs(table[:, node] - 27 * points[:, list(face)].prod(axis=1)).max() < 1e-12
+
+
+def test_bubbles_of_pyramids_are_those_of_libmesh():
+    """In front 27 (c - y)/2 p1 p2 p4 z/c² with p1 = (c - y)/2, p2 = (c + x)/2, p4 = (c - x)/2 and c = 1 - z."""
+    functions = _functions_of(Shape.PYRAMID, 18)
+    rng = np.random.default_rng(6)
+    z = rng.uniform(0, 0.9, 30)
+    x, y = rng.uniform(-1, 1, (2, 30)) * (1 - z)
+    # our height runs from -1 to 1, and our base does not shrink towards the apex at the origin
+    points = np.stack([x - z, y - z, 2 * z - 1], axis=1)
+    c = 1 - z
+    for node, (s, t) in enumerate([(x, y), (y, -x), (-x, -y), (-y, x)], 14):
+        front = 27 * (c - t) / 2 * (c - t) / 2 * (c + s) / 2 * (c - s) / 2 * z / c**2
+        assert np.abs(functions.at(points)[:, node] - front).max() < 1e-12

@@ -32,6 +32,7 @@ _MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<
 _WITH_BUBBLES = {
     (Shape.TRIANGLE, 7): True,
     (Shape.TETRAHEDRON, 14): True,
+    (Shape.PYRAMID, 18): True,
     (Shape.PRISM, 20): False,
     (Shape.PRISM, 21): True,
 }

@@ -38,6 +38,7 @@ _NAMES = {
 _TRIANGLE = [(0, 1), (1, 2), (2, 0)]
 _SQUARE = [(0, 1), (1, 2), (2, 3), (3, 0)]
 _BLOCK = [*_SQUARE, (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4)]
+_PYRAMID = [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)]
 _WEDGE = [*_TRIANGLE, (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)]
 
 #: nodes beyond the corners, each the middle of these corners, by shape and number of nodes
@@ -61,8 +62,9 @@ _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
         (0, 1, 3),
     ],
     (Shape.PYRAMID, 5): [],
-    (Shape.PYRAMID, 13): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)],
-    (Shape.PYRAMID, 14): [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4), (0, 1, 2, 3)],
+    (Shape.PYRAMID, 13): [*_PYRAMID],
+    (Shape.PYRAMID, 14): [*_PYRAMID, (0, 1, 2, 3)],
+    (Shape.PYRAMID, 18): [*_PYRAMID, (0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 3, 4)],
     (Shape.PRISM, 6): [],
     (Shape.PRISM, 15): [*_WEDGE],
     (Shape.PRISM, 18): [*_WEDGE, (0, 1, 4, 3), (1, 2, 5, 4), (0, 2, 5, 3)],

@@ -15,6 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, ShapeFunctions, space_values
@@ -88,8 +89,11 @@ def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
     """(n, m) quadratic functions, and those of third degree that are 1 in the middle of triangles.
 
     For triangles of 7 nodes and tetrahedra of 14.  Prisms of 21 nodes have the functions of these triangles times
-    quadratic ones.  Prisms of 20 lack the one that is 1 in the middle (``is_whole`` is False).
+    quadratic ones.  Prisms of 20 lack the one that is 1 in the middle (``is_whole`` is False).  On pyramids of 18 nodes
+    those of the triangles are libMesh's.
     """
+    if shape is Shape.PYRAMID:
+        return np.column_stack([space_values(shape, 2, points, PyramidSpace.RATIONAL), *_pyramid_bubbles(points)])
     a = barycentric(shape, points)
     triangle = edge_space(a, 2)
     bubbles = face_functions(a, 3)
@@ -99,6 +103,18 @@ def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
     columns = [f * g for f in triangle + bubbles for g in (1 - y, 1 + y)]
     upright = triangle + (bubbles if is_whole else [])
     return np.stack(columns + [f * (1 - y**2) for f in upright], axis=1)
+
+
+def _pyramid_bubbles(points: Floats) -> list[Floats]:
+    """Functions of third degree on one triangle of a pyramid each, 0 on all other faces.
+
+    With collapsed coordinates x, y, the height z from 0 to 1 and c = 1 - z: c² z (1 - x²) (1 ± y)², and with x and y
+    exchanged.  libMesh/libmesh, fe_lagrange_shape_3D.C, PYRAMID18.
+    """
+    x, y, height = collapse(Shape.PYRAMID, points).T
+    z = (1 + height) / 2
+    scale = (1 - z) ** 2 * z
+    return [scale * (1 - p**2) * (1 + sign * q) ** 2 for p, q in ((x, y), (y, x)) for sign in (-1, 1)]
 
 
 class NodalFunctions(ShapeFunctions):
