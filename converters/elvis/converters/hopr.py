@@ -297,7 +297,7 @@ def _periodic_conditions(file: h5py.File, count: int) -> Ints:
 
 def _are_identified(sides: Ints, conditions: Ints) -> NDArray[np.bool_]:
     """(n,) which sides with one of some boundary conditions are identified with sides of other elements."""
-    return np.isin(sides[:, 4], conditions) & (sides[:, 2] != 0)
+    return np.asarray(np.isin(sides[:, 4], conditions) & (sides[:, 2] != 0))
 
 
 def _declared(file: h5py.File) -> Declared:
