@@ -74,10 +74,18 @@ def test_the_schema_tells_arrays_on_cells():
     assert value(convert(Arrays(70, arrays, schema)).dataset, "c") == pytest.approx(7, rel=NEAR)
 
 
+def test_a_process_may_have_no_cells():
+    arrays = squares(2)
+    for blocks in arrays.values():
+        blocks.append(blocks[0][:0])
+    assert value(convert(Arrays(70, arrays)).dataset, "1") == pytest.approx(3, rel=NEAR)
+
+
 DAMAGES = [
     ("connectivity", [np.array([[3, 0, 1, 2, 3]])] * 2, "rows that begin with their number of nodes"),
     ("connectivity", [np.array([[4, 0, 1, 2, 99]])] * 2, "expected points 0 to 7, found 0 to 99"),
     ("geometry", [np.zeros((8, 2))] * 2, "places of three coordinates in 2 blocks"),
+    ("f", [np.zeros((8, 1)), np.zeros((8, 0))], r"as many components in all blocks, found \[0, 1\]"),
     ("f", [np.zeros((3, 1)), np.zeros((8, 1))], r"rows in blocks, found \[3, 8\]"),
 ]
 

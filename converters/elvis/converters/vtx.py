@@ -115,8 +115,17 @@ def grid_of(file: str, time: float, type: int, schema: str, arrays: Mapping[str,
     for name, blocks in arrays.items():
         if name not in (_POINTS, _CELLS, _IDS):
             own = grid.cell_data if _section(name, schema, blocks, counts) == "CellData" else grid.point_data
-            own[name] = np.concatenate([block.reshape(len(block), -1) for block in blocks])
+            own[name] = _columns(name, blocks)
     return grid
+
+
+def _columns(name: str, blocks: Sequence[Any]) -> Any:
+    """(n, k) the rows of all blocks; FormatError where some have more components than others."""
+    tables = [block[:, None] if block.ndim == 1 else block for block in blocks]
+    widths = {table.shape[1] for table in tables}
+    if len(widths) != 1 or not min(widths):
+        raise FormatError(f"expected as many components in all blocks, found {sorted(widths)}", place=name)
+    return np.concatenate(tables)
 
 
 def _check_mesh(points: Sequence[Floats], tables: Sequence[Ints]) -> None:
