@@ -77,3 +77,24 @@ def test_the_folder_follows_the_base_directory_specification(monkeypatch, cache_
     else:
         monkeypatch.setenv("XDG_CACHE_HOME", cache_home)
     assert cache_folder("kernels") == (None if expected is None else Path(expected))
+
+
+def test_the_command_lists_what_is_kept(tmp_path, monkeypatch):
+    import json
+
+    from click.testing import CliRunner
+
+    from elvis.plugins.command import elvis
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tmp_path / "elvis" / "kernels").mkdir(parents=True)
+    (tmp_path / "elvis" / "kernels" / "a.kernel").write_bytes(bytes(1000))
+    (tmp_path / "elvis" / "kernels" / "link").symlink_to("/etc/passwd")
+
+    def run(*words):
+        return CliRunner().invoke(elvis, ["devices", "--caches", *words], standalone_mode=False).stdout
+
+    kernels, conversions = json.loads(run("--json"))["caches"]
+    assert (kernels["folder"], kernels["files"], kernels["bytes"]) == (str(tmp_path / "elvis" / "kernels"), 1, 1000)
+    assert (conversions["files"], conversions["bytes"]) == (0, 0)
+    assert "0.977 KiB" in run()

@@ -17,6 +17,7 @@ import numpy as np
 from elvis.converters.incomplete import incomplete_functions, incomplete_pyramid
 from elvis.converters.unit import UNIT
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, ShapeFunctions
@@ -175,7 +176,7 @@ def element_type(number: int, by_notes: bool = False) -> ElementType:
     return ElementType(number, name, shape, order, nodes, _functions(shape, order, where, nodes, by_notes), corners)
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def nodes_of_type(number: int, by_notes: bool = False) -> Floats:
     """(k, d) reference coordinates of the nodes of a type."""
     _, shape, order, where = _TYPES[number]

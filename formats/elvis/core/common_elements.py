@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.boxes import BoxTree, outward
@@ -242,7 +242,7 @@ def _lattice(shape: Shape, count: int) -> Floats:
     return uncollapse(shape, eta.reshape(-1, shape.dimension))
 
 
-@cache
+@bounded_cache
 def _symmetry(shape: Shape, corners: Corners) -> Floats | None:
     """(1 + d, d) the affine map of reference coordinates, (1, xi) to S xi, that takes corner i to ``corners[i]``.
 
@@ -262,7 +262,7 @@ def _turned_points(shape: Shape, corners: Corners, points: Floats) -> Floats:
     return np.asarray(matrix[0] + points @ matrix[1:])
 
 
-@cache
+@bounded_cache
 def _turning(expansion: Expansion, shape: Shape, corners: Corners) -> tuple[Expansion, Floats] | None:
     """An expansion that holds u(S xi) for all u of another one, and the matrix (m, m') of coefficients.
 

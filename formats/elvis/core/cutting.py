@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.shapes import Shape
 
 #: a vertex of a child: the midpoint of two vertices of its parent, which may be the same
@@ -70,7 +70,7 @@ class Template:
     cells: Mapping[Shape, Ints]
 
 
-@cache
+@bounded_cache
 def template(shape: Shape, level: int) -> Template:
     """The shape after ``level`` cuts."""
     corners = {shape: (shape.vertices.astype(np.int64) << level)[None]}

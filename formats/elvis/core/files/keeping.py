@@ -35,6 +35,19 @@ def cache_folder(name: str) -> Path | None:
     return Path(folder) / "elvis" / name if os.path.isabs(folder) else None
 
 
+def kept_files(name: str) -> tuple[int, int]:
+    """Number and bytes of the files that are kept of a kind."""
+    folder = cache_folder(name)
+    sizes: list[int] = []
+    if folder is not None:
+        with suppress(OSError), os.scandir(folder) as entries:
+            for entry in entries:
+                with suppress(OSError):
+                    if entry.is_file(follow_symlinks=False):
+                        sizes.append(entry.stat(follow_symlinks=False).st_size)
+    return len(sizes), sum(sizes)
+
+
 def make_private(folder: Path) -> None:
     """Make a folder, and those above it that are missing, for its owner alone; OSError where that can't be."""
     missing = [own for own in (folder, *folder.parents) if not own.exists()]

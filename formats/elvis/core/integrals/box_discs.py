@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, reduce
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
 from elvis.core.integrals.tree_discs import ROUNDING, Ball, TreeDiscs, divided
@@ -320,7 +321,7 @@ def _expanded(t: list[list[Disc]]) -> Disc:
     return reduce(discs.plus, (discs.times(t[0][k], _expanded(others[k])) for k in range(3)))
 
 
-@lru_cache(maxsize=64)
+@bounded_cache
 def _growths(count: int) -> Floats:
     """(2, count, rhos) the greatest that |P_k| and |Im P_k| are inside of the ellipses, or more.
 
@@ -336,7 +337,7 @@ def _growths(count: int) -> Floats:
     return frozen_floats(np.stack([real, rounded_up @ ((RHOS**j - RHOS**-j) / 2)]))
 
 
-@lru_cache(maxsize=8)
+@bounded_cache
 def _factors(d: int) -> Floats:
     """(2 d, 1 + d rhos) radii of 1 + t and 1 - t around 1 for each direction: |t| on its ellipses, 1 elsewhere."""
     radii = np.ones((d, 2, 1 + d * len(RHOS)))

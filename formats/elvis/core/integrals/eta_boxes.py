@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.integrals.reference_cells import Piece, box_rule
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
@@ -35,7 +35,7 @@ def lattice_counts(piece: Piece) -> tuple[int, ...]:
     return tuple(max(degree, fold) + 1 for degree, fold in zip(own, COLLAPSE[piece.shape], strict=True))
 
 
-@cache
+@bounded_cache
 def to_legendre(count: int) -> Floats:
     """(count, count) Legendre coefficients, in rows, from values at Gauss points: (2 k + 1)/2 sum_j w_j P_k(x_j) u_j.
 

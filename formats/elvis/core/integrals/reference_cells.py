@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import GeometryBlock
 from elvis.core.mapping import tangents
@@ -186,7 +187,7 @@ def _sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
     return shape.edges if shape.dimension == 2 else shape.faces
 
 
-@lru_cache(maxsize=256)
+@bounded_cache
 def box_rule(counts: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Points (n, k) and weights (n,) of the product of Gauss rules on [-1, 1]^k; read-only."""
     lines = [gauss(count) for count in counts]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.interfaces.side_groups import SideGroup, SideSet, is_within
 from elvis.core.mapping.orientation import chunks
 
@@ -81,7 +81,7 @@ def _starts(group: SideGroup, rows: Ints, world: Floats) -> Floats:
     return grid[square.argmin(axis=1)].copy()
 
 
-@cache
+@bounded_cache
 def _grid(corners: int) -> Floats:
     """(n, 2) points all over a domain."""
     line = np.linspace(-0.9, 0.9, 5)

@@ -8,11 +8,11 @@ match, elements beyond them are found by place (`interface_jumps`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import local_vertices
@@ -97,7 +97,7 @@ def _turns(vertices: Ints) -> Ints:
     return np.asarray((first + way * np.arange(4)) % 4)
 
 
-@cache
+@bounded_cache
 def _lattice(corners: int, along: int) -> Floats:
     """(n, corners) weights of a side's vertices at the points of a lattice."""
     if corners == 1:

@@ -13,8 +13,12 @@ Examples:
 
 @click.command(epilog=EPILOG, short_help="List the devices that can draw.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def devices(as_json: bool) -> None:
+@click.option("--caches", "is_of_caches", is_flag=True, help="List the caches instead: folders, files and bytes.")
+def devices(as_json: bool, is_of_caches: bool) -> None:
     """List the devices that can draw, and the one that --device auto takes."""
+    if is_of_caches:
+        _list_caches(as_json)
+        return
     from elvis.core.terminal import print_json, print_table, warn
     from elvis.plugins.registry import plugins
     from elvis.renderer.adapters import ADVICE, COMPILER_ADVICE, adapters, by_preference, unfit
@@ -47,3 +51,21 @@ def devices(as_json: bool) -> None:
     print_table(("device", "kind", "what it is", ""), said)
     for sentence in advice:
         warn(sentence)
+
+
+def _list_caches(as_json: bool) -> None:
+    """Print where and how much is cached on the disk, and the limit of tables in the memory of a process."""
+    from elvis.core.bounded_cache import MAX_BYTES
+    from elvis.core.files.keeping import cache_folder, kept_files
+    from elvis.core.memory import size_text
+    from elvis.core.terminal import print_json, print_table
+
+    found = [(name, cache_folder(name), *kept_files(name)) for name in ("kernels", "conversions")]
+    if as_json:
+        shown = [(name, None if folder is None else str(folder), *counts) for name, folder, *counts in found]
+        caches = [dict(zip(("name", "folder", "files", "bytes"), row, strict=True)) for row in shown]
+        print_json({"caches": caches, "most_bytes_of_tables_in_memory": MAX_BYTES})
+        return
+    rows = [(name, str(folder or "nowhere"), str(count), size_text(size)) for name, folder, count, size in found]
+    rows.append(("tables", f"in the memory of a process, {size_text(MAX_BYTES)} at most", "", ""))
+    print_table(("cache", "folder", "files", "size"), rows)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.plugins.volume import Enclosure
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.leaf_types import along_rays
@@ -69,7 +68,7 @@ class Bends:
         return np.concatenate(found)
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def line_tails(degree: int) -> Floats:
     """(ellipses,) 4 r^-degree / (r - 1), r = a + sqrt(a^2 - 1), as in volume_enclose.slang; infinite for a = 1."""
     axes = np.array(LINE_AXES)
@@ -78,7 +77,7 @@ def line_tails(degree: int) -> Floats:
         return frozen_floats(4.0 * ratio**-degree / (ratio - 1.0))
 
 
-@lru_cache(maxsize=16)
+@bounded_cache
 def _grown(degree: int) -> Floats:
     """(ellipses, degree + 1, 3) greatest values of T_k and of its first and second derivative: at the axes' ends."""
     axes, found = np.array(CUBE_AXES), np.zeros((len(CUBE_AXES), degree + 1, 3))
