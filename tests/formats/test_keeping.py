@@ -1,6 +1,8 @@
 """Results that are kept: found again where they are whole, and never trusted where they are not."""
 
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -98,3 +100,43 @@ def test_the_command_lists_what_is_kept(tmp_path, monkeypatch):
     assert (kernels["folder"], kernels["files"], kernels["bytes"]) == (str(tmp_path / "elvis" / "kernels"), 1, 1000)
     assert (conversions["files"], conversions["bytes"]) == (0, 0)
     assert "0.977 KiB" in run()
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners")
+def test_what_another_user_wrote_is_not_read(tmp_path, monkeypatch):
+    store = Store(tmp_path, "thing", 1000)
+    path = store.write(b"key", b"content")
+    assert store.read(path) == (b"key", b"content")
+    if os.geteuid() == 0:
+        os.chown(path, 12345, -1)
+    else:
+        monkeypatch.setattr("os.geteuid", lambda: path.stat().st_uid + 1)
+    with pytest.raises(OSError, match="belongs to another user"):
+        store.read(path)
+
+
+#: a process that writes results under few keys, and reads them
+WRITER = """
+import sys
+from pathlib import Path
+from elvis.core.files.keeping import Store
+
+store = Store(Path(sys.argv[1]), "thing", 20_000)
+for number in range(200):
+    key = b"%d" % (number % 5)
+    path = store.write(key, key * 1000)
+    try:
+        found = store.read(path)
+    except FileNotFoundError:  # removed by the other, as there is room for few
+        continue
+    assert found == (key, key * 1000), found
+    store.files()
+"""
+
+
+def test_two_processes_write_one_cache(tmp_path):
+    """Each reads what one of them wrote, whole; nothing is left over."""
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    running = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    assert [each.communicate()[1] for each in running] == ["", ""]
+    assert {path.suffix for path in tmp_path.iterdir()} == {".thing"}

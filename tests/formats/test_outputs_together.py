@@ -317,8 +317,41 @@ def test_everything_reaches_the_disk_before_any_name_changes(tmp_path, monkeypat
         monkeypatch.setattr(os, name, lambda *a, name=name, run=operation: (done.append(name), run(*a)))
     write_all(tmp_path)
     first = min(done.index(name) for name in ("link", "replace"))
-    assert done[:first] == ["fsync"] * 3
+    assert done[:first] == ["fsync"] * 4  # three files, and the names in the folder
     assert done[-1] == "fsync"
+
+
+def test_a_power_loss_at_any_operation_leaves_whole_files(tmp_path, monkeypatch, swapping):
+    """A disk keeps what was synced: whenever a name changes, all that it stands for was, names in folders included."""
+    prepare(tmp_path)
+    kept = {path.stat().st_ino for path in tmp_path.rglob("*")}
+    faults = []
+
+    def synced(descriptor, run=os.fsync):
+        run(descriptor)
+        kept.add(os.fstat(descriptor).st_ino)
+
+    def changed(run):
+        def operation(*arguments, **keywords):
+            result = run(*arguments, **keywords)
+            standing = [path for path in tmp_path.rglob("*") if ".elvis-" not in str(path)]
+            faults.extend(path for path in standing if path.lstat().st_ino not in kept)
+            return result
+
+        return operation
+
+    monkeypatch.setattr(os, "fsync", synced)
+    for name in ("link", "replace", "rename"):
+        monkeypatch.setattr(os, name, changed(getattr(os, name)))
+    with Outputs() as outputs:
+        with outputs.file(tmp_path / "new.txt") as file:
+            file.write_text("new")
+        with outputs.folder(tmp_path / "nested") as folder:
+            (folder / "below").mkdir()
+            (folder / "below" / "deep.txt").write_text("deep")
+    write_all(tmp_path)
+    assert faults == []
+    assert (tmp_path / "nested" / "below" / "deep.txt").read_text() == "deep"
 
 
 @pytest.mark.parametrize("other", ["a", "./a", "link", "sub/../a"])

@@ -6,7 +6,13 @@ from pathlib import Path
 
 
 class ElvisError(Exception):
-    """Anything that stops a command for a reason that a user can act on; the message is one sentence."""
+    """Anything that stops a command for a reason that a user can act on; the message is one sentence.
+
+    A message that quotes long texts keeps its beginning and its end.
+    """
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(_shortened(each, _LONGEST_OF_ALL) if isinstance(each, str) else each for each in args))
 
 
 def fault_sentence(error: Exception) -> str:
@@ -17,6 +23,8 @@ def fault_sentence(error: Exception) -> str:
 
 #: characters of a sentence about a file; what is longer quotes more of it than anybody reads
 _LONGEST = 1000
+#: characters of any message
+_LONGEST_OF_ALL = 1900
 
 
 class FormatError(ElvisError):
@@ -37,6 +45,10 @@ class FormatError(ElvisError):
 
 def _in_a_line(text: str) -> str:
     """The text without ends of lines; of a long one the beginning and the end."""
-    line = " ".join(part.strip() for part in text.splitlines())
-    half = _LONGEST // 2
-    return line if len(line) <= _LONGEST else f"{line[:half]} … {line[-half:]}"
+    return _shortened(" ".join(part.strip() for part in text.splitlines()), _LONGEST)
+
+
+def _shortened(text: str, longest: int) -> str:
+    """The text; of one that is longer than that, the beginning and the end."""
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"

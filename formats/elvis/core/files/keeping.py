@@ -101,11 +101,13 @@ class Store:
     def read(self, path: Path) -> tuple[bytes, bytes] | None:
         """Key and content of a file; None where it isn't as it was written, then it is set aside.
 
-        OSError where it can't be read.
+        OSError where it can't be read, or another user than this one and the system's has written it.
         """
         about, entry = os.stat(path), None
         if not stat.S_ISREG(about.st_mode):
             raise OSError(f"{path} is no plain file")
+        if hasattr(os, "geteuid") and about.st_uid not in (os.geteuid(), 0):
+            raise OSError(f"{path} belongs to another user")
         if about.st_size <= 2 * self.most:
             with open(path, "rb", buffering=0) as file:
                 entry = self.parsed(file.read())

@@ -79,6 +79,7 @@ class Outputs:
             for place, _, names in os.walk(item.new):
                 for name in names:
                     _sync(Path(place, name))
+                _sync_folder(Path(place))
             _hand_on_mode(item)
 
     def remove(self, path: str | Path) -> None:
