@@ -35,6 +35,7 @@ from elvis.formats import Dataset, Shape, write
 COUNTS = {"killed": 200, "interrupted": 100, "disks": 200}
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 PLANE = ["--plane", "0.5,0.5,0.4:0.1,0.2,1", "--device", "reference"]
+SEEDS = ["--seeds", "line:0.1,0.1,0.1:0.9,0.9,0.9:5"]
 PICTURES = ["-o", "a.png", "-o", "a.npz", "-o", "a.exr", "--save-scene", "a.toml"]
 #: names of commands, what they are told, and in which two ways: for the old outputs, and for the new ones
 COMMANDS = {
@@ -51,6 +52,26 @@ COMMANDS = {
         ["--size", "20x16"],
         ["--size", "24x18"],
     ),
+    "integrate": (["in/m.xml", "in/m.fld", "-o", "out/i.npz"], ["--field", "u"], ["--field", "u^2"]),
+    "trace": (
+        [
+            "in/m.xml",
+            "in/m.fld",
+            "--seeds",
+            "line:0.1,0.1,0.1:0.9,0.9,0.9:5",
+            "--velocity",
+            "u,0.1,1",
+            "-o",
+            "out/t.vtp",
+        ],
+        ["--field", "u"],
+        ["--field", "u^2"],
+    ),
+    "info": (["in/m.xml", "in/m.fld"], [], ["--jacobian"]),
+    "norms": (["in/m.xml", "in/m.fld"], [], []),
+    "diff": (["in/m.xml,in/m.fld", "in/m.xml,in/m.fld"], [], []),
+    "devices": ([], [], ["--caches"]),
+    "plugins": ([], [], []),
 }
 #: seconds that Python takes to come to the command, whatever happens until then
 START = 0.3
@@ -65,6 +86,11 @@ class Case:
     before: dict[str, bytes]
     after: dict[str, bytes]
     seconds: float
+
+    @property
+    def writes(self) -> bool:
+        """Whether it writes files, and does more than print."""
+        return any(name.startswith("out/") for name in self.after)
 
     @property
     def changing(self) -> set[str]:
@@ -144,7 +170,7 @@ def check(case: Case, folder: Path, tally: Tally, what: str, is_unit: bool) -> s
             kinds.add("old" if found.get(name) == case.before.get(name) else "new")
     if case.name == "compare":
         kinds.add(_report(case, found, faults))
-    if len(kinds) != 1 and is_unit:
+    if len(kinds) != 1 and is_unit and case.writes:
         faults.append(f"outputs are {' and '.join(sorted(kinds))}")
     tally.faults += [f"{case.name} {what}: {fault}" for fault in faults]
     return " and ".join(sorted(kinds))
@@ -266,8 +292,10 @@ def run(counts: dict[str, int], seed: int, names: list[str]) -> Tally:
     every, tally = cases(names), Tally()
     for kind, count in counts.items():
         dice = random.Random(f"{kind} {seed}")
+        # what only prints loses nothing when it is killed or a disk is full
+        chosen = [case for case in every if case.writes or kind == "interrupted"]
         for number in range(count):
-            case = every[number % len(every)]
+            case = chosen[number % len(chosen)]
             with place_for(kind) as folder:
                 fill(folder, case.before)
                 KINDS[kind](case, folder, dice, tally)
