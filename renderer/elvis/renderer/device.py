@@ -12,7 +12,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from elvis.core.memory import release_free_memory, size_text
+from elvis.core.memory import size_text
 from elvis.plugins.volume import Part, Quantity, interface_folder
 from elvis.renderer.adapters import Adapter, compiler, open_device, reach_of
 from elvis.renderer.announcing import Announcement
@@ -111,8 +111,6 @@ class Device:
         device, self._opened = self._opened, None
         if device is not None:
             device.close()
-            # drivers that compile for the CPU leave hundreds of megabytes to malloc, also with kernels from the cache
-            release_free_memory()
 
     def __enter__(self) -> Device:
         return self

@@ -16,6 +16,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
+from elvis.core.memory import release_free_memory
 from elvis.core.picturing import Kind
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
@@ -152,6 +153,9 @@ class Pictures:
         renderer, self._renderer, self._quantities = self._renderer, None, ()
         if renderer is not None:
             renderer.close()
+            # drivers that compile for the CPU leave hundreds of megabytes to malloc, also with kernels from the cache
+            del renderer
+            release_free_memory()
 
     @property
     def buffers_made(self) -> int:
