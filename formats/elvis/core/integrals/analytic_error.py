@@ -30,10 +30,10 @@ from elvis.core.quantities.tree import Node
 FURTHER = (0, 2, 5, 9)
 
 
-def gauss_factors(counts: Sequence[int]) -> Floats:
+def gauss_factors(counts: Sequence[int], rhos: Floats = RHOS) -> Floats:
     """(counts, rhos) what M is multiplied by to bound the error of a Gauss rule on [-1, 1]."""
     n = np.asarray(counts, np.float64)[:, None]
-    return np.asarray(4 * (1 + 1 / (4 * n * n - 1)) * RHOS ** (-2 * n) / (1 - RHOS**-2))
+    return np.asarray(4 * (1 + 1 / (4 * n * n - 1)) * rhos ** (-2 * n) / (1 - rhos**-2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +42,22 @@ class Bounds:
 
     errors     (n, e, d, s) the part of a direction in the error of rules with FURTHER[s] points more; inf: unknown
     low, high  (n, e) what the integrals lie between
+    moved      (n, e) by how much rounding may change the integrals because it moves surfaces
     """
 
     errors: Floats
     low: Floats
     high: Floats
+    moved: Floats
 
     def part(self, chosen: Ints | Bools | slice) -> Bounds:
         """Those of some boxes."""
-        return Bounds(self.errors[chosen], self.low[chosen], self.high[chosen])
+        return Bounds(self.errors[chosen], self.low[chosen], self.high[chosen], self.moved[chosen])
 
     @staticmethod
     def joined(several: Sequence[Bounds]) -> Bounds:
         """Those of several sets of boxes together."""
-        columns = [(own.errors, own.low, own.high) for own in several]
+        columns = [(own.errors, own.low, own.high, own.moved) for own in several]
         return Bounds(*(np.concatenate(parts) for parts in zip(*columns, strict=True)))
 
     def error(self, value: Floats, steps: Sequence[int]) -> Floats:
@@ -73,7 +75,7 @@ def bounds(found: BoxDiscs, roots: Sequence[Node], measures: Floats) -> Bounds:
         errors = [_analytic(found, root, is_exact, factors, found.boxes.volumes) for root in roots]
         ends = [_enclosure(found, root, is_exact, found.boxes.volumes, measures) for root in roots]
     low, high = (np.stack(column, axis=1) for column in zip(*ends, strict=True))
-    return Bounds(np.stack(errors, axis=1), low, high)
+    return Bounds(np.stack(errors, axis=1), low, high, np.zeros_like(low))
 
 
 def _analytic(found: BoxDiscs, root: Node, is_exact: bool, factors: Floats, volumes: Floats) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.integrals.degrees import DegreeRules
+from elvis.core.integrals.disc_algebra import determinant, enclosed, minor
 from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
 from elvis.core.integrals.tree_discs import ROUNDING, Ball, TreeDiscs, divided
 from elvis.core.polynomials.collapse import collapse_jacobian
@@ -32,8 +33,6 @@ from elvis.core.shapes import Shape
 
 #: parameters of the ellipses of which the best is taken: singularities from 0.02 to 10 half lengths of a box away
 RHOS = frozen_floats(1.25 * 1.6 ** np.arange(7))
-#: steps in which the enclosure of a gradient in a bent element is made smaller
-_STEPS = 2
 _NORMALS = SIDES[:3]
 
 
@@ -85,7 +84,7 @@ class BoxDiscs:
         """Middles (n, 1) and radii (n, 1 + k rhos) of an expression, and how far (n,) it may be off at real points."""
         columns = 1 + len(self.counts) * len(RHOS)
         tree = TreeDiscs(self.count, _factors(len(self.counts)), self._leaf, self._cofactor)
-        found = tree.of(_without_roots(root))
+        found = tree.of(without_roots(root))
         middle, slack = (np.broadcast_to(own, (self.count, 1)) for own in (found.middle, found.slack))
         return (middle, np.broadcast_to(found.radius, (self.count, columns))), slack[:, 0]
 
@@ -243,24 +242,15 @@ class BoxDiscs:
         _, mean, rest = self._frame
         one = discs.number(1.0)
         near = [[discs.plus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(rest)]
-        return discs.times((mean[:, None], np.zeros((len(mean), 1))), _expanded(near))
+        return discs.times((mean[:, None], np.zeros((len(mean), 1))), determinant(near))
 
     def _gradient(self, field: int) -> list[Disc]:
-        """The gradient of a field: from J^T g = s with g0 = A s, g = g0 - R g (Neumaier 1990, section 4.2).
-
-        |g| <= |g0| / (1 - |R|) in the norm of the greatest; so 1 + R is regular on all of the ellipses.
-        """
+        """The gradient of a field: from J^T g = s with g0 = A s, g = g0 - R g."""
         if field not in self._gradients:
             inverse, _, rest = self._frame
             own = self.places.reference_gradients(field).reshape(self.count, -1, len(rest))
             first = self._several(np.einsum("nij,nqj->nqi", inverse, own).reshape(-1, len(rest)))
-            norm = _greatest([sum(np.abs(entry[0]) + entry[1] for entry in row) for row in rest])
-            size = _greatest([np.abs(entry[0]) + entry[1] for entry in first])
-            radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
-            found: list[Disc] = [(0.0 * entry[0], radius) for entry in first]
-            for _ in range(_STEPS):
-                found = [_less(first[i], rest[i], found) for i in range(len(rest))]
-            self._gradients[field] = found
+            self._gradients[field] = enclosed(rest, first)
         return self._gradients[field]
 
     @cached_property
@@ -288,7 +278,7 @@ class BoxDiscs:
         if along.shape[2] == 1:
             return self._several(self._normal_values)
         one, two = self._several(along[:, :, 0]), self._several(along[:, :, 1])
-        return [_minor(one[i], one[k], two[i], two[k]) for i, k in ((1, 2), (2, 0), (0, 1))]
+        return [minor(one[i], one[k], two[i], two[k]) for i, k in ((1, 2), (2, 0), (0, 1))]
 
     @cached_property
     def _stretch(self) -> Disc:
@@ -297,28 +287,6 @@ class BoxDiscs:
         parts = self._several(self._tangents[:, :, 0]) if is_edge else self._normal
         squares = [discs.times(part, part) for part in parts]
         return discs.root(reduce(discs.plus, squares))
-
-
-def _greatest(arrays: Sequence[Floats]) -> Floats:
-    return reduce(np.maximum, arrays)
-
-
-def _less(first: Disc, row: Sequence[Disc], found: Sequence[Disc]) -> Disc:
-    """An entry of g0 - R g."""
-    return reduce(discs.minus, (discs.times(*pair) for pair in zip(row, found, strict=True)), first)
-
-
-def _minor(a: Disc, b: Disc, c: Disc, d: Disc) -> Disc:
-    """a d - b c."""
-    return discs.minus(discs.times(a, d), discs.times(b, c))
-
-
-def _expanded(t: list[list[Disc]]) -> Disc:
-    """The determinant of a matrix of discs, along its first row."""
-    if len(t) == 2:
-        return _minor(t[0][0], t[0][1], t[1][0], t[1][1])
-    others = [[[row[a], row[b]] for row in t[1:]] for a, b in ((1, 2), (2, 0), (0, 1))]
-    return reduce(discs.plus, (discs.times(t[0][k], _expanded(others[k])) for k in range(3)))
 
 
 @bounded_cache
@@ -347,7 +315,7 @@ def _factors(d: int) -> Floats:
     return frozen_floats(radii.reshape(2 * d, -1))
 
 
-def _without_roots(root: Node) -> Node:
+def without_roots(root: Node) -> Node:
     """An expression with a in place of the squares of sqrt(a), and a^2 in place of those of abs(a)."""
 
     def inner(node: Node, parts: list[Node]) -> Node:

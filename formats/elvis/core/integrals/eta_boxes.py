@@ -22,6 +22,9 @@ from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 
+#: parts of the side of an element below which boxes are not halved: points in them are not told apart
+_LEAST_SIDE = 2.0**-43
+
 
 def lattice_counts(piece: Piece) -> tuple[int, ...]:
     """Points in each direction of eta that determine fields, map, their derivatives in xi and the fold of the shape.
@@ -125,6 +128,11 @@ class EtaBoxes:
             boxes.high[upper, axis] = middle
             boxes.low[first:, axis] = middle
         return boxes
+
+    @property
+    def can_be_halved(self) -> Bools:
+        """(n, k) whether points in halves are told apart."""
+        return np.asarray(self.high - self.low > 2 * _LEAST_SIDE)
 
     def halves(self) -> EtaBoxes:
         """Halves in every direction: 2^k boxes for each."""

@@ -34,14 +34,14 @@ def on_graph(nets: Floats, counts: tuple[int, ...]) -> Graph:
     """Points on g = 0 with Bernstein nets (n, Di, Dj, Dk), ``counts`` between breaks in i (unless Di is 1) and j."""
     box, i, j, lines, weights = _lines(nets, counts)
     met = np.flatnonzero((lines[:, 0] >= 0) != (lines[:, -1] >= 0))
-    points = np.stack([i[met], j[met], _roots(lines[met])], axis=1)
+    points = np.stack([i[met], j[met], roots(lines[met])], axis=1)
     return Graph(box[met], points, weights[met], _slopes(nets, box[met], points))
 
 
 def below_graph(nets: Floats, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
     """Box (n,), point (n, 3) and weight (n,) of a rule for where g < 0, ``counts`` between breaks each way."""
     box, i, j, lines, weights = _lines(nets, counts[:-1])
-    line, k, further = _between(_roots(lines)[:, None], counts[-1])
+    line, k, further = _between(roots(lines)[:, None], counts[-1])
     values = np.einsum("nc,nc->n", line_tables(lines.shape[1] - 1, k)[0], lines[line])
     kept = np.flatnonzero(values < 0)
     line = line[kept]
@@ -52,28 +52,33 @@ def _lines(nets: Floats, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats,
     """Lines along k: box, i, j, nets (n, Dk) and weight of each."""
     if nets.shape[1] > 1:
         corners = [nets[:, :, j, k] for j in (0, -1) for k in (0, -1)]
-        box, i, weights = _between(np.stack([_roots(corner) for corner in corners], axis=1), counts[0])
+        box, i, weights = _between(np.stack([roots(corner) for corner in corners], axis=1), counts[0])
     else:
         box, i, weights = np.arange(len(nets)), np.full(len(nets), 0.5), np.ones(len(nets))
     slices = np.einsum("na,nabc->nbc", line_tables(nets.shape[1] - 1, i)[0], nets[box])
-    row, j, further = _between(np.stack([_roots(slices[:, :, k]) for k in (0, -1)], axis=1), counts[-1])
+    row, j, further = _between(np.stack([roots(slices[:, :, k]) for k in (0, -1)], axis=1), counts[-1])
     lines = np.einsum("nb,nbc->nc", line_tables(nets.shape[2] - 1, j)[0], slices[row])
     return box[row], i[row], j, lines, weights[row] * further
 
 
-def _between(breaks: Floats, count: int) -> tuple[Ints, Floats, Floats]:
-    """Gauss points between 0, the breaks (n, b) and 1: number of the row, place and weight of each."""
+def between(breaks: Floats) -> tuple[Ints, Floats, Floats]:
+    """Intervals between 0, the breaks (n, b) and 1: number of the row, start and end of each."""
     ends = np.zeros((len(breaks), 1))
     ordered = np.sort(np.hstack([ends, breaks, ends + 1]), axis=1)
-    length = np.diff(ordered, axis=1)
-    row, number = np.nonzero(length > 0)
-    length, start = length[row, number], ordered[row, number]
+    row, number = np.nonzero(np.diff(ordered, axis=1) > 0)
+    return row, ordered[row, number], ordered[row, number + 1]
+
+
+def _between(breaks: Floats, count: int) -> tuple[Ints, Floats, Floats]:
+    """Gauss points between 0, the breaks (n, b) and 1: number of the row, place and weight of each."""
+    row, start, end = between(breaks)
+    length = end - start
     nodes, weights = gauss(count)
     places = start[:, None] + length[:, None] * (1 + nodes) / 2
     return np.repeat(row, count), places.reshape(-1), (length[:, None] * weights / 2).reshape(-1)
 
 
-def _roots(coefficients: Floats) -> Floats:
+def roots(coefficients: Floats) -> Floats:
     """(n,) roots in [0, 1] of polynomials with Bernstein coefficients (n, D) whose ends differ in sign; 1 for others.
 
     Newton's method in a bracket that shrinks, which is halved where a step leaves it.

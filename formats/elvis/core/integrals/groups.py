@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.integrals import level_boxes
 from elvis.core.integrals.analytic_error import FURTHER, Bounds
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes
 from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.level_error import LevelRules
 
 #: Gauss points in a direction by which further rules have more that are compared
 COMPARED = (1, 2)
-#: parts of the side of an element below which boxes are not halved: points in them are not told apart
-_LEAST_SIDE = 2.0**-43
 #: boxes are halved in directions that have this part of the greatest share of the error
 _ALIKE = 0.25
 #: or, where only intervals bound it, that reduce it by this part of the greatest reduction
@@ -25,6 +25,8 @@ _AS_GOOD = 0.5
 #: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
 _NEW = 2.0
 
+#: how much more bounds on boxes that a surface cuts cost than those on others
+_LEVELS = 8
 #: further points that take as long as one call of a rule
 _CALL = 4096
 #: the greatest score of a box, of which many add up to a number
@@ -85,6 +87,24 @@ class Sums:
         )
 
 
+def gathered(sums: Sums, owners: Ints) -> Sums:
+    """Integrals of expressions from those of their parts, each of which has the number of its owner."""
+    columns = {each.name: getattr(sums, each.name) for each in fields(sums) if each.name not in ("places", "converted")}
+    first = np.flatnonzero(owners == np.arange(len(owners)))
+    found = {}
+    for name, column in columns.items():
+        if column.dtype == bool:
+            found[name] = np.array([column[owners == owner].all() for owner in first], bool)
+        else:
+            found[name] = by_owner(column, owners)
+    return Sums(**found, places=sums.places, converted=np.zeros(len(first)))
+
+
+def by_owner(column: Floats, owners: Ints) -> Floats:
+    """Sums of a column over the parts of each owner."""
+    return np.asarray(np.bincount(owners, column, int(owners.max()) + 1 if len(owners) else 0))
+
+
 class BoxIntegrals(NamedTuple):
     """Integrals of k expressions over n boxes, (n, k) each.
 
@@ -117,6 +137,7 @@ class Group:
     integrals  by the best rule
     error      (n, k) by which these may be off, rounding left aside
     is_bound   (n, k) whether the error is a bound
+    moved      (n, k) by how much rounding may move them because it moves surfaces
     """
 
     boxes: Boxes
@@ -125,6 +146,7 @@ class Group:
     integrals: BoxIntegrals
     error: Floats
     is_bound: Bools
+    moved: Floats
 
     def __len__(self) -> int:
         return len(self.boxes)
@@ -142,6 +164,7 @@ class Group:
             integrals=self.integrals.part(chosen),
             error=self.error[chosen],
             is_bound=self.is_bound[chosen],
+            moved=self.moved[chosen],
         )
 
     def sums(self, count: int) -> Sums:
@@ -158,7 +181,7 @@ class Group:
     @property
     def _rounding(self) -> Floats:
         """(n, k) by which rounding moves integrals."""
-        return np.asarray(self.integrals.measure * self.boxes.rounding)
+        return np.asarray(self.integrals.measure * self.boxes.rounding + self.moved)
 
     def scores(self, goals: Floats) -> Floats:
         """(n,) the errors of boxes in parts of what all together may have, the greatest of the expressions.
@@ -178,7 +201,7 @@ class Compared(Group):
     is_raised  whether rules have more points than at first
     """
 
-    is_raised: bool = False
+    is_raised: bool
 
     @property
     def cost(self) -> int:
@@ -196,15 +219,14 @@ def compared_counts(counts: Counts) -> list[Counts]:
 class Bounded(Group):
     """Boxes on which the error is a bound.
 
-    rules      of the piece that they are in
+    rules      from which the bounds are made
     steps      numbers of FURTHER in each direction: by how many points ``counts`` exceed those of the least rule
     bounds     of all rules that are considered
     gains      (n, d) by how much halving each direction reduces what intervals leave open, as points tell
     is_final   whether boxes are too small to be halved
     """
 
-    boxes: EtaBoxes
-    rules: DegreeRules
+    rules: DegreeRules | LevelRules
     steps: tuple[int, ...]
     bounds: Bounds
     gains: Floats
@@ -223,8 +245,8 @@ class Bounded(Group):
 
     @property
     def cost(self) -> int:
-        """Points that it takes to improve a box, about."""
-        return int(2 * np.prod(self.least))
+        """Points that it takes to improve a box, about; bounds on levels take as long as many."""
+        return int(2 * np.prod(self.least)) * (_LEVELS if isinstance(self.boxes, LevelBoxes) else 1)
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -242,10 +264,11 @@ class Bounded(Group):
             return several[0]
         return replace(
             several[0],
-            boxes=EtaBoxes.joined([own.boxes for own in several]),
+            boxes=_together([own.boxes for own in several]),
             integrals=BoxIntegrals.joined([own.integrals for own in several]),
             error=np.concatenate([own.error for own in several]),
             is_bound=np.concatenate([own.is_bound for own in several]),
+            moved=np.concatenate([own.moved for own in several]),
             bounds=Bounds.joined([own.bounds for own in several]),
             gains=np.concatenate([own.gains for own in several]),
         )
@@ -274,8 +297,14 @@ class Bounded(Group):
         shares = np.where(is_known[:, None], np.log2(np.maximum(shares, 1e-300)), 0.0)
         behind = shares >= shares.max(axis=1, keepdims=True) + np.log2(_ALIKE)
         varied = self.gains >= _AS_GOOD * self.gains.max(axis=1, keepdims=True)
-        is_large = self.boxes.high - self.boxes.low > 2 * _LEAST_SIDE
-        return np.asarray(np.where(is_known[:, None], behind, varied) & is_large)
+        return np.asarray(np.where(is_known[:, None], behind, varied) & self.boxes.can_be_halved)
+
+
+def _together(several: Sequence[Boxes]) -> Boxes:
+    """Boxes of one kind together."""
+    of_elements = [own for own in several if isinstance(own, EtaBoxes)]
+    of_levels = [own for own in several if isinstance(own, LevelBoxes)]
+    return EtaBoxes.joined(of_elements) if of_elements else level_boxes.joined(of_levels)
 
 
 def with_fewer_rules(steps: Ints, least: Counts) -> Ints:

@@ -25,19 +25,29 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.boxnets import halves
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.tree import Node
 
 #: how often a box is halved until its signs must be known, and how many boxes are halved: at least, and for each box
 #: at first
 _DEPTH, _MANY, _MANY_OF_ONE = 24, 1 << 13, 8
-#: halvings of a graph after which its ends need not be proved, as where it touches a border: differences of rules tell
+#: tests of boxes and their halves at first, and of halves that are made because the error is large
+FIRST, _FURTHER = 3, 2
+#: halvings of a graph after which its ends need not be proved, as where it touches a border
 _LOOSE = 5
-#: what moving a surface by a part of the cell's size does to integrals over it, in parts of these: as a rule of maps
-#: and integrands, whose second derivatives aren't known
+#: an estimate of what moving a surface by a part of the cell's size does to integrals over it, in parts of these, where
+#: nothing is known of integrands
 _MOVED = 10.0
 #: changes of g in a direction in which boxes needn't be halved, in parts of the greatest
 _FLAT = 0.05
+#: values of lost boxes, in units of the band, below which halving them tells nothing
+_DOUBTFUL = 4.0
 #: what there is for each box
-_COLUMNS = ("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order")
+_COLUMNS = (
+    *("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order"),
+    *("is_proved", "is_lost", "several", "further", "shift", "change", "share"),
+)
+#: parts of the side of a cell below which boxes are not halved
+_LEAST_SIDE = 2.0**-43
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +63,16 @@ class LevelBoxes:
     rounding    (n, e)        of e expressions
     sizes       (n, e)        of their values
     order       (n, 3)        the axes that are i, j, k
-    lost        (e,)          what expressions may amount to on boxes that were given up
+    is_proved   (n,)          whether g = 0 is a graph whose ends are graphs
+    is_lost     (n,)          whether boxes are given up: rules have no points there
+    several     (n,)          how many polynomials may be zero in lost boxes
+    further     (n,)          area of surfaces that may be lost besides
+    shift       (n,)          how far along k rounding may move the surface, in parts of the box
+    change      (n,)          by how much, in parts, that changes its area
+    share       (n,)          share of i and j over which it moves ends of the surface
     is_filled   whether the rule is one for the part where g < 0, not for the surface
-    enough      points on a line in a box that integrate exactly what is integrated, where these are known
-    moved       (e,)          by how much moving g may have changed integrals beyond ``rounding``
+    zero        the polynomial that g is, but for its sign; None where it may be another one
+    enough      points on a line along k that integrate exactly what is integrated, where these are known
     """
 
     patch: Patch
@@ -70,10 +86,33 @@ class LevelBoxes:
     rounding: Floats
     sizes: Floats
     order: Ints
-    lost: Floats
+    is_proved: Bools
+    is_lost: Bools
+    several: Ints
+    further: Floats
+    shift: Floats
+    change: Floats
+    share: Floats
     is_filled: bool = False
+    zero: Node | None = None
     enough: int | None = None
-    moved: Floats | float = 0.0
+
+    @staticmethod
+    def of(
+        patch: Patch,
+        element: tuple[Ints, Ints],
+        corners: tuple[Floats, Floats],
+        nets: Floats,
+        band: Floats,
+        sizes: tuple[Floats, Floats],
+        is_filled: bool,
+        zero: Node | None = None,
+    ) -> LevelBoxes:
+        """Boxes of which nothing is known yet: rows and cells, low and high corners, rounding and sizes."""
+        count = len(nets)
+        order, zeros, ones = np.tile(np.arange(3), (count, 1)), np.zeros(count), np.ones(count, np.int64)
+        first = patch, *element, *corners, nets, band, 0 * ones, *sizes, order
+        return LevelBoxes(*first, ones > 0, ones < 0, ones, zeros, zeros, zeros, zeros, is_filled, zero)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -81,16 +120,44 @@ class LevelBoxes:
     def part(self, chosen: Ints | Bools | slice) -> LevelBoxes:
         """Some of the boxes."""
         columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _COLUMNS}
-        return replace(self, **columns, lost=np.zeros_like(self.lost), moved=0.0)
+        return replace(self, **columns)
+
+    @property
+    def dimension(self) -> int:
+        """That of what rules go over."""
+        return self.patch.shape.dimension - (not self.is_filled)
 
     @property
     def is_whole(self) -> Bools:
         """(n,) whether all of a box is below the surface."""
         return np.asarray(self.nets.max(axis=(1, 2, 3)) < 0)
 
+    @property
+    def can_be_halved(self) -> Bools:
+        """(n, 1) whether halves tell more."""
+        is_above_rounding = greatest(self.nets) > _DOUBTFUL * self.band
+        is_single = ~self.is_lost | ((self.several == 1) & (self.further == 0) & is_above_rounding)
+        return np.asarray(is_single & ((self.high - self.low).min(axis=1) > 2 * _LEAST_SIDE))[:, None]
+
     def halves(self) -> LevelBoxes:
         """The boxes halved in every direction, as far as the surface meets them."""
-        return self._halved().resolved()
+        return self.halved(np.ones((len(self), self.patch.shape.dimension), bool), _DEPTH)
+
+    def halved(self, directions: Bools, tests: int = _FURTHER) -> LevelBoxes:
+        """Halves in directions i, j, k (n, 1 to 3) where that is wanted, as far as the surface meets them.
+
+        On surfaces k is halved with all others, so that boxes keep their form.
+        """
+        if not self.is_filled and directions.shape[1] < self.patch.shape.dimension:
+            directions = np.concatenate([directions, directions.all(axis=1, keepdims=True)], axis=1)
+        is_kept = ~self.can_be_halved[:, 0]
+        is_flat = np.ones((len(self), 3), bool)
+        first = 3 - self.patch.shape.dimension
+        for number, wanted in enumerate(directions.T):
+            np.put_along_axis(is_flat, self.order[:, first + number, None], ~wanted[:, None], axis=1)
+        is_flat[self.is_lost] = self._is_flat[self.is_lost]
+        halves = self.part(~is_kept)._halved(is_flat[~is_kept])
+        return joined([self.part(is_kept), halves.resolved(tests)])
 
     def _halved(self, is_flat: Bools | None = None) -> LevelBoxes:
         """The boxes halved in every direction, but for those (n, 3) in which g hardly changes."""
@@ -119,32 +186,45 @@ class LevelBoxes:
         changes = np.stack([greatest(np.diff(self.nets, axis=axis)) for axis in (1, 2, 3)], axis=1)
         return np.asarray(changes < _FLAT * changes.max(axis=1, keepdims=True))
 
-    def resolved(self) -> LevelBoxes:
-        """The boxes that g = 0 meets, halved until it is a graph in each; boxes that can't be are given up."""
-        found, boxes, lost, moved = [self.part(slice(0))], self, self.lost, self.moved
+    def resolved(self, tests: int = _DEPTH) -> LevelBoxes:
+        """The boxes that g = 0 meets, halved until it is a graph in each; boxes that can't be are given up.
+
+        tests  of boxes and their halves
+        """
+        found, boxes = [self.part(slice(0))], self
         limit = max(_MANY, _MANY_OF_ONE * len(self))
-        for depth in range(_DEPTH):
+        for depth in range(tests):
             least, most = boxes.nets.min(axis=(1, 2, 3)), boxes.nets.max(axis=(1, 2, 3))
             if self.is_filled:
-                found.append(boxes.part(most < -boxes.band))
+                found.append(boxes.part(most < -boxes.band)._whole())
             boxes = boxes.part((least <= boxes.band) & (most >= -boxes.band))
             if not len(boxes):
                 break
             graphs, boxes = boxes._graphs()
-            moved = moved + graphs.moved
             found.append(graphs)
-            if len(boxes) > limit or depth == _DEPTH - 1:
+            if len(boxes) > limit or depth == tests - 1:
                 break
             boxes = boxes._halved(boxes._is_flat)
-        return replace(joined(found), lost=lost + boxes.given_up().lost, moved=moved)
+        return joined([*found, boxes.given_up()])
+
+    def finished(self) -> LevelBoxes:
+        """The boxes, and lost ones halved as often as is useful."""
+        is_left = self.is_lost & (self.several == 1) & (self.further == 0)
+        return joined([self.part(~is_left), self.part(is_left).resolved()])
+
+    def _whole(self) -> LevelBoxes:
+        """Boxes that are whole below the surface."""
+        count = len(self)
+        zeros, yes = np.zeros(count), np.ones(count, bool)
+        order = np.tile(np.arange(3), (count, 1))
+        return replace(self, order=order, is_proved=yes, is_lost=~yes, shift=zeros, change=zeros, share=zeros)
 
     def _graphs(self) -> tuple[LevelBoxes, LevelBoxes]:
         """Boxes in which g = 0 is a graph, with what may be lost; the others.
 
         Boxes that moved g doesn't meet need no ends.
         """
-        least, most = self.nets.min(axis=(1, 2, 3)), self.nets.max(axis=(1, 2, 3))
-        is_met = (least <= 0) & (most >= 0)
+        is_met = ~self._is_unmet
         free, is_free = orders(self.nets, are_ends_free=True)
         order, is_proved = free.copy(), is_free & ~is_met
         open_ended = np.flatnonzero(is_free & is_met)
@@ -152,33 +232,52 @@ class LevelBoxes:
         order[open_ended[have_ends]] = with_ends[have_ends]
         is_proved[open_ended[have_ends]] = True
         is_graph = is_proved | (is_free & (self.age >= _LOOSE))
-        graphs = replace(self, order=order).part(is_graph)
+        graphs = replace(self, order=order, is_proved=is_proved, is_lost=np.zeros(len(self), bool)).part(is_graph)
         others = self.part(~is_graph)
-        return graphs._moved(), replace(others, age=others.age + is_free[~is_graph])
+        others = replace(others, age=others.age + is_free[~is_graph])
+        graphs = graphs._moved()
+
+        # where moved g isn't met, but g may be, the surface is lost if it may be anywhere in the box
+        is_doubtful = graphs._is_unmet & (graphs.shift > 1) & (not self.is_filled)
+        return joined([graphs.part(~is_doubtful), graphs.part(is_doubtful).given_up()]), others
+
+    @property
+    def _is_unmet(self) -> Bools:
+        """(n,) whether moved g has no zeros in boxes."""
+        return np.asarray((self.nets.min(axis=(1, 2, 3)) > 0) | (self.nets.max(axis=(1, 2, 3)) < 0))
 
     def _moved(self) -> LevelBoxes:
-        """Graphs with the error of moving g by less than the band; unproved ends are left to differences of rules.
-
-        The volume between is at most band / |dg/dk| of a box.  A point of the surface moves so far along k; the area
-        changes with the slopes (dg/di)/(dg/dk), whose derivatives along k are bounded by second differences.
-        """
-        shift = np.zeros(len(self))
-        change = np.zeros(len(self))
-        share = np.zeros(len(self))
+        """Graphs with how far rounding moves them."""
+        shift, change, share = np.zeros((3, len(self)))
         for order in sorted(set(map(tuple, self.order.tolist()))):
             here = np.flatnonzero((self.order == order).all(axis=1))
             turned = self.nets[here].transpose(0, *(1 + axis for axis in order))
             shift[here], change[here] = shifts(turned, self.band[here])
             share[here] = shares_of_ends(turned, self.band[here])
-        if self.is_filled:
-            return replace(self, moved=(self._extent() * np.minimum(shift, 1.0)) @ self.sizes)
-        height = np.take_along_axis(self.high - self.low, self.order[:, 2:], axis=1)[:, 0]
-        rounding = self.rounding + self.sizes * (_MOVED * shift * height + change)[:, None]
-        return replace(self, rounding=rounding, moved=(self._extent() * np.minimum(share, 1.0)) @ self.sizes)
+        return replace(self, shift=shift, change=change, share=share)
 
-    def given_up(self) -> LevelBoxes:
-        """None of the boxes, with what they may amount to as lost."""
-        return replace(self.part(slice(0)), lost=self._extent() @ self.sizes)
+    def given_up(self, several: int = 1) -> LevelBoxes:
+        """The boxes as lost ones, in which so many polynomials may be zero."""
+        count = len(self)
+        no, zeros = np.zeros(count, bool), np.zeros(count)
+        many = np.full(count, several)
+        return replace(self, is_proved=no, is_lost=~no, several=many, shift=zeros, change=zeros, share=zeros)
+
+    @property
+    def lost(self) -> Floats:
+        """(n, e) estimates of what expressions amount to where rules have no points."""
+        extent = np.where(self.is_lost, self._extent() * self.several + self.further, 0.0)
+        return np.asarray(extent[:, None] * self.sizes)
+
+    @property
+    def moved(self) -> Floats:
+        """(n, e) estimates of what moving g by less than the band changes of integrals.
+
+        The volume between is at most band / |dg/dk| of a box.  A point of the surface moves so far along k; the area
+        changes with the slopes (dg/di)/(dg/dk), whose derivatives along k are bounded by second differences.
+        """
+        moved = self.shift if self.is_filled else self.share + _MOVED * self.shift + self.change
+        return np.asarray((self._extent() * np.minimum(moved, 1.0))[:, None] * self.sizes)
 
     def _extent(self) -> Floats:
         """(n,) how large the surface, or the part, in each box may be.
@@ -202,21 +301,20 @@ class LevelBoxes:
 
     def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
-        kinds = sorted(set(map(tuple, self.order.tolist())))
+        kinds = sorted(set(map(tuple, self.order[~self.is_lost].tolist()))) or [(0, 1, 2)]
         if self.is_filled:
-            whole, upwards = self.is_whole, counts[-1] if self.enough is None else min(self.enough, counts[-1])
-            inner = [self._below_graphs(order, (*counts[:-1], upwards), ~whole) for order in kinds]
-            inner.append(self._inside(np.flatnonzero(whole), upwards if self.enough is None else self.enough))
+            counts = counts if self.enough is None else (*counts[:-1], self.enough)
+            inner = [self._below_graphs(order, counts, ~self.is_whole) for order in kinds]
+            inner.append(self._inside(np.flatnonzero(self.is_whole & ~self.is_lost), counts))
             box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
             return ElementPoints(self.patch, self.rows[box], places), shares, box
         parts = [self._on_graphs(order, counts) for order in kinds]
         box, places, shares, normals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
 
-    def _inside(self, whole: Ints, count: int) -> tuple[Ints, Floats, Floats]:
+    def _inside(self, whole: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
         """Box, reference point and share of points of boxes (m,) that are whole below the surface."""
-        is_flat = np.array(self.nets.shape[1:]) == 1
-        rules = [(np.zeros(1), np.full(1, 2.0)) if flat else gauss(count) for flat in is_flat]
+        rules = [(np.zeros(1), np.full(1, 2.0))] * (3 - len(counts)) + [gauss(count) for count in counts]
         nodes = np.stack(np.meshgrid(*[own for own, _ in rules], indexing="ij"), axis=-1).reshape(-1, 3)
         weights = np.stack(np.meshgrid(*[own for _, own in rules], indexing="ij")).prod(axis=0).reshape(-1) / 8
         box = np.repeat(whole, len(nodes))
@@ -227,7 +325,7 @@ class LevelBoxes:
         self, order: tuple[int, ...], counts: tuple[int, ...], chosen: Bools
     ) -> tuple[Ints, Floats, Floats]:
         """Box, reference point and share of points where g < 0, of chosen graphs whose axes have one order."""
-        here = np.flatnonzero((self.order == order).all(axis=1) & chosen)
+        here = np.flatnonzero((self.order == order).all(axis=1) & chosen & ~self.is_lost)
         number, points, weights = below_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
         box, local = here[number], np.empty_like(points)
         local[:, order] = points
@@ -268,7 +366,7 @@ class LevelBoxes:
 
     def _on_graphs(self, order: tuple[int, ...], counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats]:
         """Box, reference point, share and normal of points on graphs whose axes have one order."""
-        here = np.flatnonzero((self.order == order).all(axis=1))
+        here = np.flatnonzero((self.order == order).all(axis=1) & ~self.is_lost)
         graph = on_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
         box, d = here[graph.box], self.patch.shape.dimension
         local, slopes = np.empty_like(graph.points), np.empty_like(graph.slopes)
@@ -282,8 +380,7 @@ class LevelBoxes:
 def joined(several: Sequence[LevelBoxes]) -> LevelBoxes:
     """Boxes of one patch together."""
     columns: dict[str, Any] = {name: np.concatenate([getattr(own, name) for own in several]) for name in _COLUMNS}
-    lost = np.sum([own.lost for own in several], axis=0)
-    return replace(several[0], **columns, lost=lost, moved=sum((own.moved for own in several), np.zeros_like(lost)))
+    return replace(several[0], **columns)
 
 
 def _determinants(matrices: Floats) -> Floats:

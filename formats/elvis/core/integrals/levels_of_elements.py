@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.integrals.level_boxes import LevelBoxes, joined
+from elvis.core.integrals.level_boxes import FIRST, LevelBoxes, joined
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.separation import CellBoxes, separated
@@ -142,56 +142,67 @@ class Level:
         signs = {node: own.signs for node, own in seen.items()}
         state = np.broadcast_to(self.region.holds(signs), len(piece))
         met = np.flatnonzero(state == 0)
-        zeros = [each.of(met) for each in seen.values()]
-        rounding = sizes[met] * parts[met, None]
-        found: list[LevelBoxes] = []
-        for cell in range(len(corners(piece.patch.shape))) if len(met) else ():
-            nets = {each.zero.expression.root: each.nets(cell) for each in zeros}
-            band = {each.zero.expression.root: each.band for each in zeros}
-            whole = CellBoxes.whole(nets, band)
-            found += self._cell(piece, met, cell, whole, (rounding, sizes[met]), is_filled)
+        known = {node: own.of(met) for node, own in seen.items()}
+        own_sizes = sizes[met] * parts[met, None], sizes[met]
+        found = [boxes for _, boxes in boxes_in_cells(piece.part(met), known, [self.region], own_sizes, is_filled)]
         if not is_filled:
-            for each in zeros:
-                if each.zero.expression.root in self.region.every_surface:
-                    found += [_nothing(piece, each.touched() @ sizes[met], sizes)]
+            for node in self.region.every_surface & known.keys():
+                found += _touched(piece.part(met), known[node].touched(), own_sizes)
         return list(_of_degrees(found)), np.flatnonzero(state > 0)
 
-    def _cell(
-        self,
-        piece: Piece,
-        met: Ints,
-        cell: int,
-        whole: CellBoxes,
-        sizes: tuple[Floats, Floats],
-        is_filled: bool,
-    ) -> Iterator[LevelBoxes]:
-        """Boxes in one cell of elements that are met."""
-        known = separated(self.region, whole)
 
-        def boxes(some: CellBoxes, own: Floats, band: Floats) -> LevelBoxes:
-            rounding, size = (each[some.index] for each in sizes)
-            rows = piece.rows[met[some.index]]
-            count = np.full(len(rows), cell)
-            order = np.tile(np.arange(3), (len(rows), 1))
-            lost = np.zeros(size.shape[1])
-            box = (some.low, some.high)
-            age = np.zeros(len(rows), np.int64)
-            return LevelBoxes(piece.patch, rows, count, *box, own, band, age, rounding, size, order, lost, is_filled)
+def boxes_in_cells(
+    piece: Piece,
+    seen: Mapping[Node, Seen],
+    regions: Sequence[Region],
+    sizes: tuple[Floats, Floats],
+    is_filled: bool,
+) -> Iterator[tuple[int | None, LevelBoxes]]:
+    """The number of a region with its part of elements, or, of one region, the surface that bounds it.
 
-        for node, some in known.single:
-            if is_filled or node in self.region.every_surface:
-                yield boxes(some, some.nets[node], some.band[node]).resolved()
-        for some in known.whole if is_filled else ():
-            yield boxes(some, _inside(some), np.zeros(len(some)))
+    None stands for what is in doubt between several regions; of one region it is lost.
+    seen   the polynomials of the regions on the elements
+    sizes  (n, e) by how much expressions are rounded, and of these
+    """
+    for cell in range(len(corners(piece.patch.shape))) if len(piece) else ():
+        nets = {node: own.nets(cell) for node, own in seen.items()}
+        band = {node: own.band for node, own in seen.items()}
+        known = separated(regions, CellBoxes.whole(nets, band))
+        boxes = partial(_boxes, piece, cell, sizes, is_filled)
+        for region, node, some in known.single:
+            if is_filled or node in regions[region].every_surface:
+                yield region, boxes(some, some.nets[node], some.band[node], node).resolved(FIRST)
+        for region, some in known.whole if is_filled else ():
+            if len(some):
+                yield region, boxes(some, _inside(some), np.zeros(len(some)))
         if len(known.left):
-            yield boxes(known.left, _inside(known.left), np.zeros(len(known.left))).given_up()
+            left = boxes(known.left, _inside(known.left), np.zeros(len(known.left)))
+            many = max(2, sum(len(own.every_surface) for own in regions))
+            yield (None, left) if len(regions) > 1 else (0, left.given_up(many))
+
+
+def _boxes(
+    piece: Piece,
+    cell: int,
+    sizes: tuple[Floats, Floats],
+    is_filled: bool,
+    some: CellBoxes,
+    nets: Floats,
+    band: Floats,
+    zero: Node | None = None,
+) -> LevelBoxes:
+    """Boxes in a cell with nets of one polynomial."""
+    element = piece.rows[some.index], np.full(len(some), cell)
+    rounding, size = (each[some.index] for each in sizes)
+    columns = nets, band, (rounding, size)
+    return LevelBoxes.of(piece.patch, element, (some.low, some.high), *columns, is_filled, zero)
 
 
 def _of_degrees(boxes: Sequence[LevelBoxes]) -> Iterator[LevelBoxes]:
-    """Boxes whose polynomials have the same degrees, together."""
-    groups: dict[tuple[int, ...], list[LevelBoxes]] = {}
+    """Boxes of the same polynomial together."""
+    groups: dict[tuple[object, ...], list[LevelBoxes]] = {}
     for own in boxes:
-        groups.setdefault(own.nets.shape[1:], []).append(own)
+        groups.setdefault((own.zero, *own.nets.shape[1:]), []).append(own)
     yield from map(joined, groups.values())
 
 
@@ -403,10 +414,15 @@ class Seen:
         return touched(self.piece, self._moved.on, places_of(self.degree), self.doubt.within(self.degree))
 
 
-def _nothing(piece: Piece, lost: Floats, sizes: Floats) -> LevelBoxes:
-    """No boxes, but what may have been lost."""
-    low = np.zeros((0, 3))
-    nets = np.zeros((0, 2, 2, 2) if piece.patch.shape.dimension == 3 else (0, 1, 2, 2))
-    none = np.zeros(0, np.int64)
-    order = np.zeros((0, 3), np.int64)
-    return LevelBoxes(piece.patch, none, none, low, low, nets, low[:, 0], none, sizes[:0], sizes[:0], order, lost)
+def _touched(piece: Piece, areas: Floats, sizes: tuple[Floats, Floats]) -> Iterator[LevelBoxes]:
+    """Cells of elements on whose sides areas (n,) of the surface may be lost, or counted twice."""
+    here = np.flatnonzero(areas > 0)
+    if not len(here):
+        return
+    low, d = np.zeros((len(here), 3)), piece.patch.shape.dimension
+    nets = np.ones((len(here), *((2,) * 3)[3 - d :])).reshape(len(here), *(1,) * (3 - d), *(2,) * d)
+    for cell in range(len(corners(piece.patch.shape))):
+        element = piece.rows[here], np.full(len(here), cell)
+        rounding, size = (each[here] for each in sizes)
+        boxes = LevelBoxes.of(piece.patch, element, (low, low + 1), nets, low[:, 0], (rounding, size), False)
+        yield replace(boxes.given_up(0), further=areas[here])

@@ -1,9 +1,10 @@
 """Sums over pieces: one rule where that is exact, else rules whose errors are bounded, on halved boxes.
 
 If an integrand is not a polynomial, each box of eta has one Gauss rule.  Its error is bounded from what the integrand
-attains on complex neighbourhoods of the box (`analytic_error`).  At kinks, jumps and poles the least and the greatest
-value on the box bound it.  Boxes with the largest bounds get better rules, or are halved in the directions with the
-largest share, until the sum of all bounds is below the requested error, or the points are used up.
+attains on complex neighbourhoods of the box (`analytic_error`).  At poles the least and the greatest value on the box
+bound it.  Elements are cut along kinks and jumps that are level sets (`kinks`).  Boxes with the largest bounds get
+better rules, or are halved in the directions with the largest share, until the sum of all bounds is below the requested
+error, or the points are used up.
 
 Some integrands have no bounds, such as distances and fields with Fourier directions.  There three rules are compared,
 and their differences make an estimate of the error.
@@ -33,10 +34,15 @@ from elvis.core.integrals.groups import (
     Counts,
     Group,
     Sums,
+    by_owner,
     compared_counts,
+    gathered,
     with_fewer_rules,
 )
+from elvis.core.integrals.kinks import Cut, branches
 from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.level_discs import is_bounded as is_bounded_on_level
+from elvis.core.integrals.level_error import LevelRules
 from elvis.core.integrals.levels_of_elements import LevelPiece
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.patch import Patch
@@ -109,18 +115,18 @@ class Summation:
         self.is_unfinished = False
         self._most = _MOST if most is None else most
         self._dataset, self._evaluator, self._error = dataset, evaluator, error
-        self._expressions = tuple(expressions)
+        self._cuts: dict[int, Cut] = {}
+        self._expressions = tuple(self._with_branches(expressions))
+        #: of each expression the number of that which it is a branch of
+        self._owners = self._owners_of(len(expressions))
         self._names_others = [any(map(other_of, each.attributes)) for each in self._expressions]
         further = np.where(self._names_others, _LOCATED, 1.0)
-        self._roundings = further * np.array(precision or np.ones(len(expressions)))
+        self._roundings = further * np.array(precision or np.ones(len(expressions)))[self._owners]
         self._places: dict[int, Floats] = {}
-        self._lost = np.zeros(len(self._expressions))
-        self._moved = np.zeros(len(self._expressions))
 
     def over(self, pieces: Sequence[Piece | LevelPiece | CurvePiece]) -> Sums:
         """The integrals over some pieces together."""
-        self._places, self._lost = {}, np.zeros(len(self._expressions))
-        self._moved = np.zeros(len(self._expressions))
+        self._places = {}
         total = Sums.none(len(self._expressions))
         rough: list[Group] = []
         for whole in pieces:
@@ -128,21 +134,53 @@ class Summation:
                 total += self._along(whole)
                 continue
             held = self._held(whole.patch)
-            if isinstance(whole, LevelPiece):
-                found, below = self._on_level(whole, held) if held else ([], None)
-                rough += found
-                if below is None or not whole.is_filled:
-                    continue
-                whole = whole.piece.part(below)
-            for piece, rules in self._alike(whole) if held else ():
-                for numbers, counts in self._by_counts(held, rules):
-                    if counts is None:
-                        rough += self._rough(piece, rules, numbers)
-                    else:
-                        total += self._exact(piece, numbers, counts)
+            level = whole if isinstance(whole, LevelPiece) else None
+            for piece, rules in self._alike(whole.piece if isinstance(whole, LevelPiece) else whole) if held else ():
+                part = piece
+                if level is not None:
+                    found, below = self._on_level(replace(level, piece=piece), rules, held)
+                    rough += found
+                    part = piece.part(below if level.is_filled else below[:0])
+                own, known = self._on_piece(part, rules, held)
+                rough += own
+                total += known
         total += self._refined(rough, total.magnitude)
-        error = total.error + self._lost + self._moved
-        return replace(total, error=error, rounding=total.rounding + self._moved, places=self._places)
+        return replace(gathered(total, self._owners), places=self._places)
+
+    def _with_branches(self, expressions: Sequence[Expression]) -> Iterator[Expression]:
+        """Expressions, and behind them the branches of those with kinks."""
+        yield from expressions
+        first = len(expressions)
+        for number, expression in enumerate(expressions):
+            found = branches(expression.root)
+            if len(found) > 1:
+                self._cuts[number] = Cut.of(expression, number, first, found)
+                first += len(found)
+                yield from (Expression(expression.text, branch.root) for branch in found)
+
+    def _owners_of(self, count: int) -> Ints:
+        return np.array([*range(count), *(cut.whole for cut in self._cuts.values() for _ in cut.numbers)], np.int64)
+
+    def _on_piece(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> tuple[list[Group], Sums]:
+        """What rules say of expressions on a piece, and what is known of them; those with kinks are cut along these."""
+        rough, total = list[Group](), Sums.none(len(self._expressions))
+        if not len(piece):
+            return rough, total
+        is_cut = {own: own in self._cuts and self._cuts[own].is_known(rules, self._evaluator) for own in numbers}
+        for some, counts in self._by_counts([own for own in numbers if not is_cut[own]], rules):
+            if counts is None:
+                rough += self._rough(piece, rules, some)
+            else:
+                total += self._exact(piece, some, counts)
+        for own in (own for own in numbers if is_cut[own]):
+            boxes, whole = self._cuts[own].parts(piece, self._evaluator, *self._sizes(piece, [own]))
+            for number, each in boxes:
+                rough += self._on_boxes(each, rules, [number])
+            for number, rows in whole:
+                further, known = self._on_piece(piece.part(rows), rules, [number])
+                rough += further
+                total += known
+        return rough, total
 
     def _by_counts(self, held: list[int], rules: DegreeRules) -> Iterator[tuple[list[int], Counts | None]]:
         """Numbers of expressions that have the same exact rule, or none, and its points in each direction."""
@@ -152,40 +190,56 @@ class Summation:
 
     def _along(self, whole: CurvePiece) -> Sums:
         """The integrals along a curve."""
-        found, count = along_curve(whole, self._evaluator, self._expressions, self._error), len(self._expressions)
+        count = len(self._owners) - sum(len(cut.numbers) for cut in self._cuts.values())
+        found = along_curve(whole, self._evaluator, self._expressions[:count], self._error)
         if found.place is not None:
             self._places.update({number: found.place for number in range(count) if found.beyond[number] > 0})
-        columns = (found.value, found.error, found.rounding, found.magnitude, found.measure, found.beyond)
-        return Sums(*columns, is_exact=np.zeros(count, bool), is_bound=np.zeros(count, bool))
+        total = Sums.none(len(self._owners))
+        for name in ("value", "error", "rounding", "magnitude", "measure", "beyond"):
+            getattr(total, name)[:count] = getattr(found, name)
+        total.is_exact[:count] = total.is_bound[:count] = False
+        return total
 
-    def _on_level(self, whole: LevelPiece, numbers: list[int]) -> tuple[list[Group], Ints]:
+    def _on_level(self, whole: LevelPiece, rules: DegreeRules, numbers: list[int]) -> tuple[list[Group], Ints]:
         """What rules say of expressions on a surface in elements, or below; elements of the piece that are below."""
         sizes, parts = self._sizes(whole.piece, numbers)
         every, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
-        counts = (_ON_SURFACES,) * whole.dimension
-        enough = self._enough(whole.piece, numbers) if whole.is_filled else None
-        if enough is None:
-            return [self._compared(boxes, numbers, counts, False) for boxes in every], below
-
-        # what is a polynomial on elements is one on boxes that are whole, and along lines that end at a root
-        found = []
+        found: list[Group] = []
         for boxes in every:
-            cut = replace(boxes.part(~boxes.is_whole), lost=boxes.lost, moved=boxes.moved, enough=enough)
-            inner = replace(boxes.part(boxes.is_whole), enough=enough)
-            found += [self._known(inner, numbers, (enough,) * whole.dimension)]
-            found += [self._compared(cut, numbers, counts, False)]
+            found += self._on_boxes(boxes, rules, numbers)
         return found, below
 
-    def _enough(self, piece: Piece, numbers: list[int]) -> int | None:
+    def _on_boxes(self, boxes: LevelBoxes, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
+        """What rules say of expressions on boxes; what is a polynomial on elements is one on boxes that are whole."""
+        counts = (_ON_SURFACES,) * boxes.dimension
+        roots = [self._expressions[number].root for number in numbers]
+        enough = self._enough(rules, numbers) if boxes.is_filled else None
+        is_inner = boxes.is_whole & ~boxes.is_lost
+        if enough is not None and is_inner.any():
+            yield self._known(boxes.part(is_inner), numbers, (enough,) * len(counts))
+            boxes = boxes.part(~is_inner)
+        boxes = replace(boxes, enough=enough)
+        columns = [is_bounded_on_level(root, rules, boxes.is_filled) for root in roots] if len(boxes) else []
+        for own in dict.fromkeys(columns):
+            index = [column for column, other in enumerate(columns) if other == own]
+            some = replace(boxes, sizes=boxes.sizes[:, index], rounding=boxes.rounding[:, index])
+            chosen = [numbers[column] for column in index]
+            if own:
+                yield self._bounded(some, LevelRules(rules, self._evaluator.attributes, enough), chosen)
+            else:
+                yield self._compared(some.finished(), chosen, counts, False)
+
+    def _enough(self, rules: DegreeRules, numbers: list[int]) -> int | None:
         """Gauss points in each direction, of cells or of eta, that integrate all expressions exactly; None: no rule."""
-        every = [rules.counts(self._expressions[own]) for _, rules in self._alike(piece) for own in numbers]
+        every = [rules.counts(self._expressions[own]) for own in numbers]
         known = [max(counts) for counts in every if counts is not None]
         return max(known, default=1) if len(known) == len(every) else None
 
     def _held(self, patch: Patch) -> list[int]:
         """The numbers of expressions all of whose fields a patch has."""
         known = {name for name, own in zip(self._evaluator.names, patch.fields, strict=True) if own is not None}
-        return [number for number, each in enumerate(self._expressions) if known.issuperset(each.fields)]
+        wanted = np.flatnonzero(self._owners == np.arange(len(self._owners))).tolist()
+        return [number for number in wanted if known.issuperset(self._expressions[number].fields)]
 
     def _alike(self, piece: Piece) -> Iterator[tuple[Piece, DegreeRules]]:
         """Parts of a piece whose elements are all affine, or all flat, or all neither, or may be folded."""
@@ -229,7 +283,7 @@ class Summation:
         self._planned += _points(boxes, [counts])
         found = self._integrate(boxes, numbers, counts)
         nothing = np.zeros_like(found.value)
-        return Group(boxes, numbers, counts, found, nothing, nothing == 0)
+        return Group(boxes, numbers, counts, found, nothing, nothing == 0, nothing)
 
     def _rough(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
         """What is known of expressions without an exact rule on a piece, apart those whose error can be bounded."""
@@ -243,9 +297,9 @@ class Summation:
                 self._bounded(boxes, rules, some) if own else self._compared(boxes, some, _rough_counts(piece), False)
             )
 
-    def _bounded(self, boxes: EtaBoxes, rules: DegreeRules, numbers: list[int]) -> Bounded:
+    def _bounded(self, boxes: Boxes, rules: DegreeRules | LevelRules, numbers: list[int]) -> Bounded:
         """What one rule says of expressions on boxes, with bounds of its error and of those of better rules."""
-        counts = lattice_counts(boxes.piece)
+        counts = lattice_counts(boxes.piece) if isinstance(boxes, EtaBoxes) else (_ON_SURFACES,) * boxes.dimension
         self._planned += _points(boxes, [counts])
         size = min(_BOUNDED_AT_ONCE, max(1, _BATCH // int(np.prod(counts))))
         found = list(self._batches(boxes, size, numbers, counts, rules))
@@ -254,7 +308,7 @@ class Summation:
         gains = np.concatenate([own.gains for own in found if own.gains is not None])
         steps = (0,) * len(counts)
         error, is_bound = _error(known, integrals, steps)
-        return Bounded(boxes, numbers, counts, integrals, error, is_bound, rules, steps, known, gains)
+        return Bounded(boxes, numbers, counts, integrals, error, is_bound, known.moved, rules, steps, known, gains)
 
     def _raised(self, old: Bounded, steps: tuple[int, ...]) -> Bounded:
         """The same boxes by rules with more points."""
@@ -266,15 +320,15 @@ class Summation:
 
     def _compared(self, boxes: Boxes, numbers: list[int], counts: Counts, is_raised: bool) -> Compared:
         """What several rules say of expressions on boxes."""
-        if isinstance(boxes, LevelBoxes):
-            self._lost[numbers] += boxes.lost
-            self._moved[numbers] += boxes.moved
         every = compared_counts(counts)
         self._planned += _points(boxes, every)
         *lesser, best = (self._integrate(boxes, numbers, own) for own in every)
         error = np.asarray(_SAFETY * np.max([np.abs(best.value - own.value) for own in lesser], axis=0), np.float64)
         error[~(error > boxes.rounding * best.measure)] = 0.0
-        return Compared(boxes, numbers, counts, best, error, np.zeros(error.shape, bool), is_raised)
+        moved = np.zeros_like(error)
+        if isinstance(boxes, LevelBoxes):
+            error, moved = error + boxes.lost, boxes.moved
+        return Compared(boxes, numbers, counts, best, error, np.zeros(error.shape, bool), moved, is_raised)
 
     def _improved(self, old: Group, allowed: Floats) -> list[Group]:
         """Groups with better rules or smaller boxes, so that errors become less than allowed (k,) where possible."""
@@ -295,7 +349,8 @@ class Summation:
         is_halved = directions.any(axis=1)
         if is_halved.any():
             halves = rest.boxes.part(is_halved).halved(directions[is_halved])
-            yield self._bounded(halves, old.rules, old.numbers)
+            if len(halves):
+                yield self._bounded(halves, old.rules, old.numbers)
         if not is_halved.all():
             stuck = rest.part(~is_halved)
             yield replace(stuck, is_final=True)
@@ -308,19 +363,22 @@ class Summation:
         count, taken = len(self._expressions), 0
         total = sum((group.sums(count) for group in groups), Sums.none(count))
         while groups and not self.is_unfinished:
+            wanted = gathered(total, self._owners)
+            sizes = by_owner(magnitude, self._owners) + wanted.magnitude
+
             # nothing is gained by errors less than rounding, which is all there is of sides that are collapsed
-            goals = np.maximum(self._error * (magnitude + total.magnitude), total.rounding)
-            self._tell(total, magnitude)
+            goals = np.maximum(self._error * sizes, wanted.rounding)[self._owners]
+            self._tell(wanted, sizes)
             scores = [group.scores(goals) for group in groups]
             costs = np.repeat([group.cost for group in groups], list(map(len, scores)))
             every = np.concatenate(scores)
             least = max(_threshold(every), _affordable(every, costs, self._most - taken))
-            wanted = int((every >= least).sum())
-            if not wanted:
+            count_of_best = int((every >= least).sum())
+            if not count_of_best:
                 break
             taken += int(costs[every >= least].sum())
             try:
-                groups = self._round(groups, [own >= least for own in scores], goals / (2 * wanted))
+                groups = self._round(groups, [own >= least for own in scores], goals / (2 * count_of_best))
             except KeyboardInterrupt:
                 if not self._best_effort:
                     raise
@@ -336,12 +394,12 @@ class Summation:
             found += self._improved(old, allowed) if len(old) else []
         return [*(own for own in found if not isinstance(own, Bounded)), *_joined(found)]
 
-    def _tell(self, total: Sums, magnitude: Floats) -> None:
-        """Tell the greatest error reached."""
+    def _tell(self, total: Sums, sizes: Floats) -> None:
+        """Tell the greatest error reached, in parts of the sizes of integrals."""
         if self._reached is None:
             return
         with np.errstate(all="ignore"):
-            parts = (total.error - total.rounding) / (magnitude + total.magnitude)
+            parts = (total.error - total.rounding) / sizes
         self._reached(float(np.nanmax(np.append(parts, 0.0))))
 
     def _integrate(self, boxes: Boxes, numbers: Sequence[int], counts: Counts) -> BoxIntegrals:
@@ -350,19 +408,27 @@ class Summation:
         return BoxIntegrals.joined([own.integrals for own in self._batches(boxes, size, numbers, counts)])
 
     def _batches(
-        self, boxes: Boxes, size: int, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None = None
+        self,
+        boxes: Boxes,
+        size: int,
+        numbers: Sequence[int],
+        counts: Counts,
+        rules: DegreeRules | LevelRules | None = None,
     ) -> Iterator[_Batch]:
         """What a rule says of some boxes at a time; with bounds where the rules of a piece are given."""
         parts = [boxes.part(slice(first, first + size)) for first in range(0, max(len(boxes), 1), size)]
         jobs = (partial(self._batch, part, numbers, counts, rules) for part in parts)
         for part, own in zip(parts, results(jobs), strict=True):
-            self._places = {**own.missing, **self._places}
+            missing = {int(self._owners[number]): place for number, place in own.missing.items()}
+            self._places = {**missing, **self._places}
             self._done += _points(part, [counts])
             if self._progress is not None:
                 self._progress(self._done, self._planned)
             yield own
 
-    def _batch(self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None) -> _Batch:
+    def _batch(
+        self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | LevelRules | None
+    ) -> _Batch:
         """What a rule says of boxes at once."""
         found, missing = BoxIntegrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
         if not len(boxes):
@@ -376,12 +442,15 @@ class Summation:
             parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, sizes), np.where(is_beyond, sizes, 0.0))
             for part, sums in zip(parts, found, strict=True):
                 sums[:, column] = np.bincount(box, part, len(boxes))
-            gains.append(_gains(values, counts) if rules is not None else np.empty(0))
+            gains.append(_gains(values, counts) if isinstance(rules, DegreeRules) else np.empty(0))
+        roots = [self._expressions[number].root for number in numbers]
+        if isinstance(rules, LevelRules):
+            assert isinstance(boxes, LevelBoxes)
+            return _Batch(found, missing, rules.bounds(boxes, roots, counts), np.ones((len(boxes), len(counts))))
         if rules is None:
             return _Batch(found, missing)
         assert isinstance(boxes, EtaBoxes)
         discs = BoxDiscs(boxes, rules, self._evaluator.names, self._evaluator.attributes, places, counts)
-        roots = [self._expressions[number].root for number in numbers]
         return _Batch(found, missing, bounds(discs, roots, found.measure[:, 0]), np.sum(gains, axis=0))
 
     def _values(self, numbers: Sequence[int], places: ElementPoints, noted: dict[int, Floats]) -> Iterator[Floats]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +12,11 @@ from elvis.core.polynomials.boxnets import halves
 from elvis.core.quantities.regions import Region
 from elvis.core.quantities.tree import Node
 
-#: halvings of boxes in which several polynomials change their signs, and how many such boxes may be halved
+#: halvings of boxes in which several polynomials change their signs, and how many such boxes may be halved: at least,
+#: and for each box at first
 _DEPTH = 16
 _MOST = 1 << 10
+_MOST_OF_ONE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,33 +76,37 @@ class CellBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Separated:
-    """Boxes inside a region and at its border.
+    """Boxes inside of regions and at their borders.
 
-    single  a polynomial and boxes with its net alone, which is negative inside
-    whole   boxes inside
+    single  number of a region, a polynomial, and boxes with its net alone, which is negative inside
+    whole   number of a region, and boxes inside
     left    boxes in which several polynomials may be zero
     """
 
-    single: tuple[tuple[Node, CellBoxes], ...]
-    whole: tuple[CellBoxes, ...]
+    single: tuple[tuple[int, Node, CellBoxes], ...]
+    whole: tuple[tuple[int, CellBoxes], ...]
     left: CellBoxes
 
 
-def separated(region: Region, boxes: CellBoxes) -> Separated:
-    """Boxes halved until one polynomial at most changes its sign in each, or they are too many."""
-    single: list[tuple[Node, CellBoxes]] = []
-    whole: list[CellBoxes] = []
+def separated(regions: Sequence[Region], boxes: CellBoxes) -> Separated:
+    """Boxes halved until one polynomial at most changes its sign in each, or they are too many.
+
+    regions  that have no part in common
+    """
+    single: list[tuple[int, Node, CellBoxes]] = []
+    whole: list[tuple[int, CellBoxes]] = []
+    most = max(_MOST, _MOST_OF_ONE * len(boxes))
     for depth in range(_DEPTH + 1):
         signs = boxes.signs()
-        state = np.broadcast_to(region.holds(signs), len(boxes))
-        unknown = np.sum([own == 0 for own in signs.values()], axis=0)
-        is_single = (state == 0) & (unknown == 1)
-        whole.append(boxes.part(state > 0))
-        turning, same = _oriented(region, boxes.part(is_single))
-        single += turning
-        whole += same
-        boxes = boxes.part((state == 0) & ~is_single)
-        if not len(boxes) or depth == _DEPTH or len(boxes) > _MOST:
+        states = np.stack([np.broadcast_to(region.holds(signs), len(boxes)) for region in regions])
+        is_open = (states <= 0).all(axis=0) & (states == 0).any(axis=0)
+        is_single = is_open & (np.sum([own == 0 for own in signs.values()], axis=0) == 1)
+        for number, (region, state) in enumerate(zip(regions, states, strict=True)):
+            turning, same = _oriented(region, boxes.part(is_single & (state == 0)))
+            single += [(number, *each) for each in turning]
+            whole += [(number, each) for each in (boxes.part(state > 0), *same)]
+        boxes = boxes.part(is_open & ~is_single)
+        if not len(boxes) or depth == _DEPTH or len(boxes) > most:
             break
         boxes = boxes.halved()
     return Separated(tuple(single), tuple(whole), boxes)

@@ -1,0 +1,68 @@
+"""Matrices of complex discs that are near the identity: determinants, cofactors, solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.quantities import discs
+from elvis.core.quantities.discs import Disc
+
+#: steps in which the enclosure of a solution is made smaller
+_STEPS = 2
+
+Matrix = Sequence[Sequence[Disc]]
+
+
+def minor(a: Disc, b: Disc, c: Disc, d: Disc) -> Disc:
+    """a d - b c."""
+    return discs.minus(discs.times(a, d), discs.times(b, c))
+
+
+def determinant(t: Matrix) -> Disc:
+    """The determinant of a matrix with 2 or 3 rows, along its first row."""
+    if len(t) == 2:
+        return minor(t[0][0], t[0][1], t[1][0], t[1][1])
+    return reduce(discs.plus, map(discs.times, t[0], cofactors(t)[0]))
+
+
+def cofactors(t: Matrix) -> list[list[Disc]]:
+    """The matrix of cofactors: det(t) times the inverse, transposed."""
+    if len(t) == 2:
+        zero = discs.number(0.0)
+        return [[t[1][1], discs.minus(zero, t[1][0])], [discs.minus(zero, t[0][1]), t[0][0]]]
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return [[minor(t[i][a], t[i][b], t[k][a], t[k][b]) for a, b in pairs] for i, k in pairs]
+
+
+def solution(t: Matrix, first: Sequence[Disc]) -> list[Disc]:
+    """The solution g of t g = first, with t = 1 + R: g = first - R g (Neumaier 1990, section 4.2).
+
+    |g| <= |first| / (1 - |R|) in the norm of the greatest; so t is regular on all discs.
+    """
+    one = discs.number(1.0)
+    rest = [[discs.minus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(t)]
+    return enclosed(rest, first)
+
+
+def enclosed(rest: Matrix, first: Sequence[Disc]) -> list[Disc]:
+    """The solution g of g = first - R g."""
+    norm = _greatest([sum(np.abs(entry[0]) + entry[1] for entry in row) for row in rest])
+    size = _greatest([np.abs(entry[0]) + entry[1] for entry in first])
+    radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+    found: list[Disc] = [(0.0 * entry[0], radius) for entry in first]
+    for _ in range(_STEPS):
+        found = [_less(own, row, found) for own, row in zip(first, rest, strict=True)]
+    return found
+
+
+def _greatest(arrays: Sequence[Floats]) -> Floats:
+    return reduce(np.maximum, arrays)
+
+
+def _less(first: Disc, row: Sequence[Disc], found: Sequence[Disc]) -> Disc:
+    """An entry of first - R g."""
+    return reduce(discs.minus, (discs.times(*pair) for pair in zip(row, found, strict=True)), first)

@@ -1,0 +1,232 @@
+"""Bounds on surfaces, on parts that they cut out and along kinks: against closed forms, and without a term."""
+
+from math import exp, pi, sinh
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset
+from elvis.core.integrals import graph_discs, integrate, level_error
+from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
+from elvis.core.integrals.kinks import branches
+from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.taylor import sheared, taylor
+from elvis.core.patch import patches
+from elvis.core.polynomials.bernstein import line_tables
+from elvis.core.quantities.expression import Expression
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
+
+BODIES = [shape for shape in Shape if shape.dimension > 1]
+C = 0.37
+#: integrands with kinks and their integrals over the unit square or cube
+KINKS = {
+    "abs(x-0.37)": (C * C + (1 - C) ** 2) / 2,
+    "sign(u-0.37)": 1 - 2 * C,
+    "exp(-abs(x-0.37))": 2 - exp(-C) - exp(C - 1),
+    "max(0.3-abs(u-0.37),0)": 0.09,
+    "min(u^2,0.1369)": C**3 / 3 + (1 - C) * C**2,
+}
+
+
+def bubble(points):
+    """A warp that keeps the border of the unit square or cube."""
+    is_used = points.any(axis=0)
+    inner = np.prod(np.where(is_used, 4 * points * (1 - points), 1.0), axis=1)
+    return points + np.where(is_used, 0.12 * inner[:, None] * [1.0, -0.7, 0.4], 0.0)
+
+
+def is_true(dataset, truth, text, **options):
+    """Whether an integral is off by no more than its error, which is a bound."""
+    (row,) = integrate(dataset, text, **options)
+    assert row.kind == "bound"
+    return abs(row.value - truth) <= row.error + 4e-16 * abs(truth)
+
+
+@pytest.mark.sampled(least=3)
+@pytest.mark.parametrize("text", KINKS)
+@pytest.mark.parametrize("shape", BODIES)
+def test_integrands_are_cut_along_their_kinks(shape, text):
+    dataset = with_field(grid(shape, 1), lambda points: points[:, 0], 2)
+    (row,) = integrate(dataset, text, error=1e-3)
+    assert row.kind == "bound"
+    assert abs(row.value - KINKS[text]) <= row.error < 1.1e-3
+
+
+def test_kinks_inside_of_kinks_and_side_by_side():
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    assert is_true(dataset, (C * C + (1 - C) ** 2) / 2 * 0.25, "abs(x-0.37)*abs(y-0.5)", error=1e-2)
+    assert is_true(dataset, pi / 2 * 1e-4, "max(0.01-(x-0.37)^2-(y-0.41)^2,0)", error=1e-3)
+    nested = branches(Expression.of(dataset, "max(abs(x-0.37),y)").root)
+    assert len(nested) == 4
+    assert [branch.root for branch in branches(Expression.of(dataset, "abs(sin(x))").root)] == [
+        Expression.of(dataset, "abs(sin(x))").root
+    ]
+
+
+@pytest.mark.sampled(least=3)
+@pytest.mark.parametrize("is_bent", [False, True])
+@pytest.mark.parametrize("shape", BODIES)
+def test_spheres_have_bounds(shape, is_bent):
+    mesh, r = grid(shape, 1), 0.3
+    dataset = Dataset(curved(mesh, bubble, 2)) if is_bent else with_field(mesh, lambda points: points[:, 0], 2)
+    if shape.dimension == 2:
+        circle = f"sphere:0.5,0.45,0:{r}"
+        assert is_true(dataset, pi * r**2, "area", clip=f"outside:{circle}", error=1e-3)
+        assert is_true(dataset, 2 * pi * r**2, "x*nx+y*ny", over=circle, error=1e-3)
+        return
+    sphere = f"sphere:0.5,0.45,0.52:{r}"
+    assert is_true(dataset, 4 / 3 * pi * r**3, "volume", clip=f"outside:{sphere}", error=1e-2)
+    if not is_bent:
+        assert is_true(dataset, 4 * pi * r * exp(0.5) * sinh(r), "exp(u)", over=sphere, error=1e-2)
+
+
+def test_without_the_error_of_rules_errors_are_less_than_the_truth(monkeypatch):
+    dataset, options = Dataset(grid(Shape.QUADRILATERAL, 1)), {"clip": "outside:y+0*x=0.5", "error": 0.5}
+    text, truth = "exp(9*x)", (exp(9) - 1) / 18
+    assert is_true(dataset, truth, text, **options)
+    monkeypatch.setattr(level_error, "gauss_factors", lambda counts, rhos: np.full((len(counts), len(rhos)), 1e-9))
+    assert not is_true(dataset, truth, text, **options)
+
+
+def test_every_direction_has_its_part_of_the_error():
+    """Radii on the ellipses of one direction are in the error of that direction alone, unless a rule is exact."""
+    for direction in range(3):
+        radius = np.zeros((1, 2 + 3 * len(RHOS)))
+        radius[:, 0] = 1e9
+        radius[:, 1 + direction * len(RHOS) : 1 + (direction + 1) * len(RHOS)] = 1.0
+        found = level_error._analytic(radius, (3, 3, 3), None)[0, :, 0]
+        expected = 4 * min(level_error.gauss_factors([3], RHOS)[0])
+        assert found.tolist() == [expected if own == direction else 0.0 for own in range(3)]
+        assert level_error._analytic(radius, (3, 3, 3), 2)[0, 2].max() == 0
+
+
+def test_without_what_rounding_moves_errors_are_less_than_the_truth(monkeypatch):
+    """The volume between two planes is wrong by their distance times the shift."""
+    dataset, distance = Dataset(grid(Shape.HEXAHEDRON, 1)), 1e-5
+    options = {"clip": f"outside:(z-0.5)^2={distance**2 / 4!r}", "error": 1e-6}
+    assert is_true(dataset, distance, "volume", **options)
+    monkeypatch.setattr(level_error, "_moved", lambda boxes, whole, most: np.zeros(len(boxes)))
+    assert not is_true(dataset, distance, "volume", **options)
+
+
+def test_without_lost_boxes_errors_are_less_than_the_truth(monkeypatch):
+    """Two planes that rounding can't tell apart have the area of both."""
+    dataset, level = Dataset(grid(Shape.HEXAHEDRON, 1)), "(z-0.5)^2=2.5e-15"
+    assert is_true(dataset, 2.0, "area", over=level)
+    monkeypatch.setattr(level_error, "_extent", lambda whole, boxes: boxes.further)
+    assert not is_true(dataset, 2.0, "area", over=level)
+
+
+def test_surfaces_that_moved_ones_miss_are_lost():
+    """Beyond the band of rounding there is none; inside of it the surface may be anywhere in a box."""
+    nets = np.broadcast_to([1.0, 3.0], (1, 2, 2, 2)).copy()
+    corners = np.zeros((1, 3)), np.ones((1, 3))
+    (patch,) = patches(Dataset(grid(Shape.HEXAHEDRON, 1)))
+    nothing, none = (np.zeros(1, int),) * 2, (np.zeros((1, 1)),) * 2
+    found = [
+        LevelBoxes.of(patch, nothing, corners, nets, np.array([band]), none, False).resolved(1)
+        for band in (0.5, 1.5, 2.5)
+    ]
+    assert [len(own) for own in found] == [0, 1, 1]
+    assert [own.is_lost.any() for own in found] == [False, False, True]
+
+
+def test_taylor_expansions_have_the_values_of_nets():
+    random = np.random.default_rng(1)
+    nets, places, sizes = random.normal(size=(3, 3, 4, 2)), random.uniform(size=(3, 3)), random.uniform(size=(3, 3))
+    steps, slopes = random.uniform(-1, 1, (3, 3)), random.normal(size=(3, 2))
+    own = taylor(nets, places, sizes)
+    tables = [line_tables(size - 1, (places + sizes * steps)[:, k])[0] for k, size in enumerate(nets.shape[1:])]
+    expected = np.einsum("nabc,na,nb,nc->n", nets, *tables)
+    np.testing.assert_allclose(value(own, steps), expected, atol=1e-12)
+    moved = steps - np.stack([0 * steps[:, 0], 0 * steps[:, 0], (slopes * steps[:, :2]).sum(axis=1)], axis=1)
+    np.testing.assert_allclose(value(sheared(own, slopes), moved), value(own, steps), atol=1e-12)
+
+
+def value(coefficients, places):
+    powers = [places[:, k, None] ** np.arange(coefficients.shape[1 + k]) for k in range(3)]
+    return np.einsum("nabc,na,nb,nc->n", coefficients, *powers)
+
+
+def graphs(count, seed):
+    """Nets of g = k - h(i, j) with small bends, some of whose surfaces end inside of the box."""
+    random = np.random.default_rng(seed)
+    nets = random.normal(scale=0.04, size=(count, 3, 3, 3))
+    nets += np.linspace(-1, 1, 3) * 0.5 - random.uniform(-0.6, 0.6, (count, 1, 1, 1))
+    nets += np.linspace(-1, 1, 3)[:, None] * random.uniform(0.5, 1.0, (count, 1, 1, 1))
+    return nets
+
+
+def root(polynomial, near):
+    """The root of a complex polynomial of one variable that is nearest to a number."""
+    every = np.roots(polynomial[::-1])
+    return every[np.abs(every - near).argmin()]
+
+
+def values_of(discs, nets, parts, number, v):
+    """i, j and k of a part at coordinates v, by roots that are continued along a line from the centre."""
+    i = (parts.low[number] + parts.high[number]) / 2
+    ends, k = parts.ends[number].astype(complex), parts.root[number]
+    for step in np.linspace(0, 1, 40):
+        here = i + step * v[0] * (parts.high[number] - parts.low[number]) / 2
+        for column in (0, 1):
+            if parts.kinds[number, column] >= 0:
+                line = value_along(nets[number, :, :, -parts.kinds[number, column]], here)
+                ends[column] = root(line, ends[column])
+        j = ends.mean() + step * v[1] * (ends[1] - ends[0]) / 2
+        line = np.einsum("ab,a->b", powers_of_net(nets[number], here), [j**p for p in range(3)])
+        k = root(line, k)
+    return here, j, k
+
+
+def to_powers(net):
+    """Coefficients of powers from those of Bernstein polynomials of degree 2, in each direction."""
+    matrix = np.array([[1, 0, 0], [-2, 2, 0], [1, -2, 1.0]])
+    for axis in range(net.ndim):
+        net = np.moveaxis(np.tensordot(matrix, net, (1, axis)), 0, axis)
+    return net
+
+
+def value_along(face, i):
+    return np.array([i**p for p in range(3)]) @ to_powers(face)
+
+
+def powers_of_net(net, i):
+    return np.einsum("a,abc->bc", np.array([i**p for p in range(3)]), to_powers(net))
+
+
+def test_discs_hold_the_complex_places_of_parts():
+    """Roots at complex places, which are continued from the real centre."""
+    nets = graphs(16, 5)
+    parts = graph_parts(nets)
+    parts = parts.part(parts.has_root)
+    own = nets[parts.box]
+    discs = PartDiscs.of(own, parts, (0, 1), False)
+    random, tried = np.random.default_rng(2), 0
+    for number in range(len(parts)):
+        for direction, column in ((0, 1), (0, 2), (1, 5), (1, 6)):
+            if not discs.is_proved[number, column]:
+                continue
+            rho = RHOS[(column - 1) % len(RHOS)]
+            w = rho * np.exp(1j * random.uniform(0, 2 * pi))
+            v = random.uniform(-1, 1, 3).astype(complex)
+            v[direction] = (w + 1 / w) / 2
+            i, j, k = values_of(discs, own, parts, number, v)
+            c = discs.centres[number]
+            t = k - c[2] - discs.slopes[number] @ [i - c[0], j - c[1]]
+            for place, radius in zip((i - c[0], j - c[1], t), discs.radii, strict=True):
+                assert abs(place) <= radius[number, column] + 1e-9
+            tried += 1
+    assert tried > 10
+
+
+def test_discs_of_roots_have_room_for_the_change_of_the_slope():
+    """The root of t^2/2 + t + s = 0 with s = 0.2 is 0.225 off; with s = 0.3 no disc is proved."""
+    coefficients = np.zeros((1, 1, 2, 3))
+    coefficients[0, 0, 0] = [0.0, 1.0, 0.5]
+    coefficients[0, 0, 1, 0] = 1.0
+    one = np.ones((1, 1))
+    found = graph_discs.root_radii(coefficients, 0 * one, 0.2 * one)
+    assert 1 - np.sqrt(1 - 2 * 0.2) <= found[0, 0] < np.inf
+    assert graph_discs.root_radii(coefficients, 0 * one, 0.3 * one)[0, 0] == np.inf
