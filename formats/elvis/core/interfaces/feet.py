@@ -15,6 +15,9 @@ from elvis.core.mapping.orientation import chunks
 ITERATIONS = 16
 #: coordinates beyond which no step goes, while the domain ends at 1
 FARTHEST = 1.3
+#: a step that changes nothing: distances are off by less than its square where the point lies beside the side, and by
+#: less than rounding where it lies on it
+STILL = 1e-13
 #: part of its trace that is added to the matrix of a step, which is singular where a side is collapsed
 DAMPING = 1e-14
 #: pairs of a point and a side that are looked at together
@@ -55,20 +58,32 @@ def _on_group(group: SideGroup, rows: Ints, world: Floats) -> tuple[Floats, Floa
     Gauss-Newton on |x(t) - p|² from the nearest point of a lattice: t -= (JᵀJ)⁻¹ Jᵀ (x(t) - p) with J = dx/dt
     (Nocedal and Wright, Numerical Optimization, 10.3).
     """
-    dimension = 1 if group.corners == 2 else 2
     points = _starts(group, rows, world)
+    moving = np.arange(len(points))
     for _ in range(ITERATIONS):
-        slopes = group.patches.derivatives(points, rows, 1)
-        residual = slopes[:, 0, 0] - world
-        tangents = np.stack([slopes[:, 0, 1], slopes[:, 1, 0]][:dimension], axis=2)
-        matrix = np.einsum("nci,ncj->nij", tangents, tangents)
-        trace = np.trace(matrix, axis1=1, axis2=2)
-        damping = np.where(trace > 0, DAMPING * trace, 1.0)
-        matrix = matrix + damping[:, None, None] * np.eye(dimension)
-        right = np.einsum("nci,nc->ni", tangents, residual)
-        step = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-        points[:, :dimension] = np.clip(points[:, :dimension] - step, -FARTHEST, FARTHEST)
+        before = points[moving]
+        points[moving] = _stepped(group, rows[moving], world[moving], before)
+        moving = moving[np.abs(points[moving] - before).max(axis=1) > STILL]
+        if not len(moving):
+            break
     return points, np.linalg.norm(group.patches.at(points, rows) - world, axis=1)
+
+
+def _stepped(group: SideGroup, rows: Ints, world: Floats, points: Floats) -> Floats:
+    """(n, 2) coordinates after one step from ``points`` (n, 2)."""
+    dimension = 1 if group.corners == 2 else 2
+    slopes = group.patches.derivatives(points, rows, 1)
+    residual = slopes[:, 0, 0] - world
+    tangents = np.stack([slopes[:, 0, 1], slopes[:, 1, 0]][:dimension], axis=2)
+    matrix = np.einsum("nci,ncj->nij", tangents, tangents)
+    trace = np.trace(matrix, axis1=1, axis2=2)
+    damping = np.where(trace > 0, DAMPING * trace, 1.0)
+    matrix = matrix + damping[:, None, None] * np.eye(dimension)
+    right = np.einsum("nci,nc->ni", tangents, residual)
+    step = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    found = points.copy()
+    found[:, :dimension] = np.clip(points[:, :dimension] - step, -FARTHEST, FARTHEST)
+    return found
 
 
 def _starts(group: SideGroup, rows: Ints, world: Floats) -> Floats:

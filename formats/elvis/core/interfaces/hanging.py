@@ -9,7 +9,7 @@ nothing: the integrals of n and of x . n over all sides that touch one another a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -62,6 +62,10 @@ class _Contacts:
     distance: Floats
     is_on: Bools
 
+    def joined(self, other: _Contacts) -> _Contacts:
+        """Both together."""
+        return _Contacts(*(np.concatenate([getattr(each, own.name) for each in (self, other)]) for own in fields(self)))
+
 
 def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -> Hanging:
     """Which of some sides without a partner are inner ones.
@@ -83,10 +87,12 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     if not touched.any():
         return Hanging(sides.entity[collapsed], np.empty(0, np.int64))
 
-    # then at as many as decide
+    # then at as many as decide: on the sides that were met, and where these leave something open, on all
     count = 2 * sides.degree + 3
-    found = search.contacts(likely, count)
-    _, sure = _tally(found, sides.samples(likely, count)[0], len(sides), likely)
+    found, sure = search.covering(likely, count, np.stack([probes.side, probes.other], axis=1))
+    rest = likely[~sure[likely]]
+    further, are_covered = search.covering(rest, count)
+    found, sure = found.joined(further), sure | are_covered
     undecided = touched & ~sure
     undecided |= search.are_open(found, sure, undecided)
     gap = probes.distance[undecided[probes.side]].max(initial=0.0)
@@ -155,28 +161,47 @@ class _Search:
             return np.ones(len(side), bool)
         return np.asarray(np.einsum("ni,ni->n", self._normals[side], self._normals[other]) < FACING)
 
-    def contacts(self, chosen: Ints, count: int) -> _Contacts:
-        """Where points of the sides ``chosen`` (k,) lie on or near others; ``count`` as of `SideSet.samples`."""
+    def covering(self, chosen: Ints, count: int, pairs: Ints | None = None) -> tuple[_Contacts, Bools]:
+        """The contacts of sides ``chosen`` (k,), and (n,) which of all sides lie on others with all their points."""
+        found = self.contacts(chosen, count, pairs)
+        return found, _tally(found, self.sides.samples(chosen, count)[0], len(self.sides), chosen)[1]
+
+    def contacts(self, chosen: Ints, count: int, pairs: Ints | None = None) -> _Contacts:
+        """Where points of the sides ``chosen`` (k,) lie on or near others.
+
+        count  as of `SideSet.samples`
+        pairs  (m, 2) sides and others that may be touched; None where all may
+        """
         which, points = self.sides.samples(chosen, count)
         side = chosen[which]
         world = self.sides.at(points, side)
         point, other = self._tree.candidates(world)
         other = self._candidates[other]
         possible = (side[point] != other) & self._may_face(side[point], other)
+        if pairs is not None:
+            possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
         point, other = point[possible], other[possible]
 
         nearest = feet(self.sides, other, world[point])
-        facing = np.ones(len(point), bool)
-        if self.is_oriented:
-            here = self.sides.normals(points[point], side[point])[0]
-            there = self.sides.normals(nearest.points, other)[0]
-            facing = np.einsum("ni,ni->n", here, there) < OPPOSITE
         size = np.minimum(self._size[side[point]], self._size[other])
-        is_on = nearest.inside & facing & (nearest.distance <= self._rounding)
-        near = nearest.inside & facing & (nearest.distance <= NEAR * size)
+        is_on = nearest.inside & (nearest.distance <= self._rounding)
+        near = nearest.inside & (nearest.distance <= NEAR * size)
         near &= ~self.named[side[point]] & ~self.named[other]
-        keep = self._joined(side[point], other, is_on) & (is_on | near)
-        return _Contacts(side[point][keep], point[keep], other[keep], nearest.distance[keep], is_on[keep])
+        kept = np.flatnonzero(is_on | near)
+        kept = kept[self._are_facing(points[point[kept]], side[point[kept]], nearest.points[kept], other[kept])]
+        kept = kept[self._joined(side[point[kept]], other[kept], is_on[kept])]
+        return _Contacts(side[point[kept]], point[kept], other[kept], nearest.distance[kept], is_on[kept])
+
+    def _code(self, side: Ints, other: Ints) -> Ints:
+        """(n,) a number for each pair of sides."""
+        return side * len(self.sides) + other
+
+    def _are_facing(self, points: Floats, side: Ints, others: Floats, other: Ints) -> Bools:
+        """(n,) whether elements lie on opposite sides of two sides at points (n, 2) of both."""
+        if not self.is_oriented:
+            return np.ones(len(side), bool)
+        here, there = self.sides.normals(points, side)[0], self.sides.normals(others, other)[0]
+        return np.asarray(np.einsum("ni,ni->n", here, there) < OPPOSITE)
 
     def _joined(self, side: Ints, other: Ints, is_on: Bools) -> Bools:
         """(n,) whether pairs of sides count: faces of a slit don't, and near ones only where corners are near, too."""
