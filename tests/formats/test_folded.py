@@ -13,9 +13,9 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.summary import summary
 from elvis.core.testing import curved, grid, ripple, scattered
-from elvis.core.validity.folded import TOUCHING, folded
+from elvis.core.validity.folded import folded
 from elvis.core.validity.regularity import are_regular
-from elvis.core.validity.validity import ValidityStatus, validity
+from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity
 from elvis.formats import Block, Dataset, ElvisError, Field, Shape, integrate, open_series, write
 from elvis.plugins.command import elvis as group
 

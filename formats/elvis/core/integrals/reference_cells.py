@@ -26,7 +26,7 @@ from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import Lattice
 from elvis.core.shapes import Shape
-from elvis.core.validity.validity import ValidityStatus, statuses
+from elvis.core.validity.validity import are_never_negative
 
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of what a map's derivatives are made of, in units of the last place
@@ -158,9 +158,9 @@ class Piece:
         return np.asarray(spread <= _ROUNDING * _EPS * np.maximum(1.0, conditions))
 
     def is_valid(self, dataset: Dataset) -> Bools:
-        """(n,) whether the Jacobian is proved to be positive all over the element."""
+        """(n,) whether the Jacobian is proved to be its own absolute value all over the element."""
         block = GeometryBlock(self.patch.geometry, self.patch.element_ids[self.rows], self._coefficients)
-        return np.asarray(statuses(block, dataset.mesh.space) == ValidityStatus.POSITIVE)
+        return are_never_negative(block, dataset.mesh.space)
 
     @property
     def _coefficients(self) -> Floats:

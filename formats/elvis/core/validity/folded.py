@@ -17,13 +17,10 @@ from elvis.core.mapping.orientation import chunks
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.regularity import are_regular
-from elvis.core.validity.validity import ValidityStatus, validity
+from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity
 
 #: the determinant of a straight simplex, in parts of the product of its edges, that is more than rounding
 ROUNDING = 1e-13
-#: bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero: as on hexahedra that are
-#: collapsed, which stand for pyramids
-TOUCHING = 4
 #: elements that are looked at together, and the numbers of determinants' nets that are proved at most
 TOGETHER = 1 << 11
 PROVED_NUMBERS = 1 << 23

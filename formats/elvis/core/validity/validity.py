@@ -39,6 +39,8 @@ _NUMBERS, _TOGETHER = 1 << 21, 1 << 13
 #: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)
+#: lower bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero
+TOUCHING = 4
 
 
 class ValidityStatus(IntEnum):
@@ -124,13 +126,29 @@ def statuses(block: GeometryBlock, space: int) -> Ints:
     space  dimension of the world
     FormatError for maps that aren't polynomials.
     """
-    is_passed = are_regular(block.expansion, block.coefficients, space)
-    rest = _rows(block, ~is_passed)
-    facts = _Facts.of([rest], space)
-    facts.look_into_valleys([rest], space)
+    is_passed, rest = _proved(block, space)
     found = np.full(len(block), int(ValidityStatus.POSITIVE))
-    found[~is_passed] = facts.status
+    found[~is_passed] = rest.status
     return found
+
+
+def are_never_negative(block: GeometryBlock, space: int) -> Bools:
+    """(n,) whether the determinant of each element is proved to be at least zero, within rounding.
+
+    So it is on hexahedra that are collapsed, which stand for pyramids; see `statuses`.
+    """
+    found, rest = _proved(block, space)
+    found[~found] = rest.lower >= -TOUCHING * rest.error
+    return found
+
+
+def _proved(block: GeometryBlock, space: int) -> tuple[Bools, _Facts]:
+    """(n,) which elements pass the quick test, and what is found of the others."""
+    is_passed = are_regular(block.expansion, block.coefficients, space)
+    others = _rows(block, ~is_passed)
+    rest = _Facts.of([others], space)
+    rest.look_into_valleys([others], space)
+    return is_passed, rest
 
 
 def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
