@@ -11,12 +11,6 @@ HEAD = re.compile(r"\b(\w+)\s*(?:<[^<>;{}]*>)?\s*\((?:[^(){};]|\([^(){};]*\))*\)
 NO_FUNCTION = ("if", "for", "while", "switch")
 
 
-def test_functions_and_modules_are_small(root):
-    sizes = loaded(root / "tools" / "sizes.py")
-    listed = set(sizes.LISTED.read_text(encoding="utf-8").split())
-    assert not list(sizes.size_faults(dict(sizes.oversized(root)), listed))
-
-
 def test_size_faults_name_what_is_too_large_and_what_is_listed_for_nothing(root):
     sizes = loaded(root / "tools" / "sizes.py")
     faults = list(sizes.size_faults({"a.py:f": 401, "b.py": 4001}, {"b.py", "c.py"}))

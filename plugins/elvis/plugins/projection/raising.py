@@ -34,6 +34,9 @@ _MOST_ADDED = 6
 #: the highest order that they lead to
 _HIGHEST = 16
 
+#: modes that an element may have: those of a hexahedron of order 8; the time of a fit grows with their third power
+_MOST_MODES = 729
+
 #: numbers that a field may have
 _MOST_NUMBERS = 1 << 25
 
@@ -132,8 +135,9 @@ def _added(
 
 def _is_affordable(blocks: Sequence[NativeBlock], orders: Sequence[int]) -> bool:
     """Whether elements of these orders are few enough, and the orders themselves reasonable."""
-    numbers = sum(len(b) * mode_count(b.expansion(order + 1)) for b, order in zip(blocks, orders, strict=True))
-    return max(orders) <= _HIGHEST and numbers <= _MOST_NUMBERS
+    modes = [mode_count(block.expansion(order + 1)) for block, order in zip(blocks, orders, strict=True)]
+    numbers = sum(len(block) * count for block, count in zip(blocks, modes, strict=True))
+    return max(orders) <= _HIGHEST and max(modes) <= _MOST_MODES and numbers <= _MOST_NUMBERS
 
 
 def leading(blocks: Sequence[NativeBlock], tally: Tally) -> list[NativeBlock]:
