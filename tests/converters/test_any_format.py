@@ -180,7 +180,7 @@ def test_a_converter_in_a_file(elvis_json, tmp_path):
 
 def test_what_nobody_recognises(solvers, tmp_path):
     (tmp_path / "a.txt").write_text("hello")
-    with pytest.raises(ElvisError, match=r"a\.txt: expected a file of a known format \(cgns, .*vtk\), found a text"):
+    with pytest.raises(ElvisError, match=r"a\.txt: expected a file of a known format \(cgns, .*vtx\), found a text"):
         read(tmp_path / "a.txt")
     with pytest.raises(ElvisError, match=r": expected a file of a known .*without files of a known format$"):
         read(tmp_path)

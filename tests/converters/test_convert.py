@@ -175,7 +175,7 @@ def test_every_library_comes_with_an_extra_of_its_converter():
     text = (PAGE.parents[1] / "pyproject.toml").read_text()
     for candidate in installed_converters():
         for need in candidate.converter.needs:
-            assert re.search(rf'^{candidate.name} = \["{need}[>=]', text, re.M)
+            assert re.search(rf'^{candidate.name} = \[.*"{need}[>=]', text, re.M)
 
 
 def test_several_claims_ask_for_a_choice(case, plugin):

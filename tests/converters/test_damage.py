@@ -26,6 +26,9 @@ CASES = {
     "vtk": ["vtk/dealii_shell_p4.vtu"],
 }
 
+#: converters of files that the fuzz harness makes and damages
+MADE_BY_THE_HARNESS = {"elvisdat", "horses", "trixi", "vtx"}
+
 SHARES = (0.01, 0.3, 0.7, 0.99)
 
 #: what takes the place of a number
@@ -67,9 +70,8 @@ def converted(paths):
 
 
 def test_every_converter_has_a_case():
-    assert {name.split()[0] for name in CASES} | {"elvisdat"} == {
-        candidate.name for candidate in installed_converters()
-    }
+    names = {candidate.name for candidate in installed_converters()}
+    assert {name.split()[0] for name in CASES} | MADE_BY_THE_HARNESS == names
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers as large as they come

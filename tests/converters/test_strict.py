@@ -3,6 +3,7 @@ the same every time."""
 
 import re
 
+import corpus
 import numpy as np
 import pytest
 
@@ -34,6 +35,9 @@ CASES = [
     ("nek", "nek5000/ethier0.f00001", "nek5000/ethier.re2"),
     ("native", "../nektar/gen_allelem_n4/"),
     ("elvisdat", "volume.dat"),
+    ("trixi", "s_TreeMesh.h5"),
+    ("horses", "two.hsol"),
+    ("vtx", "u.bp"),
 ]
 
 FORMS = ("compressed", "text", "hdf5")
@@ -55,6 +59,8 @@ def volume(path):
 
 
 MADE = {"volume.dat": volume}
+#: makers of the fuzz harness, of which the first files are taken, by converter
+SMALL = {"trixi": corpus.trixi, "horses": corpus.horses, "vtx": corpus.vtx}
 
 
 @pytest.fixture
@@ -63,14 +69,19 @@ def conversion(solvers, tmp_path, request):
 
     def found(case):
         name, *files = case
-        for made in (file for file in files if file in MADE):
-            MADE[made](tmp_path / made)
-        paths = [tmp_path / file if file in MADE else solvers / file for file in files]
-        if paths[0].is_dir():
-            paths = sorted(path for path in paths[0].iterdir() if path.suffix in (".xml", ".fld"))
         candidate = next(each for each in installed_converters() if each.name == name)
         if candidate.missing:
             pytest.skip("its library is not installed")
+        for made in (file for file in files if file in MADE):
+            MADE[made](tmp_path / made)
+        paths = [tmp_path / file if file in MADE else solvers / file for file in files]
+        if name in SMALL:
+            folder = tmp_path / f"{name} {len(list(tmp_path.iterdir()))}"
+            folder.mkdir()
+            paths = [*next(SMALL[name](folder)).files]
+            paths = [folder / files[0]] if (folder / files[0]).is_dir() else paths
+        if paths[0].is_dir() and name == "native":
+            paths = sorted(path for path in paths[0].iterdir() if path.suffix in (".xml", ".fld"))
         converter = choose_converter([each for each in installed_converters() if not each.missing], paths).converter
         assert converter is candidate.converter
         return convert(converter(paths, **with_defaults(converter, {})), files=paths)
