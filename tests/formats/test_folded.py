@@ -74,7 +74,7 @@ def test_folds_between_samples_are_found():
         ("info",),
         ("norms",),
         ("probe", "--point", "0.1,0.2,0.3", "--field", "2*y"),
-        ("integrate", "--over", "domain", "--field", "1"),
+        ("integrate", "--over", "domain", "--field", "1", "--error", "0.01"),
         ("trace", "--velocity", "1+0*x,0*x,0*x", "--seeds", "point:-0.9,0.2,0.3"),
     ],
     ids=lambda command: command[0],
