@@ -28,6 +28,8 @@ NEAR = 0.06
 #: cosines of the angle between normals into both elements: of sides that coincide, and at most of those that may
 OPPOSITE = -0.9
 FACING = 0.5
+#: sides with whose boxes a point of a side is compared at most, in the mean
+MOST_OTHERS = 32
 #: part of the area that sides which touch one another may enclose, or leave open
 OPEN = 1e-9
 
@@ -180,6 +182,11 @@ class _Search:
         possible = (side[point] != other) & self._may_face(side[point], other)
         if pairs is not None:
             possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
+        if count:
+            # where boxes of broken meshes all overlap, sides stay undecided
+            pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
+            is_clear = pairs_of_sides <= MOST_OTHERS * np.bincount(which, minlength=len(chosen))
+            possible &= is_clear[which[point]]
         point, other = point[possible], other[possible]
 
         nearest = feet(self.sides, other, world[point])
