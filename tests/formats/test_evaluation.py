@@ -82,14 +82,14 @@ def test_lattices_are_evaluated_by_factors(monkeypatch, expansion, order, counts
     coefficients = random.normal(size=(3, 2, mode_count(expansion)))
     moved = points.copy()
     moved[-1, -1] += 1e-9
-    assert evaluation.lattice_of(expansion, moved) is None or dimension == 1
+    assert evaluation.lattice_lines(expansion, moved) is None or dimension == 1
     if dimension > 1:
-        assert evaluation.lattice_of(expansion, points[:-1]) is None
+        assert evaluation.lattice_lines(expansion, points[:-1]) is None
 
-    assert evaluation.lattice_of(expansion, points) is not None
+    assert evaluation.lattice_lines(expansion, points) is not None
     found = evaluation.evaluate_with_gradients(expansion, coefficients, points)
     plain = evaluation.evaluate(expansion, coefficients, points)
-    monkeypatch.setattr(evaluation, "lattice_of", lambda *args: None)
+    monkeypatch.setattr(evaluation, "lattice_lines", lambda *args: None)
     expected = evaluation.evaluate_with_gradients(expansion, coefficients, points)
     assert np.allclose(plain, expected[0], rtol=0, atol=1e-13)
     for own, known in zip(found, expected, strict=True):

@@ -24,7 +24,7 @@ from elvis.converters.horses_files import (
     read_records,
     read_zones,
 )
-from elvis.converters.inputs import check_roles, check_rows
+from elvis.converters.inputs import by_kind, check_roles, check_rows
 from elvis.converters.unit import directed_sides
 from elvis.core.arrays import Ints
 from elvis.core.errors import FormatError
@@ -106,7 +106,7 @@ class Horses(NodalConverter):
         return [header.time for path in paths if _kind(path) == "solution" and (header := header_of(path)) is not None]
 
     def __init__(self, paths: Sequence[Path], equations: str = "auto") -> None:
-        roles = {kind: [path for path in paths if _kind(path) == kind] for kind in ("mesh", "solution", "zones")}
+        roles = by_kind(paths, _kind)
         check_roles(len(roles["mesh"]), len(roles["solution"]))
         (mesh,) = roles["mesh"]
         head = header_of(mesh)

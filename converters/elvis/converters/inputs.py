@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from elvis.core.arrays import Ints
@@ -36,6 +37,17 @@ def single(paths: Sequence[Path]) -> Path:
     if len(paths) != 1:
         raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
     return Path(paths[0])
+
+
+def by_kind(paths: Sequence[Path], kind_of: Callable[[Path], str]) -> defaultdict[str, list[Path]]:
+    """The files of each kind; none of kinds that no file is of.
+
+    kind_of  looks into each file once
+    """
+    found = defaultdict[str, list[Path]](list)
+    for path in paths:
+        found[kind_of(path)].append(path)
+    return found
 
 
 def check_roles(meshes: int, others: int, what: str = "solution") -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.inputs import STEP, step_number
+from elvis.converters.inputs import STEP, by_kind, step_number
 from elvis.converters.nek_files import MAGIC, MESH_MAGIC, Piece, other_file, read_boundaries, read_header
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -83,13 +83,12 @@ class Nek(NodalConverter):
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
         number = step_number(step, may_be_negative=False)
-        fields = [path for path in paths if _kind(path) == "field"]
-        fields += [_member(path, number) for path in paths if _kind(path) == "index"]
-        for path in paths:
-            if not _kind(path):
-                raise FormatError(
-                    f"expected a Nek5000 field, .re2 or .nek5000 file, found {found_instead(path)}", file=path
-                )
+        roles = by_kind(paths, _kind)
+        fields = roles["field"] + [_member(path, number) for path in roles["index"]]
+        for path in roles[""]:
+            raise FormatError(
+                f"expected a Nek5000 field, .re2 or .nek5000 file, found {found_instead(path)}", file=path
+            )
         points, values = _steps(fields)
         self.beside = [*points, *values]
         self._points, self._values = Step(points), Step(values)
@@ -99,9 +98,8 @@ class Nek(NodalConverter):
         self.precision = SINGLE if 4 in (head.size, self._points.head.size) else DOUBLE
         self._read_blocks()
         self.declared = Declared(head.total)
-        for path in paths:
-            if _kind(path) == "mesh":
-                self._read_boundaries(path)
+        for path in roles["mesh"]:
+            self._read_boundaries(path)
 
     def _check_match(self) -> None:
         points, values = self._points, self._values

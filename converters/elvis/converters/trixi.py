@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.converters.hdf5 import attribute, holds, number, reading, require, text
 from elvis.converters.hohqmesh import DIRECTED, is_plane_mesh, read_plane_mesh
-from elvis.converters.inputs import check_roles
+from elvis.converters.inputs import by_kind, check_roles
 from elvis.converters.trixi_forest import Forest, p4est_cells, t8code_cells
 from elvis.converters.trixi_mapping import Mapping
 from elvis.converters.trixi_mesh import SHAPES, Cells, dimension_of, in_cells, next_to, structured_cells, tree_cells
@@ -88,7 +88,7 @@ class Trixi(NodalConverter):
         return ()
 
     def __init__(self, paths: Sequence[Path], nodes: str = "lobatto", mapping: str | None = None) -> None:
-        roles = {kind: [path for path in paths if _kind(path) == kind] for kind in ("mesh", "solution", "other")}
+        roles = by_kind(paths, _kind)
         self._others, self._mapping, self._nodes = roles["other"], mapping or "", nodes
         solutions = roles["solution"]
         check_roles(len(roles["mesh"]) or len(solutions), len(solutions))

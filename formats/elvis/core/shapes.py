@@ -127,3 +127,7 @@ class Shape(Enum):
     def from_label(cls, label: str) -> Shape:
         """The shape that field files call ``label``; KeyError where there is none."""
         return {shape.label: shape for shape in cls}[label]
+
+
+#: shapes whose expansions are products of one in each direction
+TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)

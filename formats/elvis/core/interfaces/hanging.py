@@ -83,17 +83,16 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
 
     # a first look at few points of each side
     possible = search.possible()
-    probes = search.contacts(possible, 0)
-    touched, covered = _tally(probes, sides.samples(possible, 0)[0], len(sides), possible)
+    probes, touched, covered = search.contacts(possible, 0)
     likely = np.flatnonzero(covered)
     if not touched.any():
         return Hanging(sides.entity[collapsed], np.empty(0, np.int64))
 
     # then at as many as decide: on the sides that were met, and where these leave something open, on all
     count = 2 * sides.degree + 3
-    found, sure = search.covering(likely, count, np.stack([probes.side, probes.other], axis=1))
+    found, _, sure = search.contacts(likely, count, np.stack([probes.side, probes.other], axis=1))
     rest = likely[~sure[likely]]
-    further, are_covered = search.covering(rest, count)
+    further, _, are_covered = search.contacts(rest, count)
     found, sure = found.joined(further), sure | are_covered
     undecided = touched & ~sure
     undecided |= search.are_open(found, sure, undecided)
@@ -163,13 +162,8 @@ class _Search:
             return np.ones(len(side), bool)
         return np.asarray(np.einsum("ni,ni->n", self._normals[side], self._normals[other]) < FACING)
 
-    def covering(self, chosen: Ints, count: int, pairs: Ints | None = None) -> tuple[_Contacts, Bools]:
-        """The contacts of sides ``chosen`` (k,), and (n,) which of all sides lie on others with all their points."""
-        found = self.contacts(chosen, count, pairs)
-        return found, _tally(found, self.sides.samples(chosen, count)[0], len(self.sides), chosen)[1]
-
-    def contacts(self, chosen: Ints, count: int, pairs: Ints | None = None) -> _Contacts:
-        """Where points of the sides ``chosen`` (k,) lie on or near others.
+    def contacts(self, chosen: Ints, count: int, pairs: Ints | None = None) -> tuple[_Contacts, Bools, Bools]:
+        """Where points of the sides ``chosen`` (k,) lie on or near others; see `_tally` for the rest.
 
         count  as of `SideSet.samples`
         pairs  (m, 2) sides and others that may be touched; None where all may
@@ -177,17 +171,7 @@ class _Search:
         which, points = self.sides.samples(chosen, count)
         side = chosen[which]
         world = self.sides.at(points, side)
-        point, other = self._tree.candidates(world)
-        other = self._candidates[other]
-        possible = (side[point] != other) & self._may_face(side[point], other)
-        if pairs is not None:
-            possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
-        if count:
-            # where boxes of broken meshes all overlap, sides stay undecided
-            pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
-            is_clear = pairs_of_sides <= MOST_OTHERS * np.bincount(which, minlength=len(chosen))
-            possible &= is_clear[which[point]]
-        point, other = point[possible], other[possible]
+        point, other = self._candidate_pairs(which, chosen, world, pairs, is_limited=count > 0)
 
         nearest = feet(self.sides, other, world[point])
         size = np.minimum(self._size[side[point]], self._size[other])
@@ -197,7 +181,30 @@ class _Search:
         kept = np.flatnonzero(is_on | near)
         kept = kept[self._are_facing(points[point[kept]], side[point[kept]], nearest.points[kept], other[kept])]
         kept = kept[self._joined(side[point[kept]], other[kept], is_on[kept])]
-        return _Contacts(side[point[kept]], point[kept], other[kept], nearest.distance[kept], is_on[kept])
+        found = _Contacts(side[point[kept]], point[kept], other[kept], nearest.distance[kept], is_on[kept])
+        return found, *_tally(found, which, len(self.sides), chosen)
+
+    def _candidate_pairs(
+        self, which: Ints, chosen: Ints, world: Floats, pairs: Ints | None, is_limited: bool
+    ) -> tuple[Ints, Ints]:
+        """Numbers of points ``world`` (p, 3), and the other sides in whose boxes they are.
+
+        which       (p,) the place of each point's side among ``chosen`` (k,)
+        pairs       as of `contacts`
+        is_limited  whether sides with very many others are left out
+        """
+        side = chosen[which]
+        point, other = self._tree.candidates(world)
+        other = self._candidates[other]
+        possible = (side[point] != other) & self._may_face(side[point], other)
+        if pairs is not None:
+            possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
+        if is_limited:
+            # where boxes of broken meshes all overlap, sides stay undecided
+            pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
+            is_clear = pairs_of_sides <= MOST_OTHERS * np.bincount(which, minlength=len(chosen))
+            possible &= is_clear[which[point]]
+        return point[possible], other[possible]
 
     def _code(self, side: Ints, other: Ints) -> Ints:
         """(n,) a number for each pair of sides."""

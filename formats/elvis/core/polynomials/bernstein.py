@@ -32,9 +32,8 @@ from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.forms import elevations, form_degrees
 from elvis.core.polynomials.powers import powers_of
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 
-_TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 _SIMPLEX = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
@@ -156,7 +155,7 @@ def bernstein_coefficients(
     def maybe_absolute(numbers: Floats) -> Floats:
         return np.abs(numbers) if magnitudes else numbers
 
-    if expansion.shape not in _TENSOR:
+    if expansion.shape not in TENSOR:
         return row_products(maybe_absolute(coefficients), maybe_absolute(to_bernstein(expansion, space)))
     plan, target = product_plan(expansion), _target(expansion, space)
     net = maybe_absolute(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])

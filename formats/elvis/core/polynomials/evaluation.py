@@ -1,8 +1,8 @@
 """Fields and maps from coefficients: many elements at the same points, or an element for each point.
 
 Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is; on a lattice
-of points no such tables are made (`lattices`).  What is
-found on an element doesn't depend on what others are asked with it.
+of points no such tables are made (`lattices`).  What is found on an element doesn't depend on what others are asked
+with it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
-from elvis.core.polynomials.lattices import lattice_of, values_and_gradients_on_lattice, values_on_lattice
+from elvis.core.polynomials.lattices import lattice_lines, values_and_gradients_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products
 
 #: numbers in a table of modes
@@ -24,7 +24,7 @@ _BATCH = 1 << 18
 def evaluate(expansion: Expansion, coefficients: Floats, points: Floats) -> Floats:
     """(e, ..., n) values of e elements with ``coefficients`` (e, ..., m), all at the same points xi (n, d)."""
     result = np.empty((*coefficients.shape[:-1], len(points)))
-    lines = lattice_of(expansion, points)
+    lines = lattice_lines(expansion, points)
     if lines is not None:
         flat, found = coefficients.reshape(-1, coefficients.shape[-1]), result.reshape(-1, len(points))
         for batch in _batches(len(flat), len(points)):
@@ -40,7 +40,7 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
     shape = (*coefficients.shape[:-1], len(points))
     values = np.empty(shape)
     gradients = np.empty((*shape, dimension(expansion)))
-    lines = lattice_of(expansion, points)
+    lines = lattice_lines(expansion, points)
     if lines is not None:
         flat, found = coefficients.reshape(-1, coefficients.shape[-1]), values.reshape(-1, len(points))
         slopes = gradients.reshape(*found.shape, gradients.shape[-1])

@@ -23,11 +23,10 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials import factors as f
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 
 #: bases of homogeneous directions
 FOURIER = (Basis.FOURIER, Basis.FOURIER_SINGLE_MODE, Basis.FOURIER_HALF_MODE_RE, Basis.FOURIER_HALF_MODE_IM)
-_TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 _MODIFIED = (Basis.MODIFIED_A,)
 _ORTHO = (Basis.ORTHO_A, Basis.LEGENDRE)
 _LAGRANGE = (Basis.GLL_LAGRANGE, Basis.GAUSS_LAGRANGE)
@@ -145,7 +144,7 @@ def product_plan(expansion: Expansion) -> ProductPlan:
 
 def _spatial_modes(shape: Shape, counts: tuple[int, ...]) -> Ints:
     """(m, d) indices of all modes, in the order of format notes 4."""
-    if shape in _TENSOR:  # the first index is fastest
+    if shape in TENSOR:  # the first index is fastest
         return frozen_ints(np.indices(counts[::-1]).reshape(len(counts), -1)[::-1].T)
     index = np.indices(counts).reshape(len(counts), -1)
     if shape is Shape.TRIANGLE:
@@ -229,7 +228,7 @@ def values(expansion: Expansion, points: Floats) -> Floats:
     plan, xi, zeta = _split(expansion, points)
     eta = collapse(expansion.shape, xi)
     tables = [part.values(eta[:, i]) for i, part in enumerate(plan.factors)]
-    if expansion.shape in _TENSOR:
+    if expansion.shape in TENSOR:
         modes = _lattice_product(*_taken(tables, plan.lines))
     else:
         modes = _product(*_taken(tables, plan.index))
@@ -259,7 +258,7 @@ def values_and_gradients(expansion: Expansion, points: Floats) -> tuple[Floats, 
     plan, xi, zeta = _split(expansion, points)
     eta = collapse(expansion.shape, xi)
     tables = [part.tables(eta[:, i]) for i, part in enumerate(plan.factors)]
-    if expansion.shape in _TENSOR:
+    if expansion.shape in TENSOR:
         modes, slopes = _of_lattice(*(_taken([table[k] for table in tables], plan.lines) for k in range(2)))
     else:
         v, s, w = (_taken([table[k] for table in tables], plan.index) for k in range(3))

@@ -15,9 +15,8 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR
 
-_TENSOR = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 #: points of a direction from which factors pay
 _LEAST = 2
 
@@ -33,13 +32,13 @@ class Line(NamedTuple):
     points: Floats
 
 
-def lattice_of(expansion: Expansion, points: Floats) -> list[Line] | None:
+def lattice_lines(expansion: Expansion, points: Floats) -> list[Line] | None:
     """The lines of the lattice that reference points (n, d) are, the slowest first; None where they are none.
 
     None, too, for expansions that aren't tensor products.
     """
     count, dimension = points.shape
-    if expansion.shape not in _TENSOR or expansion.homogeneous is not None or count < _LEAST**dimension:
+    if expansion.shape not in TENSOR or expansion.homogeneous is not None or count < _LEAST**dimension:
         return None
     steps = [_step(column) for column in points.T]
     lines, step = [], count
