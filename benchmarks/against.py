@@ -55,8 +55,15 @@ class Worker:
         self._process.communicate()
 
 
+#: a package `elvis` of a tree that has none: Python would prefer the installed one to folders without
+PACKAGE = "from pkgutil import extend_path\n\n__path__ = extend_path([], __name__)\n"
+
+
 def environment(tree: Path) -> dict[str, str]:
     """Settings under which this Python finds a tree's modules before all others."""
+    package = tree / "renderer" / "elvis" / "__init__.py"
+    if not package.exists():
+        package.write_text(PACKAGE, encoding="utf-8")
     return {**os.environ, "PYTHONPATH": os.pathsep.join(str(tree / name) for name in AREAS)}
 
 
@@ -138,7 +145,7 @@ def started(trees: Sequence[Path], rounds: int) -> dict[str, Any]:
     from measuring import Timing
     from starting import ELVIS, children
 
-    from elvis.formats import Shape, write
+    from elvis import Shape, write
 
     def run(tree: Path, arguments: Sequence[str]) -> tuple[float, float]:
         command, before, timing = [*ELVIS, *arguments], children(), Timing()

@@ -11,8 +11,7 @@ from pictures import exact
 from scenes import exponent
 from tables import Table, seconds
 
-from elvis.formats import Shape
-from elvis.renderer import Camera, Renderer, Scene, Transfer, VolumeRendering
+from elvis import Camera, Renderer, Scene, Shape, Transfer, VolumeRendering
 
 MAPS = {"straight": 1, "quadratic": 2}
 

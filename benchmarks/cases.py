@@ -8,10 +8,9 @@ from functools import partial
 
 import numpy as np
 
+from elvis import Composite, Dataset, Mesh, Plane, Scene, Shape
 from elvis.core.arrays import Floats, frozen_ints
 from elvis.core.testing import approximated, curved, grid
-from elvis.formats import Composite, Dataset, Mesh, Shape
-from elvis.renderer import Plane, Scene
 
 Function = Callable[[Floats], Floats]
 

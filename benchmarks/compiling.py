@@ -13,8 +13,7 @@ from measuring import once
 from orders import caches_in
 from tables import Table
 
-from elvis.formats import Shape
-from elvis.renderer import (
+from elvis import (
     Camera,
     Contours,
     CutSurface,
@@ -22,6 +21,7 @@ from elvis.renderer import (
     Isosurface,
     Renderer,
     Scene,
+    Shape,
     Style,
     Transfer,
     VolumeRendering,

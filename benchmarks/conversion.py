@@ -21,9 +21,9 @@ from measuring import ENVIRONMENT
 from million import Diary
 from tables import Table, mebibytes, seconds
 
+from elvis import Dataset, Shape, write
 from elvis.core.arrays import Floats, Ints
 from elvis.core.testing import grid
-from elvis.formats import Dataset, Shape, write
 
 #: converters, and the libraries that make and read their files
 FORMATS = {"gmsh": "gmsh", "vtk": "vtkmodules"}

@@ -21,9 +21,8 @@ from machine import description, sentences
 from shown import DELTA
 from tables import Table, percent, seconds
 
+from elvis import Camera, Dataset, Isosurface, Renderer, Scene, Shape, read
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
-from elvis.formats import Dataset, Shape
-from elvis.renderer import Camera, Isosurface, Renderer, Scene, read
 from elvis.renderer.completing import completed
 
 CAMERA = Camera((2.5, -2.0, 1.9), (0.5, 0.5, 0.5), fov=30.0)

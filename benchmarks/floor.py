@@ -18,7 +18,7 @@ import numpy as np
 from cases import Case
 from measuring import Timing
 
-from elvis.formats import Shape
+from elvis import Shape
 from elvis.renderer.adapters import open_device
 
 #: operations of a 3 x 3 solve by Cramer's rule (3 cross products of 9, 4 scalar products of 5, a division, 3 products)

@@ -12,14 +12,13 @@ from pictures import exact
 from shown import DELTA, Shown
 from tables import Table, seconds
 
+from elvis import CutSurface, Dataset, Lic, Plane, Renderer, Scene, Streamlines, Style
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.tracer import Tracer
-from elvis.formats import Dataset
 from elvis.reference.baseline.vtk import VtkBaseline
 from elvis.reference.extras import comparison_module
-from elvis.renderer import CutSurface, Lic, Plane, Renderer, Scene, Streamlines, Style
 from elvis.renderer.passes.streams.following import following
 
 VELOCITY = ("u", "v", "w")

@@ -24,9 +24,9 @@ from measuring import in_turn
 from pyfr_running import imported
 from tables import Table, seconds
 
+from elvis import Scene, Session
 from elvis.plugins.registry import load
 from elvis.plugins.run_states import NodalStates
-from elvis.renderer import Scene, Session
 from elvis.renderer.rendering import Pictures
 
 NAMES = ("rho", "rhou", "rhov", "rhow", "E")

@@ -14,7 +14,7 @@ from typing import Any
 from cases import Case, mild, million
 from tables import Table, mebibytes, seconds
 
-from elvis.formats import Shape, write
+from elvis import Shape, write
 
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 CAMERA = ["--camera", "2,-1.6,1.7:0.5,0.5,0.5:0,0,1:35"]

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis import Dataset, Plane
 from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.expansion import values
-from elvis.formats import Dataset
-from elvis.renderer import Plane
 from elvis.scene.view import View
 
 #: tetrahedra of one refinement: rows of the four vertices, then the midpoints 01 02 03 12 13 23

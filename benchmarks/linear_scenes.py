@@ -8,12 +8,11 @@ import linear
 import numpy as np
 from measuring import Timing, once
 
+from elvis import CutSurface, Dataset, Faces, Isosurface, Plane, Shape
 from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import patches
 from elvis.core.polynomials.expansion import values
-from elvis.formats import Dataset, Shape
 from elvis.plugins.faces import native_faces
-from elvis.renderer import CutSurface, Faces, Isosurface, Plane
 from elvis.scene.frame import Frame
 from elvis.scene.view import View
 

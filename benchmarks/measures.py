@@ -20,6 +20,7 @@ from measuring import Timing, in_turn, once
 from shown import WING
 from tables import Table, seconds
 
+from elvis import Dataset, Plane, Shape, integrate
 from elvis.core.arrays import Floats
 from elvis.core.extrema import extrema
 from elvis.core.patch import patches
@@ -27,9 +28,7 @@ from elvis.core.polynomials.cubature import field_cubature
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, integrate
 from elvis.plugins.faces import native_faces
-from elvis.renderer import Plane
 from elvis.renderer.rendering import Pictures
 
 #: refinements of VTK's pieces, and those of which two datasets fit into memory at once

@@ -20,10 +20,10 @@ from cases import FIELD, cut, million
 from measuring import ENVIRONMENT, forget_peak, memory, once, peak_memory
 from tables import Table, mebibytes, seconds
 
+from elvis import Dataset, read, write
 from elvis.core.arrays import Floats
 from elvis.core.mapping.boxes import BoxTree
 from elvis.core.patch import patches
-from elvis.formats import Dataset, read, write
 
 T = TypeVar("T")
 FILES = ("million.xml", "million.nekg", "million.fld")
@@ -76,8 +76,8 @@ def measure(device: str, cells: int, side: int, points: int) -> dict[str, Any]:
 
 def steps(folder: Path, device: str, side: int, points: int) -> dict[str, Any]:
     """From the files to pictures and probes."""
+    from elvis import Renderer
     from elvis.plugins.native import NativeVolume
-    from elvis.renderer import Renderer
 
     diary = Diary()
     dataset = diary.step("read", lambda: read(folder / FILES[0], folder / FILES[2]))

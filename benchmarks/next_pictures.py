@@ -22,9 +22,8 @@ from cases import million
 from measuring import ENVIRONMENT, anonymous_memory
 from tables import Table, seconds
 
+from elvis import Camera, Faces, Plane, Scene, write
 from elvis.core.terminal import warn
-from elvis.formats import write
-from elvis.renderer import Camera, Faces, Plane, Scene
 from elvis.renderer.bricks import opening_for
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.request import reading_for

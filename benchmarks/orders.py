@@ -16,8 +16,7 @@ from measuring import Timing, once
 from pictures import error_of_sample, exact
 from tables import Table, seconds
 
-from elvis.formats import Shape
-from elvis.renderer import Renderer
+from elvis import Renderer, Shape
 
 #: where Slang and Mesa keep what they compiled
 CACHES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR")

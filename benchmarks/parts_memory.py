@@ -24,7 +24,7 @@ from cases import million
 from measuring import ENVIRONMENT
 from tables import Table, seconds
 
-from elvis.formats import write
+from elvis import write
 
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 MPIEXEC = Path(sys.executable).parent / "mpiexec"

@@ -12,9 +12,8 @@ from measuring import once
 from rivals import Rivals
 from tables import Table, mebibytes, percent, seconds
 
+from elvis import Dataset, Renderer, Scene
 from elvis.core.sampling import sample
-from elvis.formats import Dataset
-from elvis.renderer import Renderer, Scene
 from elvis.scene.frame import Frame
 from elvis.scene.picture import picture
 

@@ -23,12 +23,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from cases import CUT, FIELD, of_order, standard
 from measuring import contention, in_turn
 
+from elvis import Renderer, Scene, Shape
 from elvis.core.terminal import print_table
-from elvis.formats import Shape
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native import buffers as native
 from elvis.plugins.volume import Part, PartsVolume, Volume, interface_folder
-from elvis.renderer import Renderer, Scene
 from elvis.renderer import device as devices
 
 #: how much slower than hard-wired the interface may be

@@ -24,15 +24,16 @@ import numpy as np
 from cases import FIELD, Case, mild
 from tables import Table, mebibytes, seconds
 
-from elvis.formats import Dataset, Shape
-from elvis.renderer import (
+from elvis import (
     Camera,
     CutSurface,
+    Dataset,
     Faces,
     Isosurface,
     Plane,
     Renderer,
     Scene,
+    Shape,
     Style,
     Transfer,
     VolumeRendering,

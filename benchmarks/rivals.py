@@ -12,8 +12,8 @@ from linear_scenes import Rival
 from measuring import Timing, in_turn
 from tables import Table, percent, seconds
 
+from elvis import Dataset
 from elvis.core.memory import free_memory
-from elvis.formats import Dataset
 from elvis.scene.frame import Frame
 
 #: share of wrong pixels below which a linear picture counts as right

@@ -19,11 +19,10 @@ import numpy as np
 from measuring import ENVIRONMENT, Timing
 from tables import Table, mebibytes, seconds
 
+from elvis import Plane, Scene, Session, from_arrays
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.formats import from_arrays
 from elvis.plugins.nodal import tensor_nodes
-from elvis.renderer import Plane, Scene, Session
 from elvis.renderer.rendering import Pictures
 
 #: of the hexahedra's nodal values

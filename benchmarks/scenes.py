@@ -16,9 +16,8 @@ from rivals import Rivals
 from shown import DELTA, LINES, Shown
 from tables import Table, mebibytes, percent, seconds
 
+from elvis import Camera, CutSurface, Dataset, Faces, Isosurface, Plane, Renderer, Scene, Style, VolumeRendering
 from elvis.core.geometry import geometry
-from elvis.formats import Dataset
-from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Renderer, Scene, Style, VolumeRendering
 from elvis.scene.frame import Frame
 
 #: seconds a picture of the delta wing may take on two cores, once compiled

@@ -15,7 +15,8 @@ from scenes import WORDS, exact
 from shown import Shown
 from tables import Table, seconds
 
-from elvis.renderer import Renderer, Scene, compositing
+from elvis import Renderer, Scene
+from elvis.renderer import compositing
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.passes.volume.volume_rendering import Medium, RayIntegrals, VolumeRenderer
 from elvis.renderer.stages import Stages

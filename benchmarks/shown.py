@@ -7,11 +7,11 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from elvis.formats import Dataset, read
-from elvis.renderer import (
+from elvis import (
     Camera,
     Contours,
     CutSurface,
+    Dataset,
     Faces,
     Isosurface,
     Plane,
@@ -19,6 +19,7 @@ from elvis.renderer import (
     Style,
     Transfer,
     VolumeRendering,
+    read,
 )
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -13,7 +13,7 @@ from cases import Case, mild
 from measuring import Timing
 from tables import Table, seconds
 
-from elvis.formats import Shape, write
+from elvis import Shape, write
 
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 LIMITS = {"elvis --help": 0.3, "elvis render": 3.0}

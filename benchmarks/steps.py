@@ -21,8 +21,7 @@ from cases import FIELD, Case, mild
 from measuring import ENVIRONMENT, Timing, forget_peak, peak_memory
 from tables import Table, mebibytes, seconds
 
-from elvis.formats import Shape, write
-from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, Scene, Style
+from elvis import Camera, Contours, CutSurface, Faces, Plane, Scene, Shape, Style, write
 from elvis.renderer.animation import Film
 
 #: what is drawn

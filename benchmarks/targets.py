@@ -17,10 +17,9 @@ from rivals import RIGHT, Rivals
 from shown import DELTA, WING, Shown
 from tables import Table, percent, seconds
 
+from elvis import Camera, Dataset, Faces, Isosurface, Plane, Renderer, Scene, Shape, Transfer, VolumeRendering
 from elvis.core.arrays import Floats
 from elvis.core.testing import curved, grid, with_field
-from elvis.formats import Dataset, Shape
-from elvis.renderer import Camera, Faces, Isosurface, Plane, Renderer, Scene, Transfer, VolumeRendering
 
 #: pictures of 16 x 16 pixels of which one is timed
 _STEADY = 50

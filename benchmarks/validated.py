@@ -22,6 +22,7 @@ from time import process_time
 
 import numpy as np
 
+from elvis import Faces, Plane, Renderer, Scene
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
@@ -31,7 +32,6 @@ from elvis.plugins.converting import convert
 from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
-from elvis.renderer import Faces, Plane, Renderer, Scene
 from elvis.renderer.completing import completed
 from elvis.renderer.rendering import render as draw
 from elvis.scene import Isosurface

@@ -26,7 +26,7 @@ from shown import Shown
 from starting import ELVIS, children, run
 from tables import Table, seconds
 
-from elvis.formats import write
+from elvis import write
 from elvis.scene import Camera, Scene
 from elvis.scene.files import write_scene
 from elvis.viewer.drawing_process import Source

@@ -26,6 +26,7 @@ import numpy as np
 import wing
 from meshing import meshed, name_sides, session
 
+from elvis import Block, Dataset, Field, Shape, write
 from elvis.core.arrays import Floats
 from elvis.core.geometry import geometry
 from elvis.core.mapping.connectivity import connected
@@ -33,7 +34,6 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.formats import Block, Dataset, Field, Shape, write
 
 ROOT = Path(__file__).resolve().parent.parent
 Function = Callable[[Floats], Floats]

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from meshing import meshed, name_sides, session, size_field
 
+from elvis import Dataset
 from elvis.core.arrays import Bools, Floats
-from elvis.formats import Dataset
 
 SLOPE = np.tan(np.radians(15))
 BEVEL, THICKNESS, ANGLE = 0.1, 0.024, np.radians(12.5)

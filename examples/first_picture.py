@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from elvis.formats import read
-from elvis.renderer import Plane, Scene, render
+from elvis import Plane, Scene, read, render
 
 dataset = read("out/data/bend.xml", "out/data/bend.fld")
 scene = Scene(

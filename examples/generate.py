@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis import Dataset, Mesh, Shape, write
 from elvis.core.arrays import Floats
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.testing.bending import curved
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_volume
-from elvis.formats import Dataset, Mesh, Shape, write
 
 Function = Callable[[Floats], Floats]
 CIRCULATION = 2.5

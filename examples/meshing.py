@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from elvis import Dataset, Shape
 from elvis.converters.gmsh import Gmsh
 from elvis.core.arrays import Floats, Ints
 from elvis.core.geometry import GeometryBlock
@@ -17,7 +18,6 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import one_element
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.formats import Dataset, Shape
 from elvis.plugins.converting import convert
 
 #: names of sides, and whether a surface of the model belongs to one, by its box (2, 3)

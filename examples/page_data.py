@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from elvis import Dataset, write
 from elvis.core.arrays import Floats
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.formats import Dataset, write
 
 #: name in the pages -> solver's file; a folder and a pattern stand for all that fit, under their own names
 SOURCES = {

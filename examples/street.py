@@ -20,8 +20,8 @@ import ngsolve as ng
 from netgen.occ import Circle, OCCGeometry, Rectangle
 from ngsolve import div, dx
 
+from elvis import read, write
 from elvis.converters.ngsolve_export import export
-from elvis.formats import read, write
 
 ROOT = Path(__file__).resolve().parent.parent
 #: of the solver: step in time, viscosity; of what is kept: first and last time, steps

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from meshing import meshed, name_sides, session, set_sizes, size_near
 
+from elvis import Dataset
 from elvis.core.arrays import Floats
-from elvis.formats import Dataset
 
 ROOT, SPAN = 0.8059, 1.1963
 LEADING, TRAILING = np.tan(np.radians(30)), np.tan(np.radians(15.8))

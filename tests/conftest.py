@@ -231,7 +231,7 @@ def kept_devices(request, devices, monkeypatch):
 @pytest.fixture(scope="session")
 def renderer(devices):
     """A renderer by name of the device; only a missing Vulkan driver is a reason to skip, and not in CI."""
-    from elvis.renderer import Renderer
+    from elvis import Renderer
     from elvis.renderer.adapters import ADVICE, adapters
 
     made = {}

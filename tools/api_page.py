@@ -1,4 +1,4 @@
-"""The reference of the Python API as a page of the site, made from the docstrings of the two doors (docs/conf.py)."""
+"""The page of the Python API, made from the docstrings of what ``import elvis`` offers (docs/conf.py)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import inspect
 import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from types import ModuleType
 from typing import Any
 
-from elvis import formats, renderer
+import elvis
 from elvis.scene.settings import settings
 
 #: a line of a table in a docstring: names, two spaces or more, what they mean
@@ -17,23 +16,21 @@ ROW = re.compile(r"^(\S.*?)\s{2,}(\S.*)$")
 
 
 def page() -> str:
-    """A chapter for each door: its functions, then its classes."""
-    return "\n".join([*_door(formats, set()), *_door(renderer, set(formats.__all__))])
+    """The functions, then the classes, then the models of scenes."""
+    return "\n".join(_chapters())
 
 
-def _door(module: ModuleType, known: set[str]) -> Iterator[str]:
-    """The names of a module that no other chapter has."""
-    yield f"\n## {module.__name__}\n"
-    own = {name: getattr(module, name) for name in module.__all__ if name not in known}
+def _chapters() -> Iterator[str]:
+    own = {name: getattr(elvis, name) for name in elvis.__all__}
     functions = {name: each for name, each in own.items() if inspect.isfunction(each)}
     models = {name: each for name, each in own.items() if is_dataclass(each) and settings(each)}
     classes = {name: each for name, each in own.items() if inspect.isclass(each) and name not in models}
     for name, each in sorted(functions.items()):
-        yield f"### {name}\n\n{_signature(name, each)}\n\n{prose(each)}\n"
+        yield f"## {name}\n\n{_signature(name, each)}\n\n{prose(each)}\n"
     for name, each in sorted(classes.items()):
         yield from _class(name, each)
     if models:
-        yield "### What a scene is made of\n"
+        yield "## What a scene is made of\n"
         yield "Dataclasses; their fields are the keys of [scene files](scene.md), which say more.\n"
         yield "| class | what it is | fields |\n|---|---|---|"
         yield from (f"| `{name}` | {_sentence(each)} | {_keys(each)} |" for name, each in sorted(models.items()))
@@ -42,7 +39,7 @@ def _door(module: ModuleType, known: set[str]) -> Iterator[str]:
 
 def _class(name: str, each: type) -> Iterator[str]:
     """A class with what its docstring says, and its public methods and properties."""
-    yield f"### {name}\n\n{prose(each)}\n"
+    yield f"## {name}\n\n{prose(each)}\n"
     rows = []
     for member, found in sorted(vars(each).items()):
         call = found.__func__ if isinstance(found, classmethod | staticmethod) else found

@@ -5,10 +5,9 @@ import shutil
 import numpy as np
 import pytest
 
+from elvis import ElvisError, FormatError, render
 from elvis.converters.pyfr import PyFR
-from elvis.formats import ElvisError, FormatError
 from elvis.plugins import read
-from elvis.renderer import render
 
 FORMATS = {
     "cgns": ["cgns/gmsh_mixed_o2.cgns"],

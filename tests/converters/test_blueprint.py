@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
+from elvis import ElvisError, Session, from_mfem, render, sample
 from elvis.converters.blueprint import from_blueprint
-from elvis.formats import ElvisError, from_mfem, sample
-from elvis.renderer import Session, render
 
 mfem = pytest.importorskip("mfem.ser")
 

@@ -10,11 +10,11 @@ from cgns_blocks import Block
 from cgns_reader import patches_by_vtk
 from cgns_writing import base, condition, conditions, section, unstructured
 
+from elvis import write
 from elvis.converters.cgns import Cgns
 from elvis.converters.cgns_elements import _TYPES, AMBIGUOUS
 from elvis.core.integrals import integrate
 from elvis.core.mesh import NON_CONFORMING
-from elvis.formats import write
 from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, values_found

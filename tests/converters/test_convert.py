@@ -9,10 +9,10 @@ import click
 import numpy as np
 import pytest
 
+from elvis import ElvisError, FormatError, read
 from elvis.core.polynomials.quadrature import gll
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.formats import ElvisError, FormatError, read
 from elvis.plugins.discovery import Candidate, choose_converter, in_file, installed_converters
 from elvis.plugins.nodal import tensor_nodes
 from elvis.plugins.registry import PluginError
@@ -220,8 +220,8 @@ def native(tmp_path):
     """The mesh and the field of a small native case, in a folder of their own, with links to the mesh."""
     from dataclasses import replace
 
+    from elvis import Dataset, write
     from elvis.core.testing import approximated
-    from elvis.formats import Dataset, write
 
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))
     folder = tmp_path / "native"

@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from elvis.formats import ElvisError
+from elvis import ElvisError
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
 from elvis.plugins.report import Report

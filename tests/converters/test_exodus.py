@@ -9,10 +9,10 @@ import pytest
 from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
 from scipy.io import netcdf_file
 
+from elvis import ElvisError, FormatError, integrate, read, write
 from elvis.converters.exodus import Exodus, _Functions, _functions_of
 from elvis.converters.exodus_files import SIDES, nodes_of
 from elvis.core.shapes import Shape
-from elvis.formats import ElvisError, FormatError, integrate, read, write
 from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert

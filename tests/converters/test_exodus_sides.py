@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from exodus_writer import ExodusBlock, unit_cubes, write_classic
 
-from elvis.formats import integrate, read, trace
+from elvis import integrate, read, trace
 
 #: two squares, or four triangles, that make [0, 2] x [0, 1] in space
 PLACES = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [1, 1, 0], [2, 1, 0]], float)

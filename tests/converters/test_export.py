@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from elvis import ElvisError, read, write
 from elvis.converters.exporting import exported
 from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_export import GmshTarget
@@ -17,7 +18,6 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
-from elvis.formats import ElvisError, read, write
 from elvis.plugins.converting import convert
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 2], "jump": lambda x: np.sin(3 * x[:, 0] - x[:, 1])}

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
+from elvis import integrate, read
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.formats import integrate, read
 from elvis.plugins.exporting import exporter
 
 SHAPES = [

@@ -6,11 +6,10 @@ import shutil
 import numpy as np
 import pytest
 
-from elvis.formats import ElvisError, sample
+from elvis import ElvisError, render, sample
 from elvis.plugins.data import Reading
 from elvis.plugins.series.following import Following, files_of_run
 from elvis.plugins.testing.steps import polynomial, steps_of
-from elvis.renderer import render
 
 
 @pytest.fixture

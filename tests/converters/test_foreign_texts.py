@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import FormatError, integrate, read
 from elvis.converters.mfem_files import building_seconds
 from elvis.converters.mfem_pieces import _name
-from elvis.formats import FormatError, integrate, read
 from elvis.plugins.testing import values_found
 
 #: a rectangle [0, 3] x [0, 2] of two quadrilaterals, its sides numbered 1 to 4

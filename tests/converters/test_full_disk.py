@@ -13,11 +13,11 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import Dataset, ElvisError, Shape, write
 from elvis.converters.exporting import exported
 from elvis.core.files.columns import write_columns
 from elvis.core.files.nrrd import Grid, write_nrrd
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, ElvisError, Shape, write
 from elvis.formats.nektar.hdf5 import created
 
 

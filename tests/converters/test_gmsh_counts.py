@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import integrate, read
 from elvis.converters.gmsh import Gmsh
 from elvis.core.shapes import Shape
-from elvis.formats import integrate, read
 
 gmsh = pytest.importorskip("gmsh")
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from small_files import hopr as small_hopr
 
+from elvis import FormatError, integrate
 from elvis.converters.hopr import Hopr
 from elvis.core.mesh import NON_CONFORMING, PERIODIC
-from elvis.formats import FormatError, integrate
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, values_found
 

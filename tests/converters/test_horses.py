@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from horses_writer import FLOW, NONE, boxes, nodes_of, write_horses, write_zones
 
+from elvis import FormatError
 from elvis.converters.horses import Horses
 from elvis.core.integrals import integrate
-from elvis.formats import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import read, vortex_cores
 from elvis.core.mesh import NON_CONFORMING
-from elvis.formats import read, vortex_cores
 from elvis.plugins.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
 

@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import diff, from_mfem, from_ngsolve, read
 from elvis.core.integrals import integrate
-from elvis.formats import diff, from_mfem, from_ngsolve, read
 
 
 def test_integrals_and_norms_of_ngsolve():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import ElvisError, from_arrays, from_mfem, from_ngsolve, sample
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.formats import ElvisError, from_arrays, from_mfem, from_ngsolve, sample
 from elvis.plugins.nodal import tensor_nodes
 
 

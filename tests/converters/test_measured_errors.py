@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
+from elvis import from_ngsolve, integrate, read, sample, write
 from elvis.converters.ngsolve_export import export
 from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.norms import quantity_norms
 from elvis.core.quantities import Expression
 from elvis.core.quantity_extrema import quantity_extrema
-from elvis.formats import from_ngsolve, integrate, read, sample, write
 from elvis.plugins.command import main
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import sample
 from elvis.converters.mfem import Mfem
 from elvis.core.errors import FormatError
 from elvis.core.integrals import integrate
-from elvis.formats import sample
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Basis, ElvisError, Shape, read, write
 from elvis.converters.native import Native
 from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
 from elvis.core.norms import norms
@@ -14,7 +15,6 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.sampling import sample
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
-from elvis.formats import Basis, ElvisError, Shape, read, write
 from elvis.formats.strict import findings
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
+from elvis import integrate, open_series
 from elvis.converters.nek import Nek
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import lobatto
-from elvis.formats import integrate, open_series
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

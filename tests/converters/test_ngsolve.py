@@ -6,13 +6,13 @@ import shutil
 import numpy as np
 import pytest
 
+from elvis import sample
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.ngsolve_export import _rule, export
 from elvis.converters.unit import UNIT
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
-from elvis.formats import sample
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import convert
 from elvis.plugins.nodal import NodalBasis, native_points

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from elvis import ElvisError, open_series, pathlines, streaklines, write
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
-from elvis.formats import ElvisError, open_series, pathlines, streaklines, write
 
 TIMES = (0.0, 0.4, 0.7, 1.3, 2.0)
 VOLUMES = [shape for shape in Shape if shape.dimension == 3]

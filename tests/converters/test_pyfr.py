@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import Basis, ElvisError, FormatError, Shape
 from elvis.converters import pyfr_old
 from elvis.converters.pyfr import _KINDS, PyFR
-from elvis.formats import Basis, ElvisError, FormatError, Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.nodal import native_points, space_size, space_values
 from elvis.plugins.testing import check

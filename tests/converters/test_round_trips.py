@@ -11,9 +11,9 @@ from tempfile import TemporaryDirectory
 import pytest
 from small_files import SMALL_FILES, sections
 
+from elvis import integrate, write
 from elvis.core.mesh import PERIODIC
 from elvis.core.shapes import Shape
-from elvis.formats import integrate, write
 from elvis.plugins import read
 from elvis.plugins.exporting import exporter
 from elvis.plugins.report import CONVERTED, REPORT

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import Dataset, ElvisError, FormatError, open_series, read, sample, write
 from elvis.core.geometry import geometry
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_plane
-from elvis.formats import Dataset, ElvisError, FormatError, open_series, read, sample, write
 from elvis.formats.field_heads import field_head
 from elvis.plugins.data import Reading
 from elvis.plugins.series.series import series_in

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from click import UsageError
 
+from elvis import ElvisError, open_series, read, render, sample
 from elvis.core.moments import Moment
-from elvis.formats import ElvisError, open_series, read, sample
 from elvis.plugins.series.between import weights, window
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
-from elvis.renderer import render
 
 POINTS = np.array([[0.31, 0.22, 0.0], [0.55, 0.71, 0.0], [0.83, 0.4, 0.0]])
 

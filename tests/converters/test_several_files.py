@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from exodus_writer import ExodusBlock, unit_cubes, write_classic, write_hdf5
 
+from elvis import FormatError, integrate, open_series, read
 from elvis.core.moments import Moment
-from elvis.formats import FormatError, integrate, open_series, read
 from elvis.plugins.data import Reading
 from elvis.plugins.series.finding import find_steps
 from elvis.plugins.testing import values_found

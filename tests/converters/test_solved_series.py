@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from elvis import open_series, read, sample
 from elvis.converters.ngsolve_export import export
-from elvis.formats import open_series, read, sample
 from elvis.plugins.testing.steps import agree
 
 STEPS = (0.0, 0.01, 0.03, 0.06, 0.1)

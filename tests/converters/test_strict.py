@@ -7,8 +7,8 @@ import corpus
 import numpy as np
 import pytest
 
+from elvis import write
 from elvis.core.shapes import Shape
-from elvis.formats import write
 from elvis.formats.strict import findings
 from elvis.plugins.converting import convert
 from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults

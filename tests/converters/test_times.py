@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 
+from elvis import FormatError, open_series, read
 from elvis.converters.mfem_files import read_root
 from elvis.converters.vtk_times import time_in
 from elvis.core.moments import Moment
-from elvis.formats import FormatError, open_series, read
 from elvis.plugins.data import Reading
 from elvis.plugins.series.finding import find_steps
 

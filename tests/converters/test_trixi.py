@@ -13,12 +13,12 @@ from trixi_writer import (
     write_tree_mesh,
 )
 
+from elvis import FormatError
 from elvis.converters.julia import definitions, evaluated
 from elvis.converters.trixi import Trixi
 from elvis.core.integrals import integrate
 from elvis.core.mesh import NON_CONFORMING, PERIODIC
 from elvis.core.summary import summary
-from elvis.formats import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check
 

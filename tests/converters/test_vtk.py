@@ -8,12 +8,12 @@ import pytest
 from archives import arrays_of
 from vtk_writer import NODES, cube, grid, linear, one, write
 
+from elvis import integrate, open_series, read, sample
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, moved
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.formats import integrate, open_series, read, sample
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

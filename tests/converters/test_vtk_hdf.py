@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import FormatError
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
 from elvis.core.integrals import integrate
-from elvis.formats import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from vtk_writer import cube, grid, linear, one, write
 
+from elvis import integrate, read
 from elvis.converters.vtk_cells import Cell, Kind
 from elvis.converters.vtk_numbering import upright
-from elvis.formats import integrate, read
 from elvis.plugins.testing import values_found
 
 pytest.importorskip("vtk")

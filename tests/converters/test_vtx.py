@@ -7,9 +7,9 @@ pytest.importorskip("vtkmodules")
 
 from vtx_writer import schema_of, vtx_blocks, vtx_nodes, write_vtx
 
+from elvis import FormatError
 from elvis.converters.vtx import Vtx, grid_of
 from elvis.core.integrals import integrate
-from elvis.formats import FormatError
 from elvis.plugins.converting import convert
 from elvis.plugins.testing import check
 

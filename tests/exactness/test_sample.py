@@ -10,8 +10,8 @@ from audit.running import Gallery, case_of
 from audit.validating import Count
 from audit.worlds import margins
 
+from elvis import Scene, Status
 from elvis.core.sampling import sample
-from elvis.renderer import Scene, Status
 from elvis.scene.frame import Drawing, Frame
 from elvis.scene.view import View
 

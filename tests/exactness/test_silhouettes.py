@@ -8,9 +8,9 @@ from audit.polynomials import X, Y, Z
 from audit.running import Gallery
 from audit.worlds import World
 
+from elvis import Camera, Faces, Scene, Status
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, Faces, Scene, Status
 
 #: how far the face bulges, where it is steepest, and where a ray y -> (x, y) that is ``down`` from there meets it first
 SILHOUETTES = {

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.formats import read
-from elvis.renderer import render
+from elvis import read, render
 from elvis.scene.files import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from elvis.formats import FormatError
+from elvis import FormatError
 from elvis.formats.reading import read
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"

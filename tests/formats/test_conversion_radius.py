@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import sample
 from elvis.core.conversion_errors import REPORT
 from elvis.core.integrals import integrate
 from elvis.core.norms import quantity_norms
@@ -13,7 +14,6 @@ from elvis.core.quantities import Expression
 from elvis.core.quantity_extrema import quantity_extrema
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.formats import sample
 
 PLACE = np.array([[0.3, 0.6, 0.2]])
 SIZE = 0.01

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis import Dataset
 from elvis.core.distances import crossings, surface_of
 from elvis.core.distances.crossings import by_solid_angle, crossings_in_plane, windings
 from elvis.core.testing import curved, mixed_volume, ripple
-from elvis.formats import Dataset
 
 
 def bodies(random):

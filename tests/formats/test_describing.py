@@ -5,8 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from elvis import Dataset, Field, Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.formats import Dataset, Field, Shape
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis import Dataset
 from elvis.core.distances import nearest, surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status
@@ -16,7 +17,6 @@ from elvis.core.quantities.bounding import quantity_range
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
-from elvis.formats import Dataset
 
 LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
 

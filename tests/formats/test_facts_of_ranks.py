@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, read, write
 from elvis.core import extrema as extrema_module
 from elvis.core import quantity_extrema as quantity_extrema_module
 from elvis.core import ranges
@@ -23,7 +24,6 @@ from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
 from elvis.core.validity import validity as validity_module
 from elvis.core.validity.validity import shared_validity, validity, validity_facts
-from elvis.formats import Dataset, read, write
 from elvis.formats.reading import read_part
 
 

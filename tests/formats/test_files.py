@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from elvis import ElvisError
 from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.files.archives import names_in
 from elvis.core.files.plain import leading
 from elvis.core.queries import points_in_table
-from elvis.formats import ElvisError
 from elvis.formats.reading import read
 from elvis.formats.strict import findings
 from elvis.plugins.discovery import choose_converter, installed_converters

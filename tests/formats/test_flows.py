@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
@@ -14,7 +15,6 @@ from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset
 
 GAS = ("rho", "rhou", "rhov", "rhow", "E")
 PLAIN = ("u", "v", "w", "p")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import Block, Dataset, ElvisError, Field, Shape, integrate, open_series, write
 from elvis.core.geometry import geometry
 from elvis.core.mapping.connectivity import connected
 from elvis.core.polynomials.expansion import values
@@ -16,7 +17,6 @@ from elvis.core.testing import curved, grid, ripple, scattered
 from elvis.core.validity.folded import folded
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity
-from elvis.formats import Block, Dataset, ElvisError, Field, Shape, integrate, open_series, write
 from elvis.plugins.command import elvis as group
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]

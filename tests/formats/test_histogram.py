@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape
 from elvis.core.errors import ElvisError
 from elvis.core.histogram import histogram
 from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid
-from elvis.formats import Dataset, Shape
 from elvis.plugins.serving import names_of
 
 

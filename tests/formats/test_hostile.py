@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 import pytest
 
-from elvis.formats import Shape
+from elvis import Shape
 from elvis.formats.reading import read
 from elvis.formats.strict import findings
 

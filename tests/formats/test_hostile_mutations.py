@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import ElvisError
 from elvis.core.patch import patches
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.formats import ElvisError
 from elvis.formats.reading import read
 
 ROUNDS = 60

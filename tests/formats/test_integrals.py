@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import read
 from elvis.core.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
@@ -15,7 +16,6 @@ from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, one_element, ripple
-from elvis.formats import read
 
 BODIES = [shape for shape in Shape if shape.dimension > 1]
 

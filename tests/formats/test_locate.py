@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from elvis import read
 from elvis.core.arrays import frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
 from elvis.core.errors import ElvisError
@@ -29,7 +30,6 @@ from elvis.core.testing import (
     scattered,
     shuffled,
 )
-from elvis.formats import read
 
 
 @cache

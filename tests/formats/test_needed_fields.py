@@ -2,10 +2,10 @@
 
 import pytest
 
+from elvis import Dataset, Shape
 from elvis.core.quantities import Expression
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape
 
 COMPRESSIBLE = ("rho", "rhou", "rhov", "E", "c")
 

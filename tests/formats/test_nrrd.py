@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import Dataset, ElvisError, write
 from elvis.core.files.nrrd import Grid, write_nrrd
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins.command import elvis as group
 
 GRID = Grid((-0.5, 0.0, 0.25), (1.0, 1.0, 0.75), (12, 3, 5))

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape, sample
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
-from elvis.formats import Dataset, Shape, sample
 
 
 @pytest.mark.parametrize("shape", Shape)

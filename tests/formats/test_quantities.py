@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, read
 from elvis.core.errors import ElvisError
 from elvis.core.norms import quantity_norms
 from elvis.core.quantities import Expression, Names
@@ -14,7 +15,6 @@ from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.quantities.tree import leaves, partial
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
-from elvis.formats import Dataset, read
 
 #: by order of the derivatives: fits of the fields are off by 1e-12, and derivatives enlarge that
 TOLERANCES = (1e-11, 5e-10, 1e-8)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, write
 from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.exact_sums import parts_of_sum, rounded_sum
 from elvis.core.integrals import comes_apart, integrate
@@ -24,7 +25,6 @@ from elvis.core.sampling import Samples, by_elements, columns_of_parts
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
-from elvis.formats import Dataset, write
 from elvis.plugins.command import main
 
 TARGETS = (

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import ElvisError, FormatError, Shape, write
 from elvis.core.polynomials.expansion import mode_count
-from elvis.formats import ElvisError, FormatError, Shape, write
 from elvis.formats.reading import read, read_part
 
 SQUARE = """<?xml version="1.0" encoding="utf-8" ?>

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
+from elvis import Basis, Block, Dataset, Expansion, Field, FormatError, Homogeneous, Shape, read, write
 from elvis.core.polynomials.expansion import mode_count
-from elvis.formats import Basis, Block, Dataset, Expansion, Field, FormatError, Homogeneous, Shape, read, write
 from elvis.formats.nektar.sections import coefficient_counts
 
 

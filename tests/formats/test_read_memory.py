@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.formats import Basis, Block, Dataset, Entities, Expansion, Field, Mesh, Shape, write
+from elvis import Basis, Block, Dataset, Entities, Expansion, Field, Mesh, Shape, write
 from elvis.formats.reading import read
 
 BOUND = 3.0

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elvis.formats import FormatError
+from elvis import FormatError
 from elvis.formats.nektar import numbers, payload
 from elvis.formats.nektar.assembly import Lookup
 from elvis.formats.nektar.expressions import evaluate

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, FormatError, read, write
 from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.bases import Basis
@@ -14,7 +15,6 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, with_field
-from elvis.formats import Dataset, FormatError, read, write
 from elvis.formats.nektar import assembly, geometry_parts, hdf5, payload, xml
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.packed import Packed

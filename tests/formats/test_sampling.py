@@ -9,12 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis import formats
+from elvis import Dataset, ElvisError, Shape, line, sample
 from elvis.core.hints import nearest, perhaps
 from elvis.core.patch import patches
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
-from elvis.formats import Dataset, ElvisError, Shape, line, sample
 
 POINTS = [(0.21, 0.34), (0.8, 0.77), (5.0, 5.0)]
 
@@ -161,8 +160,3 @@ def test_near_names_go_by_letters_first():
     assert nearest("TURBO", ["turbo", "turbid"]) == "turbo"
     assert nearest("velocty", ["velocity", "p"]) == "velocity"
     assert perhaps("zzz", ["velocity", "p"]) == ""
-
-
-def test_the_door_shows_what_it_offers():
-    assert set(formats.__all__) == set(dir(formats))
-    assert all(hasattr(formats, name) for name in formats.__all__)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import read, write
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.connectivity import connected
@@ -17,7 +18,7 @@ from elvis.core.portions import along_curve
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.core.testing.played_ranks import played
-from elvis.formats import read, strict, write
+from elvis.formats import strict
 from elvis.formats.reading import read_part
 from elvis.formats.strict import findings
 from elvis.formats.strict.mesh_rules import mesh_findings

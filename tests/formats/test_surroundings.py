@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape
 from elvis.core.distances import surface_of
 from elvis.core.distances.crossings import windings
 from elvis.core.errors import ElvisError
@@ -17,7 +18,6 @@ from elvis.core.quantities.attributes import Attributes
 from elvis.core.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
-from elvis.formats import Dataset, Shape
 
 QUANTITIES = ("distance(all)", "jump(u)", "u+jump(v)*distance(boundary)")
 

@@ -41,10 +41,10 @@ def test_json_has_escapes_of_its_own(capsys):
 
 @pytest.mark.parametrize("expression", ["1" * 100_000, "y" * 100_000, "'" + "z" * 100_000 + "'"])
 def test_messages_have_an_end(expression):
+    from elvis import Dataset, sample
     from elvis.core.errors import ElvisError
     from elvis.core.shapes import Shape
     from elvis.core.testing import grid
-    from elvis.formats import Dataset, sample
 
     with pytest.raises(ElvisError) as raised:
         sample(Dataset(grid(Shape.QUADRILATERAL, 1)), expression, [[0.5, 0.5]])

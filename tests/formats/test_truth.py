@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from elvis import read
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.norms import norms
 from elvis.core.patch import patches
 from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradients
 from elvis.core.shapes import Shape
-from elvis.formats import read
 
 DATA = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar"
 PROVENANCE = DATA / "PROVENANCE.md"

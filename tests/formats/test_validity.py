@@ -4,6 +4,7 @@ from math import comb
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.connectivity import connected
 from elvis.core.polynomials.bernstein import bernstein_values
@@ -15,7 +16,6 @@ from elvis.core.testing import approximated, curved, grid, mixed_volume, one_ele
 from elvis.core.validity.determinants import determinant
 from elvis.core.validity.squares import descended, lower_bound
 from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
-from elvis.formats import Dataset, Shape
 
 EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
 

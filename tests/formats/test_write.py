@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from elvis.formats import Composite, ElvisError, Field, read, write
+from elvis import Composite, ElvisError, Field, read, write
 
 MESH_FORMATS = ["compressed", "text", "hdf5"]
 FIELD_FORMATS = ["xml", "hdf5"]

@@ -78,14 +78,14 @@ BLUEPRINT = {
 
 def blueprint(paths):
     """A call of from_blueprint."""
-    from elvis.formats import from_blueprint
+    from elvis import from_blueprint
 
     _call(paths, from_blueprint, {"mesh": copy.deepcopy(BLUEPRINT), "time": 0.5})
 
 
 def arrays(paths):
     """A call of from_arrays."""
-    from elvis.formats import from_arrays
+    from elvis import from_arrays
 
     corners = np.array([[[0.0, 0], [1, 0], [0, 1], [1, 1]]])
     triangle = np.array([[[1.0, 0], [2, 0], [1, 1]]])
@@ -101,7 +101,7 @@ def arrays(paths):
 
 def ngsolve(paths):
     """A call of from_ngsolve."""
-    from elvis.formats import from_ngsolve
+    from elvis import from_ngsolve
 
     mesh, functions, odd = _of_ngsolve()
     _call(paths, from_ngsolve, {"mesh": mesh, "fields": dict(functions), "order": 2, "time": 0.5}, odd)
@@ -109,7 +109,7 @@ def ngsolve(paths):
 
 def mfem(paths):
     """A call of from_mfem."""
-    from elvis.formats import from_mfem
+    from elvis import from_mfem
 
     mesh, functions, odd = _of_mfem()
     _call(paths, from_mfem, {"mesh": mesh, "fields": dict(functions), "time": 0.5}, odd)
@@ -167,7 +167,7 @@ def _of_mfem():
 
 def _call(paths, bridge, sound, odd=()):
     """The bridge with arguments that are damaged as the file says, and a value of what it makes."""
-    from elvis.formats import sample
+    from elvis import sample
 
     content = paths[0].read_bytes()
     if content != SOUND:

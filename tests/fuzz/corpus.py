@@ -149,7 +149,7 @@ def meshes():
 
 def native(folder):
     """Meshes of all shapes, in each form of the format."""
-    from elvis.formats import write
+    from elvis import write
 
     for name, mesh in meshes().items():
         whole = dataset(mesh)

@@ -28,9 +28,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from elvis import Dataset, Shape, write
 from elvis.core.files.output import write_text
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, write
 
 COUNTS = {"killed": 200, "interrupted": 100, "disks": 200}
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]

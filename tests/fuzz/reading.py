@@ -16,9 +16,9 @@ def _candidates():
 
 def evaluated(paths):
     """The data, read and evaluated in each element."""
+    from elvis import read
     from elvis.core.patch import patches
     from elvis.core.polynomials.evaluation import evaluate
-    from elvis.formats import read
 
     dataset = read(*_given(paths))
     for patch in patches(dataset, [field.name for field in dataset.fields]):
@@ -51,7 +51,7 @@ def converted(paths):
 
 def opened(paths):
     """The fields of what a runtime plugin opens."""
-    from elvis.formats import ElvisError
+    from elvis import ElvisError
     from elvis.plugins.opening import open_files
 
     found = open_files(paths)

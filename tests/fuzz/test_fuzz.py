@@ -78,7 +78,7 @@ def test_each_reader_has_files(tmp_path):
 def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
     (tmp_path / "run_bad.py").write_text(
         f"import os, sys\nsys.path.insert(0, {str(HERE)!r})\n"
-        "import reading, run, work\nfrom elvis.formats import ElvisError\n"
+        "import reading, run, work\nfrom elvis import ElvisError\n"
         "work.PATIENCE = 1.0\nsound = reading.coloured\n"
         f"def bad(paths):\n    sound(paths)\n    if paths[0].read_bytes() != before:\n        {body}\n"
         "import corpus\nbefore = corpus.PALETTE.encode()\nreading.coloured = bad\n"

@@ -104,7 +104,7 @@ def keep(kept, reader, kind, number, folder):
 
 def outcome_of(action, paths):
     """``read``, ``refused`` with the sentence, or ``traceback`` with its last lines."""
-    from elvis.formats import ElvisError
+    from elvis import ElvisError
 
     try:
         with warnings.catch_warnings():

@@ -5,6 +5,9 @@ import re
 
 import pytest
 
+import elvis
+from elvis import api
+
 #: slices that each one may import beside itself; an area is a folder at the top and holds one or two slices
 BELOW = {
     "core": set(),
@@ -15,11 +18,7 @@ BELOW = {
     "renderer": {"core", "formats", "plugins", "scene"},
     "viewer": {"core", "formats", "plugins", "scene", "renderer"},
     "reference": {"core", "formats", "plugins", "scene"},
-}
-#: doors name what programs need from all over the house; they hold names alone, and nothing below goes through them
-DOORS = {
-    "formats/elvis/formats/__init__.py": "elvis.formats",
-    "renderer/elvis/renderer/__init__.py": "elvis.renderer",
+    "api": {"core", "formats", "plugins", "converters", "scene", "renderer", "viewer", "reference"},
 }
 
 MODULE = re.compile(r"elvis(\.\w+)+")
@@ -39,20 +38,14 @@ def imported_slices(tree):
                 yield node.lineno, rest.partition(".")[0]
 
 
-@pytest.fixture
-def inside(root, modules):
-    """The modules but for doors."""
-    return {path: tree for path, tree in modules.items() if path.relative_to(root).as_posix() not in DOORS}
-
-
 def slice_of(path):
-    """The slice of the namespace that a module is in; `python -m elvis` stands beside them, with the area plugins."""
-    return path.parts[0] if path.parts[2] == "__main__.py" else path.parts[2]
+    """The slice of a module: `python -m elvis` belongs to plugins, `import elvis` to the API."""
+    return {"__main__.py": "plugins", "__init__.py": "api"}.get(path.parts[2], path.parts[2])
 
 
-def test_imports_go_down(root, inside):
+def test_imports_go_down(root, modules):
     wrong = []
-    for path, tree in inside.items():
+    for path, tree in modules.items():
         own = slice_of(path.relative_to(root))
         for line, other in imported_slices(tree):
             if other not in {own, *BELOW[own]}:
@@ -71,33 +64,28 @@ def test_imports_across_areas_are_absolute(root, modules):
     assert not wrong
 
 
-@pytest.mark.parametrize("door", DOORS)
-def test_doors_hold_names_alone(root, modules, door):
-    kinds = (ast.Import, ast.ImportFrom, ast.If, ast.Assign, ast.FunctionDef)
-    tree = modules[root / door]
-    assert all(isinstance(node, kinds) for node in tree.body[1:])
-    assert [node.name for node in tree.body if isinstance(node, ast.FunctionDef)] == ["__dir__"]
-    assert {target.id for node in tree.body if isinstance(node, ast.Assign) for target in node.targets} == {
-        "__all__",
-        "__getattr__",
+def test_the_api_is_one_table(modules, root):
+    """What type checkers see, what Python imports, and what ``dir`` lists are the same names."""
+    tree = modules[root / "renderer/elvis/api/__init__.py"]
+    seen = {
+        (node.module, alias.name) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names
     }
+    names = {(module, name) for module, names in api.NAMES.items() for name in names}
+    assert names == seen - {
+        ("__future__", "annotations"),
+        ("typing", "TYPE_CHECKING"),
+        ("elvis.core.lazy", "lazy_names"),
+    }
+    assert sorted(name for _, name in names) == sorted(api.__all__) == sorted(dir(elvis))
+    assert all(hasattr(elvis, name) for name in api.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'render_all'"):
+        elvis.render_all  # noqa: B018
 
 
-def test_nothing_in_the_house_goes_through_a_door(root, inside):
-    wrong = []
-    for path, tree in inside.items():
-        for node in ast.walk(tree):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) else []
-            if any(name in DOORS.values() for name in names):
-                wrong.append(f"{path.relative_to(root)}:{node.lineno}")
-    assert not wrong
-
-
-def test_modules_that_are_named_in_text_are_below_too(root, inside):
+def test_modules_that_are_named_in_text_are_below_too(root, modules):
     """What ``import_module``, ``lazy_names`` and their like are told."""
     wrong = []
-    for path, tree in inside.items():
+    for path, tree in modules.items():
         own = slice_of(path.relative_to(root))
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and MODULE.fullmatch(node.value):

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+import elvis
+
 #: folders at the top and the slices of the namespace that they hold
 AREAS = {
     "formats": ("core", "formats"),
     "plugins": ("plugins",),
     "converters": ("converters",),
-    "renderer": ("renderer", "scene", "viewer"),
+    "renderer": ("api", "renderer", "scene", "viewer"),
     "reference": ("reference",),
 }
 
@@ -23,15 +25,18 @@ REGISTRIES = re.compile(
 MACHINE_PATHS = re.compile(r"(?<![\w.~-])/(?:wor[k]|roo[t]|hom[e])/\w")
 
 
-def test_no_module_hides_the_areas(root):
-    assert not list(root.glob("*/elvis/__init__.py"))
+def test_one_package_joins_the_areas(root):
+    """`import elvis` finds the modules of all five."""
+    assert list(root.glob("*/elvis/__init__.py")) == [root / "renderer" / "elvis" / "__init__.py"]
+    assert len({Path(folder).parent.name for folder in elvis.__path__} & set(AREAS)) == len(AREAS)
 
 
 @pytest.mark.parametrize("area", AREAS)
 def test_every_area_has_its_page_and_its_types(root, area):
     assert (root / area / "README.md").is_file()
     found = {path.name for path in (root / area / "elvis").iterdir()} - {"__pycache__"}
-    assert found == {*AREAS[area], *(["__main__.py"] if area == "plugins" else [])}
+    own = {"plugins": ["__main__.py"], "renderer": ["__init__.py", "py.typed"]}.get(area, [])
+    assert found == {*AREAS[area], *own}
     for name in AREAS[area]:
         assert (root / area / "elvis" / name / "py.typed").is_file()
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from elvis import Dataset, Shape, write
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, write
 
 HELP = "from elvis.plugins.command import main; main(['--help'])"
 
@@ -29,6 +29,13 @@ def processor_seconds(code):
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def test_import_is_quick_and_loads_nothing_heavy():
+    """``import elvis`` takes a third of what loading click takes, which is a measure of the machine."""
+    code = "import sys, elvis; assert not {'numpy', 'pydantic', 'click', 'slangpy'} & set(sys.modules)"
+    library, own, nothing = (min(processor_seconds(each) for _ in range(8)) for each in ("import click", code, "pass"))
+    assert own - nothing < 1.5 * (library - nothing)
 
 
 @pytest.mark.parametrize("heavy", ["numpy", "pydantic", "lxml", "h5py", "slangpy", "rich", "PIL", "asyncio"])

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Basis, Shape, read, write
 from elvis.core.mapping.locate import locate
 from elvis.core.mapping.orientation import polygon_vertices
 from elvis.core.mapping.pointwise import values
 from elvis.core.patch import patches
 from elvis.core.testing import grid, mixed_plane, mixed_volume
-from elvis.formats import Basis, Shape, read, write
 from elvis.plugins import converting
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.converting import Settings, convert

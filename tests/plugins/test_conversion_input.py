@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import ElvisError, Shape
 from elvis.core.mesh import NON_CONFORMING
 from elvis.core.testing import grid, mixed_volume, one_element
-from elvis.formats import ElvisError, Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
 from elvis.plugins.converting import Settings, convert
 from elvis.plugins.testing import Analytic, AnalyticField

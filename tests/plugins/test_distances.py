@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis import Camera, Dataset, Isosurface, Scene, Status, render
 from elvis.core.distances import nearest, surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
@@ -12,9 +13,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, scattered
-from elvis.formats import Dataset
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Isosurface, Scene, Status, render
 
 #: of the greatest magnitude
 VALUE, UNIT = 1e-12, 1e-9

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset, Faces, Field, Plane, Scene, SceneError, read, render
 from elvis.core.dataset import Block, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
@@ -12,11 +13,9 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Field, read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.plugins.testing import check_volume
-from elvis.renderer import Faces, Plane, Scene, SceneError, render
 from elvis.renderer.completing import completed
 
 IDS = ((0, 0), (2, 1), (1, 2), (3, 3))

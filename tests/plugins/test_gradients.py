@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Dataset
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, mixed_plane, mixed_volume, ripple, scattered
-from elvis.formats import Dataset
 from elvis.plugins.native import NativeVolume
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Status
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status as Inversion
 from elvis.core.mapping.margins import drawn_in
@@ -22,15 +23,6 @@ from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Part, PartsVolume
 from elvis.reference.locating import Locator
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import (
-    CutSurface,
-    Faces,
-    Isosurface,
-    Plane,
-    Scene,
-    Sphere,
-    Status,
-)
 from elvis.scene.quantities import quantities
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"

@@ -9,10 +9,10 @@ import sys
 import numpy as np
 import pytest
 
+from elvis import ElvisError, read, write
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing.played_ranks import played
-from elvis.formats import ElvisError, read, write
 from elvis.plugins import kept_conversions
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import convert

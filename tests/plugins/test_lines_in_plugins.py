@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from elvis import Glyphs, Scene, Status, Streamlines, render
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise
@@ -16,7 +17,6 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.volume import Part, PartsVolume, boxes_between, interface_folder
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import Glyphs, Scene, Status, Streamlines, render
 from elvis.scene.flow import curves_in
 
 ROTATION = {"u": lambda p: 0.5 - p[:, 1], "v": lambda p: p[:, 0] - 0.5, "w": lambda p: np.full(len(p), 0.001)}

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Shape
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.testing import grid, mixed_volume
-from elvis.formats import Shape
 from elvis.plugins.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points
 from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, conflicting_elements, ranks

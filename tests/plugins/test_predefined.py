@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import sympy
 
+from elvis import Dataset
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
-from elvis.formats import Dataset
 from elvis.plugins.serving import volume_of
 
 X = sympy.symbols("x y z")

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
+from elvis import Camera, Dataset, Plane, Scene, read, render
 from elvis.core.dataset import Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.factors import fourier
 from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.testing import curved, mixed_volume, ripple
-from elvis.formats import Dataset, read
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.fourier.box import BASES
 from elvis.plugins.native.waves import waves
@@ -21,7 +21,6 @@ from elvis.plugins.nurbs.knots import KnotVector
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import volume_of
 from elvis.plugins.testing import check_volume, values_found
-from elvis.renderer import Camera, Plane, Scene, render
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 DEVICES = ("vulkan", "cpu")

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from elvis import DeviceError, Plane, render
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.plugins import opening
@@ -18,7 +19,6 @@ from elvis.plugins.registry import PluginError
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import PartsVolume, basis_part, boxes_between
-from elvis.renderer import DeviceError, Plane, render
 
 MODULE = """module cubes;
 import differentiated;

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Faces, Scene
 from elvis.plugins.opening import PluginData, plugin_named
 from elvis.plugins.source import VolumeSource
 from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import interface_folder
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import Faces, Scene
 
 PAGE = Path(__file__).resolve().parents[2] / "plugins" / "README.md"
 SECTORS = np.array([[1, 2, a, a + np.pi / 3, 0, 1] for a in np.arange(6) * np.pi / 3])

@@ -3,8 +3,8 @@ import shutil
 import numpy as np
 import pytest
 
+from elvis import Dataset, write
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
-from elvis.formats import Dataset, write
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Plane, Scene
 from elvis.core.cutting import template
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.formats import Dataset
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.baseline.mesh import concatenate, estimate
 from elvis.reference.baseline.sections import section
@@ -17,7 +17,6 @@ from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
-from elvis.renderer import Camera, Plane, Scene
 from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Sphere, Transfer, VolumeRendering
 from elvis.scene.view import View
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Scene
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
-from elvis.formats import Dataset
 from elvis.reference.picture import render
-from elvis.renderer import Camera, Scene
 from elvis.scene import Faces, Transfer, VolumeRendering
 
 SOLIDS = Shape.of_dimension(3)

@@ -6,10 +6,10 @@ import subprocess
 
 import pytest
 
+from elvis import Plane, Scene
 from elvis.reference.picture import render
 from elvis.reference.report.writing import write_report
 from elvis.reference.study import compare_scene
-from elvis.renderer import Plane, Scene
 
 #: set the slider, choose another picture, drag; then say in the page what came of it
 PROBE = """

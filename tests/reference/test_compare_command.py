@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import Plane, Scene
 from elvis.plugins.command import main
 from elvis.reference.commands.compare import compare
 from elvis.reference.picture import render
 from elvis.reference.record import Record
-from elvis.renderer import Plane, Scene
 
 PLANE = ["--plane", "1.5,0.5,0.45:0.1,0.2,1", "--size", "60x40", "--device", "reference"]
 

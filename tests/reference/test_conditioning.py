@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, CutSurface, Isosurface, Plane, Scene, Status
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
-from elvis.renderer import Camera, CutSurface, Isosurface, Plane, Scene, Status
 
 CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (18, 18)
 

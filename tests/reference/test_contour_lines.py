@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Status, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
-from elvis.renderer import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Status, Style
 from elvis.renderer.completing import completed
 
 SIZE = (48, 40)

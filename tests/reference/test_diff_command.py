@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+from elvis import write
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import write
 from elvis.plugins.command import elvis as group
 
 

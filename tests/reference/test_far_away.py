@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Faces, Isosurface, Scene, Status
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
-from elvis.renderer import Camera, Faces, Isosurface, Scene, Status
 
 SHIFT = np.array([2.0**20, -(2.0**20), 2.0**20])
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Scene
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference import study
 from elvis.reference.baseline.vtk import VtkBaseline
 from elvis.reference.report.conclusion import conclusion
 from elvis.reference.report.tables import every_table
-from elvis.renderer import Scene
 
 
 def wave(points):

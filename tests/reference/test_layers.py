@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Scene, Status
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset
 from elvis.reference.picture import render
-from elvis.renderer import Camera, Scene, Status
 from elvis.scene import Transfer, VolumeRendering
 
 SOLIDS = Shape.of_dimension(3)

@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape
 from elvis.core.errors import ElvisError
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset, Shape
 from elvis.reference.linear_pictures import LinearPictures
 from elvis.reference.picture import render
 from elvis.reference.study import compare_scene

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Plane
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset
 from elvis.reference.baseline.distances import surface_distance, topology
 from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.cameras import same_camera
@@ -17,7 +17,6 @@ from elvis.reference.metrics import check_comparable, errors
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import CHANNELS, Record
 from elvis.reference.tolerances import check_tolerances
-from elvis.renderer import Camera, Plane
 from elvis.scene import Isosurface
 from elvis.scene.view import PlaneView
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, Scene, SceneError, Status
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
@@ -15,7 +16,6 @@ from elvis.formats.reading import read
 from elvis.plugins.registry import load
 from elvis.reference.picture import render
 from elvis.reference.places import owners
-from elvis.renderer import Camera, Plane, Scene, SceneError, Status
 
 SHAPES = [*Shape.of_dimension(2), *Shape.of_dimension(3)]
 OBLIQUE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))

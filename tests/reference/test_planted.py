@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Plane, Scene
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset
 from elvis.reference.picture import render
 from elvis.reference.report.summary import summary
 from elvis.reference.study import compare_scene
-from elvis.renderer import Camera, Plane, Scene
 from elvis.scene import Faces
 
 PLANE = Plane((0.5, 0.5, 0.45), (0.1, 0.2, 1.0))

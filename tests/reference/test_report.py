@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Plane, Scene
 from elvis.core.errors import ElvisError
 from elvis.reference.picture import render
 from elvis.reference.record import Record
@@ -14,7 +15,6 @@ from elvis.reference.report.conclusion import conclusion
 from elvis.reference.report.summary import summary
 from elvis.reference.report.writing import write_report
 from elvis.reference.study import compare_records, compare_scene, memory_limit
-from elvis.renderer import Plane, Scene
 
 SCENE = Scene("wave", Plane((1.5, 0.5, 0.45), (0.1, 0.2, 1.0)), size=(60, 40), palette="viridis")
 
@@ -130,9 +130,9 @@ def test_a_limit_skips_what_does_not_fit(blocks):
 
 
 def test_linear_data_are_right_at_once(tmp_path):
+    from elvis import Dataset
     from elvis.core.shapes import Shape
     from elvis.core.testing import approximated, grid
-    from elvis.formats import Dataset
 
     mesh = Dataset(grid(Shape.TETRAHEDRON, 2))
     data = Dataset(mesh.mesh, (approximated(mesh, "wave", lambda x: x[:, 0] + 2 * x[:, 2], modes=3),))

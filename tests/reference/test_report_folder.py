@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Plane, Scene
 from elvis.core.errors import ElvisError
 from elvis.core.files import replacement
 from elvis.reference.picture import render
@@ -14,7 +15,6 @@ from elvis.reference.record import Record
 from elvis.reference.report import writing
 from elvis.reference.report.writing import check_folder, write_report
 from elvis.reference.study import compare_records
-from elvis.renderer import Plane, Scene
 
 
 @pytest.fixture(scope="module")

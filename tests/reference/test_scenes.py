@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Dataset, Plane, Scene, Status
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, with_field
 from elvis.core.testing.meshes import connected
-from elvis.formats import Dataset
 from elvis.reference.picture import render
 from elvis.reference.study import compare_scene
-from elvis.renderer import Camera, Plane, Scene, Status
 from elvis.scene import (
     Clip,
     Cone,

@@ -6,14 +6,14 @@ from time import process_time
 import numpy as np
 import pytest
 
+from elvis import Scene
+from elvis import render as draw
 from elvis.core.mapping.pointwise import positions, values
 from elvis.core.patch import patches
 from elvis.formats.reading import read
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
-from elvis.renderer import Scene
-from elvis.renderer import render as draw
 from elvis.scene import CutSurface, Faces, Isosurface, Sphere, Style, Transfer, VolumeRendering
 
 CASES = ["gen_allelem_n4", "gen_pyr_curved", "gen_pipe_curved", "tet_small", "hex_c0", "hex_chk", "chan3d_tet"]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis import Camera, Dataset, Plane, Scene
 from elvis.core.cutting import drawn_out, template
 from elvis.core.dataset import Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset
 from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.picture import render
@@ -19,7 +19,6 @@ from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.reference.solids import bounds, faces, heights
 from elvis.reference.study import compare_scene
-from elvis.renderer import Camera, Plane, Scene
 from elvis.scene import Clip, CutSurface, Faces, Isosurface, Style, Transfer, TriangleMesh, VolumeRendering
 
 PLANE_SHAPES = Shape.of_dimension(2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
+from elvis import Camera, Scene, Status
 from elvis.core.mapping.locate import Locator
 from elvis.core.patch import patches
 from elvis.core.shapes import Shape
@@ -16,7 +17,6 @@ from elvis.reference.scenes.bounding import candidates
 from elvis.reference.scenes.rasters import on_screen
 from elvis.reference.scenes.zeros import zeros
 from elvis.reference.solids import map_points, margins_of
-from elvis.renderer import Camera, Scene, Status
 from elvis.scene import Isosurface, Style
 from elvis.scene.view import View
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Scene, Status
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.geometry import geometry
 from elvis.core.mapping.margins import margins
@@ -14,7 +15,6 @@ from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import Scene, Status
 from elvis.renderer.completing import completed
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device_volume import DeviceVolume

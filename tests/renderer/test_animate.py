@@ -15,14 +15,14 @@ from click import UsageError
 from click.testing import CliRunner
 from PIL import Image
 
+from elvis import Camera, Dataset, ElvisError, Renderer, Scene, render, write
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
-from elvis.formats import Dataset, ElvisError, write
 from elvis.plugins import workers
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import Camera, Renderer, Scene, film_workers, render, series_range
+from elvis.renderer import film_workers, series_range
 from elvis.renderer.animation import Film, Key, orbited
 from elvis.renderer.rendering import Pictures
 from elvis.scene.errors import AbsentError, SceneError

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from elvis import Dataset, Shape, write
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, write
 from elvis.renderer import announcing
 from elvis.renderer.announcing import MOMENT, Announcement
 from elvis.renderer.kernel_cache import KernelCache

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, SceneError, Streamlines, Style
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
@@ -12,7 +13,6 @@ from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.line_pieces import curves
 from elvis.core.streamlines.marks import marks
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import Camera, SceneError, Streamlines, Style
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.flow import heads_in
 

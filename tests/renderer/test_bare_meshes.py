@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import CutSurface, Faces, Isosurface, Plane, SceneError, Style, render, write
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, one_element
-from elvis.formats import write
 from elvis.plugins.command import main
-from elvis.renderer import CutSurface, Faces, Isosurface, Plane, SceneError, Style, render
 from elvis.scene.bare_mesh import COLOR, REMARK
 
 SMALL = {"device": "vulkan", "size": (60, 45)}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, Status
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
-from elvis.renderer import Camera, Plane, Status
 from elvis.renderer.tiles import TILE
 
 SOLIDS = Shape.of_dimension(3)

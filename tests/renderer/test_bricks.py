@@ -3,12 +3,12 @@
 import numpy as np
 from click.testing import CliRunner
 
+from elvis import write
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.formats import write
 from elvis.plugins.command import elvis
 from elvis.renderer.bricks import Bricks, InMemory
 from elvis.scene import Plane, Scene

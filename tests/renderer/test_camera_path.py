@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.renderer import Camera, SceneError
+from elvis import Camera, SceneError
 from elvis.scene.camera_path import CameraPath
 
 KEYS = (

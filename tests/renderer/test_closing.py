@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Camera, CutSurface, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, CutSurface, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render, rendering
+from elvis.renderer import rendering
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceLostError
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.renderer import Camera
+from elvis import Camera
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material

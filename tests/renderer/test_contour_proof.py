@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Plane, shading
+from elvis.renderer import shading
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside
 from elvis.renderer.passes.faces.faces import FaceDrawer

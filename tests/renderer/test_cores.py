@@ -5,12 +5,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+from elvis import Camera, Scene, Streamlines, Style, render, write
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import write
 from elvis.plugins.command import elvis
-from elvis.renderer import Camera, Scene, Streamlines, Style, render
 from elvis.scene.errors import SceneError
 from elvis.scene.files import read_scene
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
+from elvis import Camera, Faces, MeshLines, SceneError, Style, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import with_field
 from elvis.core.testing.meshes import connected
-from elvis.renderer import Camera, Faces, MeshLines, SceneError, Style, render
 
 
 def chain(points, function):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elvis.renderer import Status
+from elvis import Status
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.tiles import TILE, tiles_of
 

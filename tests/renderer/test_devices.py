@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import DeviceError
 from elvis.core.arrays import frozen_floats
-from elvis.renderer import DeviceError, adapters
+from elvis.renderer import adapters
 from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking, limited
 from elvis.renderer.commands.devices import devices
 from elvis.renderer.device import _as_writeable

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, CutSurface, Faces, Isosurface, Plane, Status, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, CutSurface, Faces, Isosurface, Plane, Status, Style
 from elvis.scene import Clip, Cylinder, Implicit, Sphere
 
 #: straight down on the unit cube, pixels of 1/51

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Status
 from elvis.core.dataset import Dataset, Field
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
-from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.pixels import NOBODY

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elvis import Camera, Status
 from elvis.core.errors import ElvisError
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of, vertices_at
@@ -12,7 +13,6 @@ from elvis.plugins.fourier.box import FourierBox, series, write_box
 from elvis.plugins.nurbs.nurbs import Nurbs
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import PartsVolume
-from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.scene.view import View

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, Status
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.renderer import Camera, Plane, Status
 
 SHIFT = np.array([2.0**20, -(2.0**20), 2.0**20])
 

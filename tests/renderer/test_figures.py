@@ -10,21 +10,10 @@ import pytest
 from click import BadParameter
 from PIL import Image
 
+from elvis import Camera, Contours, Faces, Glyphs, Isosurface, MeshLines, SceneError, Streamlines, Style, render
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, one_element
-from elvis.renderer import (
-    Camera,
-    Contours,
-    Faces,
-    Glyphs,
-    Isosurface,
-    MeshLines,
-    SceneError,
-    Streamlines,
-    Style,
-    render,
-)
 from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.renderer import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, SceneError, Sphere
+from elvis import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, SceneError, Sphere
 from elvis.scene.fitting import automatic, crossings, is_of_elements, proportionate, surrounding
 
 CUT = CutSurface(Plane((0, 0, 0), (0, 0, 1)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, Scene
 from elvis.core.arrays import frozen_floats
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.locate import locate
@@ -19,7 +20,7 @@ from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import evaluated
 from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.volume import Solution
-from elvis.renderer import Camera, Plane, Scene, gaps
+from elvis.renderer import gaps
 from elvis.renderer.drafts import drafted
 from elvis.renderer.gaps import Gaps
 from elvis.renderer.pixels import NOBODY, Pixels

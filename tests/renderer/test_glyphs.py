@@ -5,24 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Clip, CutSurface, Faces, Glyphs, Plane, SceneError, Sphere, Status, Style, render
 from elvis.core.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.anchors import anchors
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import (
-    Camera,
-    Clip,
-    CutSurface,
-    Faces,
-    Glyphs,
-    Plane,
-    SceneError,
-    Sphere,
-    Status,
-    Style,
-    render,
-)
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import glyphs
 from elvis.scene.commandline.writing import option_words

@@ -6,23 +6,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import (
+    CutSurface,
+    Dataset,
+    ElvisError,
+    Faces,
+    FormatError,
+    Implicit,
+    Plane,
+    Session,
+    from_arrays,
+    render,
+    sample,
+)
 from elvis.core.geometry import geometry, share
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.formats import Dataset, ElvisError, FormatError, from_arrays, sample
 from elvis.plugins.nodal import tensor_nodes
 from elvis.plugins.run_states import states_of
-from elvis.renderer import (
-    CutSurface,
-    Faces,
-    Implicit,
-    Plane,
-    Session,
-    render,
-    rendering,
-)
+from elvis.renderer import rendering
 from elvis.renderer.passes.faces import faces
 from elvis.renderer.triggers import Condition, Trigger
 from elvis.scene.errors import SceneError

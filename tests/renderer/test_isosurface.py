@@ -6,11 +6,11 @@ from time import process_time
 import numpy as np
 import pytest
 
+from elvis import Camera, SceneError, Status
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
-from elvis.renderer import Camera, SceneError, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.renderer.pixels import NOBODY

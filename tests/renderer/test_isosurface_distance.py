@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis import Camera, Status
 from elvis.core.distances import nearest, surface_of
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Status
 from elvis.renderer.pixels import NOBODY
 from elvis.scene import unit
 from elvis.scene.view import View

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
+from elvis import Camera, Status
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.plugins.native import NativeVolume, elements
-from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, Level

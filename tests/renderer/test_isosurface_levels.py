@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Status
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
@@ -11,7 +12,6 @@ from elvis.core.quantities.tree import ONE
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View

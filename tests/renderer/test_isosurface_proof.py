@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Isosurface, SceneError, Status
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
-from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from elvis import Plane, render
 from elvis.core.files.keeping import Store
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Plane, kernel_cache, render
+from elvis.renderer import kernel_cache
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceError

@@ -7,14 +7,13 @@ import click
 import numpy as np
 import pytest
 
-from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, write
-from elvis.renderer import (
+from elvis import (
     Camera,
     Clip,
     ColorBar,
     Contours,
     CutSurface,
+    Dataset,
     Faces,
     Isosurface,
     Light,
@@ -22,9 +21,12 @@ from elvis.renderer import (
     Plane,
     Scene,
     SceneError,
+    Shape,
     Sphere,
     render,
+    write,
 )
+from elvis.core.testing import approximated, grid
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import scene_options
 from elvis.scene.keywords import ELSEWHERE, KeywordError, keywords, scene_of_keywords

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from elvis import Camera, Contours, Faces, Plane, Scene, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, Contours, Faces, Plane, Scene, Style
 from elvis.scene import fitting, page, saving
 from elvis.scene import frame as frames
 from elvis.scene.picture import picture

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
-from elvis.renderer import (
+from elvis import (
     Camera,
     Clip,
     CutSurface,
@@ -22,8 +19,11 @@ from elvis.renderer import (
     Sphere,
     Style,
     render,
-    rendering,
 )
+from elvis.core.dataset import Dataset
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
+from elvis.renderer import rendering
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.picture import sentences

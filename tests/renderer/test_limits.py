@@ -6,11 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Field
-from elvis.core.shapes import Shape
-from elvis.core.testing import grid
-from elvis.plugins import command
-from elvis.renderer import (
+from elvis import (
     Camera,
     Contours,
     CutSurface,
@@ -23,11 +19,13 @@ from elvis.renderer import (
     SceneError,
     Sphere,
     Style,
-    canvas,
-    device,
     render,
-    rendering,
 )
+from elvis.core.dataset import Field
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
+from elvis.plugins import command
+from elvis.renderer import canvas, device, rendering
 from elvis.renderer.device_errors import DeviceLostError
 from elvis.scene.palette import NOT_A_NUMBER
 from elvis.scene.view import view_of
@@ -185,7 +183,7 @@ def test_what_is_undefined_has_its_own_colour(draw, cube):
 @pytest.fixture
 def run(cube, tmp_path, capfd, renderer):
     """``elvis render`` of the cube; status, what was said, what is there afterwards."""
-    from elvis.formats import write
+    from elvis import write
 
     renderer("vulkan")
     files = (tmp_path / "cube.xml", tmp_path / "cube.fld")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from elvis import Camera, Plane
 from elvis.core.mapping.margins import margins
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Plane
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside
 from elvis.renderer.passes.faces.faces import FaceDrawer

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.renderer import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style, rendering
+from elvis.renderer import rendering
 from elvis.renderer.passes.lines.lines import line_coverage
 
 SIZE, STEP = (24, 20), 0.008

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.serving import volume_of
-from elvis.renderer import Camera, Plane
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.errors import FormatError
-from elvis.core.quantities import Expression
-from elvis.core.quantities.evaluator import Evaluator
-from elvis.core.shapes import Shape
-from elvis.core.testing import curved, grid, ripple
-from elvis.renderer import (
+from elvis import (
     Camera,
     Clip,
     Cone,
@@ -32,6 +27,11 @@ from elvis.renderer import (
     TriangleMesh,
     VolumeRendering,
 )
+from elvis.core.errors import FormatError
+from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
 from elvis.renderer.passes.solids.hits import hits, outside
 from elvis.scene import unit
 from elvis.scene.picture import picture

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Plane, Scene, SceneError, Status, render
 from elvis.core.arrays import frozen_floats
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.geometry import geometry
 from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import Plane, Scene, SceneError, Status, default_field, render
+from elvis.renderer.completing import default_field
 from elvis.scene.palette import NOT_A_NUMBER
 
 PLANE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.shapes import Shape
-from elvis.core.testing import curved, grid, ripple, with_field
-from elvis.formats import write
-from elvis.renderer import (
+from elvis import (
     Clip,
     Contours,
     CutSurface,
@@ -22,7 +19,10 @@ from elvis.renderer import (
     Transfer,
     VolumeRendering,
     render,
+    write,
 )
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.scene.errors import SceneError
 from elvis.scene.files import read_scene, write_scene
 from elvis.scene.tables import input_files

@@ -2,11 +2,10 @@
 
 import pytest
 
+from elvis import Dataset, Session, write
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, write
 from elvis.plugins.command import elvis
-from elvis.renderer import Session
 from elvis.scene.errors import SceneError
 from elvis.scene.ownership import is_own
 

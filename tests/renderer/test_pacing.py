@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.core.shapes import Shape
-from elvis.core.testing import grid
-from elvis.renderer import (
+from elvis import (
     Camera,
     Contours,
     CutSurface,
@@ -20,8 +18,10 @@ from elvis.renderer import (
     Style,
     Transfer,
     VolumeRendering,
-    pacing,
 )
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
+from elvis.renderer import pacing
 from elvis.renderer.adapters import Adapter
 from elvis.renderer.device import Kernel
 from elvis.renderer.pacing import Pace, grid_of, rows_of

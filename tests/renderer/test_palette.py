@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from elvis import Scene, SceneError
 from elvis.core.errors import FormatError
-from elvis.renderer import Scene, SceneError
 from elvis.scene.files import read_scene, write_scene
 from elvis.scene.palette import FIRST, STEPS, Palette, points_in
 

@@ -6,13 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, grid, with_field
-from elvis.formats import Dataset
-from elvis.renderer import (
+from elvis import (
     Camera,
     Contours,
     CutSurface,
+    Dataset,
     Faces,
     Isosurface,
     Plane,
@@ -21,6 +19,8 @@ from elvis.renderer import (
     Transfer,
     VolumeRendering,
 )
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid, with_field
 from elvis.scene.objects import CutSurface as Cut
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "parity.md"

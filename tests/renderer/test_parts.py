@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import write
 from elvis.core.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
 from elvis.core.portions.portion import is_even
@@ -15,7 +16,6 @@ from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated, with_field
 from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.core.testing.played_ranks import played
-from elvis.formats import write
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.reading import read_parts
 from elvis.plugins.command import elvis

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Dataset
 from elvis.core.portions import along_curve, portions
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
 from elvis.core.testing.played_ranks import played
-from elvis.formats import Dataset
 from elvis.renderer.bricks import Bricks, InMemory
 from elvis.renderer.parts import RankPart, of_ranks
 from elvis.renderer.rendering import Pictures

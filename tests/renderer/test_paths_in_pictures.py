@@ -5,11 +5,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from elvis import Glyphs, Streamlines, Style, open_series, read, render, write
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import open_series, read, write
-from elvis.renderer import Glyphs, Streamlines, Style, render
 from elvis.scene.errors import SceneError
 
 TIMES = (0.0, 0.5, 1.1, 1.6)

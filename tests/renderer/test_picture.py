@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ImageFont
 
+from elvis import Camera, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Camera, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
 from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
 from elvis.scene.picture import AXES, labels, notes, picture, shortest, ticks
 

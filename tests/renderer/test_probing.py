@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Renderer, SceneError, Status
 from elvis.core.dataset import Field
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status as InverseStatus
@@ -14,7 +15,6 @@ from elvis.core.mapping.pointwise import positions, values
 from elvis.core.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_volume, ripple
-from elvis.renderer import Renderer, SceneError, Status
 
 BORDER = 1e-9
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from pyfr_running import CONFIG, deal, imported, prepared
 
+from elvis import open_series, render
 from elvis.core.integrals import integrate
-from elvis.formats import open_series
 from elvis.plugins.testing.steps import agree
-from elvis.renderer import render
 
 #: how many squares the mesh has in a row and in a column
 WIDE, HIGH = 3, 2

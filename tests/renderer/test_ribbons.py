@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from elvis import Camera, Clip, CutSurface, Plane, SceneError, Sphere, Status, Streamlines, Style
 from elvis.core.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
@@ -13,7 +14,6 @@ from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.line_pieces import curves
 from elvis.core.streamlines.ribbons import ribbons
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import Camera, Clip, CutSurface, Plane, SceneError, Sphere, Status, Streamlines, Style
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.tables import scene_of, table_of

@@ -8,10 +8,10 @@ import pytest
 from archives import arrays_of
 from PIL import Image
 
+from elvis import Camera, Plane, Status
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
-from elvis.renderer import Camera, Plane, Status
 from elvis.scene.picture import picture
 
 SCALARS = {

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elvis.core.errors import FormatError
-from elvis.renderer import (
+from elvis import (
     Camera,
     Clip,
     Cone,
@@ -31,6 +30,7 @@ from elvis.renderer import (
     TriangleMesh,
     VolumeRendering,
 )
+from elvis.core.errors import FormatError
 from elvis.scene.files import SUFFIXES, read_scene, write_scene
 from elvis.scene.tables import KINDS, scene_of, table_of
 

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from elvis.renderer import Scene, SceneError
+from elvis import Scene, SceneError
 from elvis.scene.commandline.composing import composed
 from elvis.scene.files import SUFFIXES, read_scene, write_scene
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import settings as settings_of_hypothesis
 from hypothesis import strategies as st
 
-from elvis.renderer import Camera, Faces, Scene, SceneError, Sphere, Style
+from elvis import Camera, Faces, Scene, SceneError, Sphere, Style
 from elvis.renderer.commands.render import render
 from elvis.scene import scene_schema
 from elvis.scene.commandline.options import scene_options

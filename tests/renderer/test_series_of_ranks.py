@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
+from elvis import Dataset, write
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.testing.played_ranks import played
-from elvis.formats import Dataset, write
 from elvis.formats.nektar import fields_input
 from elvis.plugins import data as data_module
 from elvis.plugins.command import elvis

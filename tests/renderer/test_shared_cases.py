@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, Scene
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.reference.picture import render as render_reference
-from elvis.renderer import Camera, Plane, Scene
 
 #: cases for the slow device: every shape but the quadrilateral, then that
 SMALL = ("gen_allelem_n4", "gen_pyr_curved", "kova_varp")

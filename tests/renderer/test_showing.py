@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from elvis import Dataset, Shape, render
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape
-from elvis.renderer import render
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,10 @@ import subprocess
 
 import pytest
 
+from elvis import Renderer
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Renderer, kernel_cache
+from elvis.renderer import kernel_cache
 from elvis.renderer.device import SHADERS
 from elvis.renderer.kernel_database import content
 

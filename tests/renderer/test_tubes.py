@@ -6,23 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from elvis import Camera, Clip, CutSurface, Faces, Plane, Scene, SceneError, Sphere, Status, Streamlines, Style
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer import (
-    Camera,
-    Clip,
-    CutSurface,
-    Faces,
-    Plane,
-    Scene,
-    SceneError,
-    Sphere,
-    Status,
-    Streamlines,
-    Style,
-)
 from elvis.renderer.completing import completed
 from elvis.renderer.passes.tubes.tubes import TubeDrawer
 from elvis.scene.commandline.composing import composed

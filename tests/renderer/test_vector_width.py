@@ -17,9 +17,21 @@ DRAWING = """
 import sys
 import numpy as np
 from elvis.core.testing import approximated, curved, grid
-from elvis.formats import Dataset, Shape
-from elvis.renderer import (
-    Camera, Contours, CutSurface, Faces, Isosurface, MeshLines, Plane, Renderer, Scene, Style, Transfer, VolumeRendering
+from elvis import (
+    Camera,
+    Contours,
+    CutSurface,
+    Dataset,
+    Faces,
+    Isosurface,
+    MeshLines,
+    Plane,
+    Renderer,
+    Scene,
+    Shape,
+    Style,
+    Transfer,
+    VolumeRendering,
 )
 
 def bend(points):

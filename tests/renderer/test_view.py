@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.renderer import Camera, Plane, Scene, SceneError
+from elvis import Camera, Plane, Scene, SceneError
 from elvis.scene import NAMED_VIEWS
 from elvis.scene.view import PlaneView, face_on, fit_camera, named_camera
 

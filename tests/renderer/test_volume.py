@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Plane, SceneError
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
-from elvis.renderer import Camera, Plane, SceneError
 from elvis.scene import Clip, Transfer
 from elvis.scene.view import View
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from elvis import Camera
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
-from elvis.renderer import Camera
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.scene import (
     Clip,

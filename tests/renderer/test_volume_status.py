@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elvis import Camera, Isosurface, SceneError, Status
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
-from elvis.renderer import Camera, Isosurface, SceneError, Status
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.volume_rendering import _March
 from elvis.scene import Transfer, VolumeRendering

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from elvis import Dataset, write
 from elvis.core.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, write
 from elvis.plugins.command import elvis
 from elvis.plugins.series.following import Following
 from elvis.scene.errors import SceneError

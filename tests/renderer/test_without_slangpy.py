@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from elvis.renderer import DeviceError, drawing
+from elvis import DeviceError
+from elvis.renderer import drawing
 
 POINTS = ("--line", "0.4,0.5,0.4:0.5,0.5,0.4", "-n", "2")
 #: a process in which a module can't be imported; runs commands, prints the status and the words of each

@@ -22,7 +22,7 @@ def place(tmp_path_factory):
 
 
 def test_data_tell_what_they_are():
-    from elvis.formats import ElvisError, read
+    from elvis import ElvisError, read
 
     ds = read("cylinder.xml", "cylinder.fld")
     assert len(repr(ds)) < 300
@@ -43,7 +43,7 @@ def test_data_tell_what_they_are():
 
 
 def test_values_are_exact():
-    from elvis.formats import line, norms, read, sample
+    from elvis import line, norms, read, sample
 
     ds = read("cylinder.xml", "cylinder.fld")
     found = sample(ds, ["speed", "d(u,x)"], (0.0, 2.0))
@@ -57,8 +57,7 @@ def test_values_are_exact():
 
 
 def test_pictures_take_the_names_of_the_command_line():
-    from elvis.formats import read
-    from elvis.renderer import Plane, Scene, render
+    from elvis import Plane, Scene, read, render
 
     frame = render("cylinder.xml", "cylinder.fld", "u", **SIZE)
     assert frame.image.shape == (30, 40, 3)
@@ -91,15 +90,14 @@ def test_pictures_take_the_names_of_the_command_line():
     ],
 )
 def test_mistakes_are_told_with_a_hint(make, words):
-    from elvis import renderer
-    from elvis.formats import ElvisError
+    from elvis import ElvisError, renderer
 
     with pytest.raises(ElvisError, match=words):
         make(renderer)
 
 
 def test_other_libraries_take_and_give():
-    from elvis.formats import from_arrays, read, sample, to_meshio, to_pyvista
+    from elvis import from_arrays, read, sample, to_meshio, to_pyvista
 
     ds = read("blocks.xml", "blocks.fld")
     grid = to_pyvista(ds, refinement=1)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from driving import PATIENCE, settled
 
+from elvis import Dataset, Shape, write
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset, Shape, write
 from elvis.scene import Plane, Scene
 from elvis.scene.tables import table_of
 from elvis.viewer.drawing_process import Source

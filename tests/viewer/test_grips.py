@@ -8,9 +8,8 @@ import pytest
 from driving import PATIENCE, change, settled
 from PIL import Image
 
-from elvis.formats import read
+from elvis import read, render
 from elvis.reference.linear_pictures import LinearPictures
-from elvis.renderer import render
 from elvis.scene.view import View
 
 

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from elvis import Dataset, Shape, write
 from elvis.core.errors import ElvisError
 from elvis.core.portions.portion import Portion
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.formats import Dataset, Shape, write
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.renderer.bricks import Bricks
 from elvis.scene import Plane, Scene

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from driving import PATIENCE, add, canvas_place, change, choose, picture, setting, settled, turn
 
+from elvis import Shape, read, render, sample, write
 from elvis.core.extrema import extrema
 from elvis.core.testing import curved, grid, with_field
-from elvis.formats import Shape, read, sample, write
-from elvis.renderer import render
 from elvis.renderer.commands.render import render as render_command
 from elvis.scene import Scene
 from elvis.scene.files import read_scene

@@ -5,7 +5,7 @@ import pytest
 from driving import PATIENCE, canvas_place, picture, settled
 from test_page import as_rendered
 
-from elvis.formats import ElvisError
+from elvis import ElvisError
 from elvis.plugins.data import Reading
 from elvis.plugins.series import following
 from elvis.plugins.testing.steps import polynomial, steps_of

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 from driving import PATIENCE
 
-from elvis.formats import read
-from elvis.renderer import render, view
+from elvis import read, render, view
 from elvis.scene import SceneError
 
 pytest.importorskip("anywidget")
@@ -170,7 +169,7 @@ def test_a_notebook_runs_and_keeps_the_picture(scene, tmp_path):
     options = {"plane": (scene.plane.point, scene.plane.normal), "camera": "iso", "size": scene.size}
     cells = [
         f"import elvis.viewer.widget\nelvis.viewer.widget.PATIENCE = {PATIENCE}",
-        f"from elvis.renderer import view\nviewer = view(*{scene.data}, 'u', **{options})\nviewer",
+        f"from elvis import view\nviewer = view(*{scene.data}, 'u', **{options})\nviewer",
         "from dataclasses import replace\nviewer.scene = replace(viewer.scene, palette='magma')\nviewer",
         "viewer.save('own.png')\nviewer.close()",
     ]

@@ -26,7 +26,7 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.core.sampling import by_points
-from elvis.core.streamlines import Streamlines, trace
+from elvis.core.streamlines import TracedLines, trace
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.host_flow import HostFlow
@@ -135,7 +135,7 @@ class Evaluation:
             sample = partial(_samples_in, device=device)
             return PluginIntegration(volume, sample, _rule).over(wanted, over, error, progress)
 
-    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
+    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> TracedLines:
         """Streamlines, by the plugin's host evaluation (see `elvis.core.streamlines.trace`)."""
         flow = HostFlow(self.opened)
         return call_plugin(self.opened.name, "following lines", lambda: trace(flow, seeds, velocity, **settings))

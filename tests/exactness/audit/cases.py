@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from audit.polynomials import Polynomial, multiple
-from elvis.renderer import Camera
+from elvis import Camera
 
 
 @dataclass(frozen=True, eq=False)

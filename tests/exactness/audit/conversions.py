@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 
+from elvis import from_ngsolve, sample
 from elvis.core.conversion_errors import ConversionErrors
-from elvis.formats import from_ngsolve, sample
 
 #: points in each element
 COUNT = 10

@@ -7,11 +7,11 @@ import numpy as np
 
 from audit.families import FAMILIES
 from audit.validating import Count
+from elvis import Renderer, Scene, SceneError
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.plugins.serving import volume_of
 from elvis.reference.picture import render as reference
-from elvis.renderer import Renderer, Scene, SceneError
 from elvis.renderer.completing import completed
 from elvis.scene.frame import Drawing, Frame, Status
 from elvis.scene.quantities import quantities

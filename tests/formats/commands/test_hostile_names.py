@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 import elvis.viewer
+from elvis import Dataset, Shape, sample, write
 from elvis.core.terminal import plain_names
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, Shape, sample, write
 from elvis.plugins.command import elvis as group
 
 #: a title of the window, C1 deletion, text that runs backwards and isolates, deletion

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from elvis import Dataset, ElvisError, read, write
 from elvis.core.shapes import Shape
 from elvis.core.summary import summary
 from elvis.core.testing import curved, one_element
-from elvis.formats import Dataset, ElvisError, read, write
 from elvis.plugins.command import elvis as group
 
 
@@ -170,8 +170,8 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     """HDF5 holds any text; tables show it harmless, JSON whole."""
     from dataclasses import replace
 
+    from elvis import Dataset, Shape, write
     from elvis.core.testing import approximated, grid
-    from elvis.formats import Dataset, Shape, write
 
     name = "u\x1b]0;title\x07\x1b[2J\x9b\u202e\u2066"
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))

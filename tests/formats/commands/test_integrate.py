@@ -6,8 +6,8 @@ import pytest
 from archives import arrays_of
 from click.testing import CliRunner
 
+from elvis import Dataset, ElvisError, Shape, integrate, read, write
 from elvis.core.testing import grid, with_field
-from elvis.formats import Dataset, ElvisError, Shape, integrate, read, write
 from elvis.plugins.command import elvis as group
 
 KEYS = ["over", "integrand", "value", "error", "measure", "exact", "kind", "finished"]

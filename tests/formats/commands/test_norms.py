@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from elvis.formats import ElvisError
+from elvis import ElvisError
 
 
 def test_the_contract_of_scripts(nektar, elvis_json):

@@ -7,8 +7,8 @@ import click
 import numpy as np
 import pytest
 
+from elvis import Dataset, ElvisError, Shape, write
 from elvis.core.testing import approximated, grid
-from elvis.formats import Dataset, ElvisError, Shape, write
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import pytest
 from archives import arrays_of
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
+from elvis import ElvisError, trace, write
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, mixed_plane
-from elvis.formats import ElvisError, trace, write
 
 
 @pytest.fixture

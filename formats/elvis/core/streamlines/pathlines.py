@@ -24,7 +24,7 @@ from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import SeedPlaces, seed_points
-from elvis.core.streamlines.streamlines import TAKEN, Along, Points, Streamlines, collected, joined
+from elvis.core.streamlines.streamlines import TAKEN, Along, Points, TracedLines, collected, joined
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import velocity_expressions
@@ -141,7 +141,7 @@ def pathlines(
     spacing: float | None = None,
     fields: Sequence[str] = (),
     ftle: bool = False,
-) -> Streamlines:
+) -> TracedLines:
     """Paths of particles that are all released at one time, as `trace` gives lines; ``time`` is that of the data.
 
     dataset    at one of the steps
@@ -241,7 +241,7 @@ def streaklines(
     releases: int,
     *,
     fields: Sequence[str] = (),
-) -> Streamlines:
+) -> TracedLines:
     """Where at a time all the particles are that were released at each seed since another time, a line for each seed.
 
     A line begins at its seed, with the particle that was released last.  ``time`` is that of release, ``length`` that

@@ -42,7 +42,7 @@ _MOST_POINTS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Streamlines:
+class TracedLines:
     """Lines along a velocity.
 
     offsets   (n+1,)  line i has the points offsets[i] to offsets[i+1]; none where its seed is outside
@@ -75,7 +75,7 @@ class Streamlines:
 
     def __repr__(self) -> str:
         found = ", ".join(f"{count} {name}" for name, count in self.counts().items())
-        return f"<Streamlines: {len(self)} lines, {len(self.points)} points; {found or 'none'}>"
+        return f"<TracedLines: {len(self)} lines, {len(self.points)} points; {found or 'none'}>"
 
     def _repr_html_(self) -> str:
         """The points of the first and last lines as notebooks show them."""
@@ -136,7 +136,7 @@ def trace(
     wall: str | None = None,
     ftle: bool = False,
     make: MakeTracer = Tracer,
-) -> Streamlines:
+) -> TracedLines:
     """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
 
     seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
@@ -195,7 +195,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """What is known at m points of lines: arrays as in `Streamlines`, but for ``line``."""
+    """What is known at m points of lines: arrays as in `TracedLines`, but for ``line``."""
 
     line: Ints
     points: Floats
@@ -251,7 +251,7 @@ def _points_of(piece: Piece, spacing: float, sign: int) -> Points:
 
 def joined(
     directions: Sequence[tuple[Ints, Sequence[Along]]], names: Sequence[str], exponents: Floats | None = None
-) -> Streamlines:
+) -> TracedLines:
     """Lines of all directions, one direction after the other.
 
     directions  for each the ends (n,) of its lines, and what is known at their points, in parts that follow in time
@@ -271,7 +271,7 @@ def joined(
     texts = parts[0].values
     values = {text: np.concatenate([part.values[text] for part in parts])[order] for text in texts}
     counts = np.bincount(line, minlength=firsts[-1])
-    return Streamlines(
+    return TracedLines(
         np.concatenate([[0], np.cumsum(counts)]),
         np.concatenate([np.arange(len(ends)) for ends, _ in directions]),
         np.concatenate([ends for ends, _ in directions]),

@@ -12,7 +12,7 @@ from elvis.core.streamlines.course import DIRECTIONS, Course, components_of, pos
 from elvis.core.streamlines.moving import Interval
 from elvis.core.streamlines.pathlines import pathlines as paths_through
 from elvis.core.streamlines.pathlines import streaklines as streaks_through
-from elvis.core.streamlines.streamlines import Streamlines
+from elvis.core.streamlines.streamlines import TracedLines
 from elvis.plugins.series.between import NEAR, is_one_mesh
 from elvis.plugins.series.series import Series
 
@@ -37,7 +37,7 @@ def pathlines(
     fields: Sequence[str] = (),
     random: int = 0,
     ftle: bool = False,
-) -> Streamlines:
+) -> TracedLines:
     """Paths of particles that are released at seeds at one time, exactly in the curved elements (see `trace`).
 
     Coefficients are interpolated in time, of order 2 (``linear``) or 4 (``cubic``) in the steps' distance; the
@@ -72,7 +72,7 @@ def streaklines(
     tolerance: float | None = None,
     fields: Sequence[str] = (),
     random: int = 0,
-) -> Streamlines:
+) -> TracedLines:
     """Streaks, as dye makes them: where at the end all the particles are that left each seed one after another.
 
     A line begins at its seed, with the particle that left last; ``time`` is that of release, ``length`` that of each

@@ -10,7 +10,7 @@ from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.core.cores import VortexCores
-    from elvis.core.streamlines import Streamlines
+    from elvis.core.streamlines import TracedLines
 
 
 def check_suffix(output: Path) -> None:
@@ -20,7 +20,7 @@ def check_suffix(output: Path) -> None:
         raise ElvisError(f"{output}: expected a name that ends in .csv, .npz or .vtp, found {found}")
 
 
-def write_lines(output: Path, found: Streamlines | VortexCores, of_lines: Mapping[str, Any]) -> None:
+def write_lines(output: Path, found: TracedLines | VortexCores, of_lines: Mapping[str, Any]) -> None:
     """Write lines, with what is known of each, in the form that the suffix names."""
     from elvis.core.files.columns import write_columns
     from elvis.core.files.polydata import write_polylines

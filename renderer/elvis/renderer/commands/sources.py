@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from elvis.core.portions import Portion
     from elvis.core.quantities import Expression, Names
     from elvis.core.sampling import Samples
-    from elvis.core.streamlines import Streamlines
+    from elvis.core.streamlines import TracedLines
     from elvis.core.terminal import Progress
     from elvis.core.validity.validity import Validity
     from elvis.plugins.data import Reading
@@ -356,7 +356,7 @@ class NativeSource:
         dataset, options = self._surrounded(expressions), (progress, ranks, reached, best_effort, jacobian)
         return integrate(dataset, texts, over, error, coefficients, clip, *options)
 
-    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> Streamlines:
+    def trace(self, seeds: Sequence[str], velocity: Sequence[str] | None, **settings: Any) -> TracedLines:
         """Streamlines (see `elvis.core.streamlines.trace`)."""
         from elvis.core.streamlines import trace
 

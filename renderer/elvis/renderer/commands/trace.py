@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from elvis.core.arrays import Floats
-    from elvis.core.streamlines import Streamlines
-    from elvis.scene import Streamlines as Shown
+    from elvis.core.streamlines import TracedLines
+    from elvis.scene import Streamlines
 
 EPILOG = """\b
 Examples:
@@ -96,7 +96,7 @@ def trace(
     from elvis.core.files.output import check_places
     from elvis.core.terminal import stage
     from elvis.renderer.passes.streams.following import following
-    from elvis.scene import Streamlines as Shown
+    from elvis.scene import Streamlines
 
     limits = {"criterion": criterion, "least_swirl": least_swirl, "least_length": least_length, "only_q": only_q}
     if cores:
@@ -105,7 +105,7 @@ def trace(
         return
     check_seeds(limits, course["seeds"])
     # what is not given is as in a scene, whose checks hold here, too
-    followed = Shown(**{name: value for name, value in course.items() if value is not None})
+    followed = Streamlines(**{name: value for name, value in course.items() if value is not None})
     asked = {name: getattr(followed, name) for name in COURSE if name not in ("seeds", "velocity")}
     if output is not None:
         check_suffix(output)
@@ -113,7 +113,7 @@ def trace(
             [output], [*data.inputs(), *(Path(seed) for seed in followed.seeds if Path(seed).is_file())], overwrite
         )
     velocity = texts_of(followed.velocity)
-    found: Streamlines
+    found: TracedLines
     if releases is not None and kind != "streaklines":
         raise ElvisError("--releases: expected --kind streaklines with it")
     if kind != "streamlines":
@@ -136,14 +136,14 @@ def trace(
 def _in_time(
     kind: str,
     data: Data,
-    followed: Shown,
+    followed: Streamlines,
     velocity: Sequence[str] | None,
     *,
     releases: int | None,
     spacing: float | None,
     fields: Sequence[str],
     ftle: bool,
-) -> Streamlines:
+) -> TracedLines:
     """Paths or streaks in a series; ElvisError for settings that these have not."""
     from elvis.core.moments import checked_step
     from elvis.core.terminal import note, stage
@@ -175,7 +175,7 @@ def _in_time(
     return found
 
 
-def _report(found: Streamlines, output: Path | None, as_json: bool) -> None:
+def _report(found: TracedLines, output: Path | None, as_json: bool) -> None:
     """Write lines and print how they end."""
     from elvis.core.terminal import print_json, print_table
 
@@ -190,7 +190,7 @@ def _report(found: Streamlines, output: Path | None, as_json: bool) -> None:
         click.echo(_exponents(found.ftle))
 
 
-def _facts(found: Streamlines) -> dict[str, Any]:
+def _facts(found: TracedLines) -> dict[str, Any]:
     """How lines end, how long each is and, where they were asked for, the exponents; None where there is none."""
     last = found.offsets[1:] - 1
     lengths = [float(found.length[k]) if k >= first else None for first, k in zip(found.offsets, last, strict=False)]
@@ -208,13 +208,13 @@ def _exponents(ftle: Floats) -> str:
     return f"finite-time Lyapunov exponents from {known.min():.6g} to {known.max():.6g}, of {len(known)} lines"
 
 
-def _of_lines(found: Streamlines) -> dict[str, Any]:
+def _of_lines(found: TracedLines) -> dict[str, Any]:
     """What is known of each line: its seed, how it ends and, where it was asked for, its exponent."""
     own = {"seed": found.seed, "end": found.end}
     return own if found.ftle is None else {**own, "ftle": found.ftle}
 
 
-def _warn_of_seeds(found: Streamlines) -> None:
+def _warn_of_seeds(found: TracedLines) -> None:
     """Say how many seeds lie in no element; ElvisError where all do."""
     import numpy as np
 

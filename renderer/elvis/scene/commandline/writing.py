@@ -53,11 +53,10 @@ def option_words(scene: Scene) -> list[str]:
 
 def python_of(scene: Scene) -> str:
     """Lines of Python that draw a scene; data that came from Python are called ``dataset`` in them."""
-    names = sorted({type(part).__name__ for part in _parts(scene)})
+    names = sorted({"render", *(type(part).__name__ for part in _parts(scene))})
     given = [f"    {name}={value!r}," for name, value in given_values(replace(scene, outputs=(), stats=None)).items()]
     plain = ", plain=True" if scene.plain else ""
-    lines = ["from elvis.renderer import render", f"from elvis.scene import {', '.join(names)}", ""]
-    lines += ["scene = Scene(", *given, ")"]
+    lines = [f"from elvis import {', '.join(names)}", "", "scene = Scene(", *given, ")"]
     data = "" if scene.data else "dataset, "
     return "\n".join([*lines, f'render({data}scene=scene).save("{PICTURE}"{plain})', ""])
 

@@ -12,8 +12,8 @@ from audit.cases import Case, exact
 from audit.polynomials import Y
 from audit.validating import counted_as
 from audit.worlds import world
+from elvis import Camera, Contours, CutSurface, Plane, Style
 from elvis.core.shapes import Shape
-from elvis.renderer import Camera, Contours, CutSurface, Plane, Style
 from elvis.scene.frame import Status
 
 #: how far coverages may be from the truth: the middle of a line is displaced by no more, in pixels

@@ -8,7 +8,7 @@ from audit.cases import CAMERAS, ORDINARY, Case, camera, exact, random_polynomia
 from audit.truths import Rays, Truth, in_domain, surface_roots
 from audit.validating import validate
 from audit.worlds import EPS, mixed, world
-from elvis.renderer import Plane
+from elvis import Plane
 
 #: modes of the field of straight elements: one for few kernels, a higher order, and both by turns
 MODES = (4, 4, 4, 6, (6, 4), (4, 6))

@@ -14,11 +14,11 @@ from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import EPS, POSITION, Truth
 from audit.validating import Count, validate
 from audit.worlds import BORDER, PLACEMENTS, World
+from elvis import Isosurface
 from elvis.core.quantities import Expression as Parsed
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import Isosurface
 
 CAMERAS = ("oblique", "perspective", "along", "inside", "close")
 #: samples of a ray, and of what is between three of them where values come near to the level

@@ -6,7 +6,7 @@ from audit.cases import CAMERAS, ORDINARY, Case, camera, exact, random_polynomia
 from audit.truths import Rays, Truth, in_box, joined, surface_roots
 from audit.validating import validate
 from audit.worlds import world
-from elvis.renderer import Faces
+from elvis import Faces
 
 
 def case(rng, size):

@@ -13,9 +13,9 @@ from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, joined, surface_roots
 from audit.validating import counted_as, validate
 from audit.worlds import BORDER, world
+from elvis import Faces
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.renderer import Faces
 from elvis.scene.frame import Status
 
 FORMS = {"x": X, "x + y": X + Y, "x - z": X - Z}

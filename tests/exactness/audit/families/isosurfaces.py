@@ -14,8 +14,8 @@ from audit.polynomials import Polynomial, X, Y, Z
 from audit.truths import Rays, Truth, in_domain, joined, surface_roots
 from audit.validating import validate
 from audit.worlds import world
+from elvis import Isosurface
 from elvis.core.shapes import Shape
-from elvis.renderer import Isosurface
 
 #: forms phi by name, and the sum of their gradient's components
 FORMS = {"z": Z, "x": X, "y": Y, "x + y": X + Y, "x + 2 y - z": X + 2 * Y - Z, "z - x": Z - X}

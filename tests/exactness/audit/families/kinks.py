@@ -7,10 +7,10 @@ import numpy as np
 
 from audit.cases import Case
 from audit.validating import counted_as
+from elvis import Camera, Transfer, VolumeRendering
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.renderer import Camera, Transfer, VolumeRendering
 
 #: greatest error of a colour that is asked for
 ERROR = 1e-3

@@ -7,8 +7,8 @@ import numpy as np
 from audit.cases import CAMERAS, Case, camera, exact
 from audit.families.isosurfaces import FORMS, count, extent
 from audit.worlds import world
+from elvis import Isosurface
 from elvis.core.shapes import Shape
-from elvis.renderer import Isosurface
 
 #: expressions of u with a value, and where they have it between 0 and 1
 EXPRESSIONS = {

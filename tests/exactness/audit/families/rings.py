@@ -15,11 +15,11 @@ from audit.families.cuts import NORMALS, plane_roots
 from audit.truths import Rays, Truth, joined, surface_roots
 from audit.validating import validate
 from audit.worlds import BORDER, World
+from elvis import Faces, Isosurface, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import PluginData
-from elvis.renderer import Faces, Isosurface, Plane
 
 
 class Radius:

@@ -12,7 +12,7 @@ from audit.families.isosurfaces import FORMS
 from audit.truths import Rays, quadratic_roots
 from audit.validating import counted_as
 from audit.worlds import world
-from elvis.renderer import Transfer, VolumeRendering
+from elvis import Transfer, VolumeRendering
 
 #: greatest error of a colour that is asked for
 ERROR = 1e-3
