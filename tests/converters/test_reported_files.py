@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from elvis.formats import FormatError, integrate, open_series, read, sample, trace
+from elvis import FormatError, integrate, open_series, read, sample, trace
 
 #: an accuracy of closed forms in floating-point numbers
 ROUNDING = 1e-12

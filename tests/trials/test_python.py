@@ -90,10 +90,10 @@ def test_pictures_take_the_names_of_the_command_line():
     ],
 )
 def test_mistakes_are_told_with_a_hint(make, words):
-    from elvis import ElvisError, renderer
+    import elvis
 
-    with pytest.raises(ElvisError, match=words):
-        make(renderer)
+    with pytest.raises(elvis.ElvisError, match=words):
+        make(elvis)
 
 
 def test_other_libraries_take_and_give():
