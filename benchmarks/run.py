@@ -1,4 +1,4 @@
-"""All benchmarks in one command: tables on the terminal, on request as JSON and as a file of results.
+"""All benchmarks in one command: tables on the terminal, on request as JSON and in docs/benchmarks.md.
 
 make bench        or    python benchmarks/run.py [--quick] [--only PART,…] [--json FILE] [--save]
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -38,7 +37,7 @@ import targets
 import viewing
 from tables import Table
 
-RESULTS = Path(__file__).parent / "results"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 Part = Callable[[argparse.Namespace], tuple[Any, list[Table]]]
 
 
@@ -212,12 +211,11 @@ def main() -> None:
     options = parsed()
     about = machine.description(options.device)
     print(f"# Benchmarks\n\n{machine.sentences(about)}\n", flush=True)
-    numbers, texts = {"machine": about}, []
+    numbers, parts = {"machine": about}, {}
     for name in options.only:
         numbers[name], tables = PARTS[name](options)
-        for table in tables:
-            texts.append(table.text())
-            print(texts[-1], flush=True)
+        parts[name] = "\n".join(table.text() for table in tables)
+        print(parts[name], flush=True)
     rows = [
         *(("cut plane, " + name, found) for name, found in numbers.get("cut", {}).items()),
         *(
@@ -229,18 +227,25 @@ def main() -> None:
         ),
     ]
     if rows:
-        texts.append(rivals.table(rows).text())
-        print(texts[-1], flush=True)
+        parts["rivals"] = rivals.table(rows).text()
+        print(parts["rivals"], flush=True)
     about["contention"].append(round(measuring.contention(), 2))
     print(f"Clock over processor seconds of a busy loop, now: {about['contention'][-1]:.2f}")
-    text = "\n".join([f"# Benchmarks\n\n{machine.sentences(about)}\n", *texts])
     if options.json:
         options.json.write_text(json.dumps(numbers, indent=2) + "\n")
     if options.save:
-        device = re.sub(r"[^a-z0-9]+", "-", about["device"].lower().partition("(")[0]).strip("-")
-        path = RESULTS / f"{about['date']}-{device}.md"
-        path.write_text(text)
-        print(f"saved as {path}", file=sys.stderr)
+        PAGE.write_text(with_tables(PAGE.read_text(), parts, machine.sentences(about)))
+        print(f"saved in {PAGE}", file=sys.stderr)
+
+
+def with_tables(page: str, parts: dict[str, str], machine: str) -> str:
+    """The page of benchmarks with new tables of some parts, each between its two comments; a new part comes last."""
+    for name, tables in parts.items():
+        begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+        block = f"{begin}\n{tables}\n{machine}\n{end}"
+        before, found, rest = page.partition(begin)
+        page = before + block + rest.partition(end)[2] if found else f"{page.rstrip()}\n\n{block}\n"
+    return page
 
 
 def parsed() -> argparse.Namespace:
@@ -253,7 +258,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--device", default="auto", help="as of elvis render")
     parser.add_argument("--rounds", type=int, default=10, help="runs of which best and median are told")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers")
-    parser.add_argument("--save", action="store_true", help="write the tables to benchmarks/results")
+    parser.add_argument("--save", action="store_true", help="replace the tables of these parts in docs/benchmarks.md")
     return parser.parse_args()
 
 

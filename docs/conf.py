@@ -24,7 +24,6 @@ include_patterns = [
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "*/README.md",
-    "benchmarks/results/*.md",
     "examples/reports/*.md",
 ]
 exclude_patterns = [".venv", "out", "tests", "build", "dist"]

@@ -102,3 +102,14 @@ def test_refinements_fill_the_tetrahedron():
         "    assert len(cells) == 8**level and np.allclose(volumes, 4 / 3 / 8**level)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(path)})
+
+
+def test_tables_of_a_part_replace_its_older_ones():
+    page = "# Benchmarks\n\n<!-- begin cut -->\nold\n<!-- end cut -->\n\n<!-- begin view -->\nkept\n<!-- end view -->\n"
+    code = f"import run; print(run.with_tables({page!r}, {{'cut': 'new', 'load': 'more'}}, 'machine'), end='')"
+    environment = {**os.environ, "PYTHONPATH": str(RUN.parent)}
+    found = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, env=environment)
+    parts = [line for line in found.stdout.splitlines() if line]
+    assert parts[1:5] == ["<!-- begin cut -->", "new", "machine", "<!-- end cut -->"]
+    assert "kept" in parts
+    assert parts[-4:] == ["<!-- begin load -->", "more", "machine", "<!-- end load -->"]
