@@ -30,7 +30,7 @@ _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 #: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
-_PATIENCE_HERE = 5.0
+_PATIENCE_HERE = 60.0
 _PATIENCE_ELSEWHERE = 0.5
 #: tags of messages: what a rank has found; its last word; what all have found; how the run ended; from one to another
 _FOUND, _LAST, _ALL, _END, _DIRECT = 1, 2, 3, 4, 5
