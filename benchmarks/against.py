@@ -2,6 +2,7 @@
 
     git worktree add ../before COMMIT
     python benchmarks/against.py ../before
+    python benchmarks/against.py ../before --only integrals --rounds 2
 
 Each tree draws in a process of its own, this one in two, whose ratios to one another tell the noise.  All take turns,
 scene by scene, so that what disturbs one disturbs all.
@@ -22,9 +23,13 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from measuring import ENVIRONMENT
+
 ROOT = Path(__file__).resolve().parent.parent
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
-PARTS = ("cut", "faces", "isosurface", "volume", "together", "start")
+#: what is drawn, and all parts
+SCENES = ("cut", "faces", "isosurface", "volume", "together")
+PARTS = (*SCENES, "integrals", "start")
 #: pixels of a side: a large picture, where kernels count, and a small one, where all else does
 SIDES = {True: (40,), False: (700, 100)}
 #: what the processes are, in the order of the columns
@@ -34,7 +39,7 @@ KEYS = ("processor", "wall")
 
 
 class Worker:
-    """A process that draws the scenes of a tree."""
+    """A process that does the works of a tree."""
 
     def __init__(self, tree: Path, quick: bool) -> None:
         command = [sys.executable, __file__, str(tree), "--worker", *(["--quick"] if quick else [])]
@@ -64,40 +69,58 @@ def environment(tree: Path) -> dict[str, str]:
     package = tree / "renderer" / "elvis" / "__init__.py"
     if not package.exists():
         package.write_text(PACKAGE, encoding="utf-8")
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(str(tree / name) for name in AREAS)}
+    return {**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(str(tree / name) for name in AREAS)}
 
 
 def serve(tree: Path, quick: bool) -> None:
-    """Draw scenes by name, a line each, from standard input; answer with seconds by the clock and of the processor."""
+    """Do works by name, a line each, from standard input; answer with seconds by the clock and of the processor."""
     sys.path[0] = str(tree / "benchmarks")
-    from cases import FIELD, cut, standard
+    sys.path.append(str(ROOT / "benchmarks"))
+    from everyday import integrals
     from measuring import Timing
-    from shown import DELTA
 
     import elvis.renderer
-    from elvis.scene.picture import picture
 
     assert Path(elvis.renderer.__file__).is_relative_to(tree), f"{elvis.renderer.__file__} is not in {tree}"
-    case = standard(quick)
+    with elvis.renderer.Renderer("auto") as renderer:
+        works = {f"integrals {name}": (each.make, each.value) for name, each in integrals(quick).items()}
+        works |= drawings(renderer, quick)
+        timing = Timing()
+        for line in sys.stdin:
+            name = line.strip()
+            if name not in works:
+                print(json.dumps(list(works)), flush=True)
+                continue
+            prepare, work = works[name]
+            prepare()
+            timing.run(work)
+            print(json.dumps([timing.processor[-1], timing.wall[-1]]), flush=True)
+
+
+def drawings(renderer: Any, quick: bool) -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
+    """By the name of a scene, what loads its data, and what draws it."""
+    from cases import FIELD, cut, standard
+    from shown import DELTA
+
+    from elvis.scene.picture import picture
+
+    case, held = standard(quick), []
     scenes = {f"cut {side}^2, {case.label}": (case.dataset, FIELD, cut(side)) for side in SIDES[quick]}
-    for kind in PARTS[:-1]:
+    for kind in SCENES:
         for side in SIDES[quick]:
             views = DELTA.scenes(kind, side).items()
             found = {f"{kind} {side}^2, {DELTA.name}, {view}": scene for view, scene in views}
             scenes |= {name: (partial(DELTA.dataset, quick), DELTA.field, scene) for name, scene in found.items()}
-    with elvis.renderer.Renderer("auto") as renderer:
-        held, timing = None, Timing()
-        for line in sys.stdin:
-            name = line.strip()
-            if name not in scenes:
-                print(json.dumps(list(scenes)), flush=True)
-                continue
-            make, field, scene = scenes[name]
-            if held != make:
-                renderer.load(make(), field)
-                held = make
-            timing.run(lambda scene=scene: picture(renderer.render(scene, references=False), plain=True))
-            print(json.dumps([timing.processor[-1], timing.wall[-1]]), flush=True)
+
+    def load(make: Callable[[], Any], field: str) -> None:
+        if held != [make]:
+            renderer.load(make(), field)
+            held[:] = [make]
+
+    def draw(scene: Any) -> None:
+        picture(renderer.render(scene, references=False), plain=True)
+
+    return {name: (partial(load, make, field), partial(draw, scene)) for name, (make, field, scene) in scenes.items()}
 
 
 @contextmanager
@@ -132,7 +155,7 @@ def compare(works: Sequence[Callable[[], Sequence[float]]], rounds: int) -> dict
 
 
 def drawn(trees: Sequence[Path], parts: Sequence[str], rounds: int, quick: bool) -> dict[str, Any]:
-    """The scenes of some parts, in all trees."""
+    """The scenes and integrals of some parts, in all trees."""
     with workers(trees, quick) as own:
         names = [worker.ask("") for worker in own]
         chosen = [name for name in names[0] if name.split()[0] in parts and all(name in known for known in names)]

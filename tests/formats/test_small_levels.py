@@ -66,3 +66,34 @@ def test_planes_of_any_direction(shape, seed):
     tolerance = 1e-14 / np.prod(normal)  # of the closed forms, whose terms cancel
     assert abs(area.value - corner(normal, height, 2) * np.linalg.norm(normal)) <= area.error + tolerance
     assert abs(volume.value - corner(normal, height, 3)) <= volume.error + tolerance
+
+
+#: levels that coincide with sides of elements: of a mesh with so many cells a row, the area, and the integral of nx
+SIDES = {
+    "x=0": (2, 1.0, 1.0),
+    "x=1": (2, 1.0, 1.0),
+    "-x=0": (2, 1.0, -1.0),
+    "x=0.5": (2, 1.0, 1.0),
+    "x*(0.5-x)=0": (2, 2.0, 0.0),
+    "x*(1-x)=0": (1, 2.0, 0.0),
+}
+
+
+@pytest.mark.sampled(least=4)
+@pytest.mark.parametrize("level", SIDES)
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+def test_levels_on_sides_count_once(shape, level):
+    """On the outer boundary as inside of the mesh, whatever the sign of the expression next to it."""
+    cells, area, flux = SIDES[level]
+    found = integrate(Dataset(grid(shape, cells)), ["1", "nx"], over=level, error=1e-3)
+    assert is_covered(found.of("1"), area)
+    assert is_covered(found.of("nx"), flux)
+    assert found.of("1").error < 1e-3
+
+
+@pytest.mark.parametrize("level", ["x^2=0", "(x-0.5)^2=0", "x*(y-0.3)=0"])
+def test_levels_on_sides_that_cannot_be_told_are_in_the_error(level):
+    """Zeros of second order are no borders of parts; where signs change along a side, a part of it is in no element."""
+    truth = 2.0 if "y" in level else 1.0
+    (area,) = integrate(Dataset(grid(Shape.QUADRILATERAL, 2)), "area", over=level, error=1e-3)
+    assert is_covered(area, truth)

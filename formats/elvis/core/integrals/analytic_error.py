@@ -27,7 +27,7 @@ from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node
 
 #: points that a rule may have more than at first in a direction, of which bounds are known
-FURTHER = (0, 2, 5, 9)
+FURTHER = (0, 1, 2, 3, 5, 7, 9, 13)
 
 
 def gauss_factors(counts: Sequence[int], rhos: Floats = RHOS) -> Floats:

@@ -5,11 +5,11 @@ Between breaks (see `graphs`) a part is the image of a cube [-1, 1]^3,
     i = i_0 + h v_1,   j = (s + e)/2 + v_2 (e - s)/2,   k = (l + u)/2 + v_3 (u - l)/2
 
 Here s and e are 0, 1 or roots of g on a face across k, functions of i.  And l and u are 0, 1 or the root of g, a
-function of i and j.  A root k = k_0 + p (i - i_0) + q (j - j_0) + t is sought in t, with its slopes p and q at the
-centre.  Newton's method proves that it is analytic.  Let |a| <= r, |b| <= s and |g_t| >= m for |t| <= w.  The map
-t -> -g(a, b, 0)/G, with G a mean of g_t, takes the disc |t| <= w into itself if |g(a, b, 0)| <= m w.  So it has a fixed
-point there (Brouwer), which is unique as g_t has no zero, and an analytic function of a and b (implicit function
-theorem).
+function of i and j.  With a = i - i_0 and b = j - j_0 a root is k = k_0 + P(a, b) + t, where P has the slopes and the
+second derivatives that it has at the centre.  Then h(a, b, t) = (1 + p a + q b) g has the same zeros; p and q are such
+that h_t is stationary at the centre.  If |h - c t| < |c| w for |a| <= r, |b| <= s and |t| = w, h has one zero t in the
+disc |t| < w for all a and b (Rouché).  So it is simple and an analytic function of a and b (implicit function theorem).
+On the surface the derivatives of g in a, b and t have the ratios of those of h.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.integrals.graphs import between, roots
-from elvis.core.integrals.taylor import majorants, sheared, taylor
+from elvis.core.integrals.taylor import majorants, multiplied, on_discs, slope, straightened, taylor
 from elvis.core.polynomials.bernstein import line_tables
+from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
 
 #: parameters of Bernstein ellipses of which the best is taken
-RHOS = np.array([1.5, 2.2, 3.5, 7.0])
+RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])
 #: steps in which the disc of a root is enlarged, and by how much each
-_STEPS, _ENLARGED = 6, 1.1
+_STEPS, _ENLARGED = 8, 1.05
 #: by how much of the height of a box a surface is moved in the last column
 SHIFT = 0.1
 #: rounding of a place in a box
@@ -97,27 +98,25 @@ def _kind_of(place: Floats, faces: list[Floats], is_met: Bools, row: Ints) -> In
 
 
 def root_radii(coefficients: Floats, first: Floats, second: Floats) -> Floats:
-    """(n, columns) radii of discs around 0 that hold one root t of g(a, b, t) for |a| <= r, |b| <= s; inf if unproved.
+    """(n, columns) radii w of discs that hold one root t of h(a, b, t) for |a| <= r, |b| <= s; inf if unproved.
 
-    coefficients   (n, A, B, C) of the expansion of g
+    coefficients   (n, A, B, C) of the expansion of h
     first, second  (n, columns) radii r and s
     """
     by_power = majorants(coefficients, first, second)
     steep = np.abs(coefficients[:, 0, 0, 1])[:, None]
-    residual = by_power[..., 0] + _ROUNDING * np.abs(coefficients).sum(axis=(1, 2, 3))[:, None]
-    orders = np.arange(1, by_power.shape[2])
-    rises = by_power[..., 1:] * orders
+    by_power[..., 0] += _ROUNDING * np.abs(coefficients).sum(axis=(1, 2, 3))[:, None]
+    by_power[..., 1] -= steep * (1 - _ROUNDING)
+    orders = np.arange(by_power.shape[2])
 
-    def slopes(radius: Floats) -> Floats:
-        """Lower bounds of |dg/dt|: all terms but the first are taken from it."""
-        return 2 * steep - (rises * radius[..., None] ** (orders - 1)).sum(axis=2)
+    def rest(radius: Floats) -> Floats:
+        """Upper bounds of |h - c t|."""
+        return np.asarray((by_power * radius[..., None] ** orders).sum(axis=2))
 
-    radius = _ENLARGED * residual / steep
+    radius = by_power[..., 0] / steep
     for _ in range(_STEPS):
-        least = slopes(radius)
-        radius = np.where(least > 0, _ENLARGED * residual / least, np.inf)
-    is_proved = residual <= slopes(radius) * radius
-    return np.where(is_proved, radius, np.inf)
+        radius = _ENLARGED * rest(radius) / steep
+    return np.where(rest(radius) < steep * radius, radius, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +126,18 @@ class PartDiscs:
     Columns are the real part, the ellipses of each direction that is integrated over, and the real part moved along k.
     centres    (n, 3)
     radii      of i, j and k, (n, columns) each; of surfaces of t in place of k
-    slopes     (n, 2) of surfaces p and q, by which k exceeds t
+    bends      (n, 5) coefficients of P, by which k exceeds t, on surfaces
+    tilts      discs of g_a/g_t and g_b/g_t on surfaces, derivatives in a, b and t
+    is_rising  (n,) whether g grows along k
     stretches  discs of (e - s)/2 and (u - l)/2, by which the measure is multiplied
     is_proved  (n, columns) whether all roots are analytic there
     """
 
     centres: Floats
     radii: tuple[Floats, Floats, Floats]
-    slopes: Floats | None
+    bends: Floats | None
+    tilts: tuple[Disc, Disc] | None
+    is_rising: Bools
     stretches: tuple[Disc, Disc]
     is_proved: Bools
 
@@ -152,26 +155,28 @@ class PartDiscs:
         has_root = parts.has_root[:, None]
         centres = np.stack([middle, parts.ends.mean(axis=1), np.where(parts.has_root, parts.root, 0.5)], axis=1)
         with np.errstate(all="ignore"):
-            expansion, slopes = _straightened(taylor(nets, centres, np.ones_like(centres)), parts.has_root)
-            rest = root_radii(expansion, _known(first), _known(second))
+            level, bends = _straight(taylor(nets, centres, np.ones_like(centres)), parts.has_root)
+            rest = root_radii(level, _known(first), _known(second))
         is_proved = np.isfinite(width) & (np.isfinite(rest) | ~has_root)
         rest = np.where(has_root, rest, 0.0)
         stretch = half, _known(width)
         if is_filled:
-            height = np.abs(slopes[:, :1]) * first + np.abs(slopes[:, 1:]) * second + rest
+            height = _height(bends, first, second) + rest
             return _below(parts, centres, (first, second, factors[2]), height, stretch, is_proved)
         moved = rest.copy()
         moved[:, -1] += SHIFT
         nothing = np.zeros_like(half)
         radii = _where(is_proved, first, second, moved)
-        return PartDiscs(centres, radii, slopes, (stretch, (nothing, nothing)), is_proved)
+        tilts = _tilts(level, radii)
+        is_rising = level[:, 0, 0, 1] > 0
+        return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved)
 
     @staticmethod
     def whole(count: int) -> PartDiscs:
         """The real points of whole boxes, in one column."""
-        half = np.full((count, 1), 0.5)
+        half, every = np.full((count, 1), 0.5), np.ones((count, 1), bool)
         disc = half, np.zeros((count, 1))
-        return PartDiscs(np.full((count, 3), 0.5), (half, half, half), None, (disc, disc), np.ones((count, 1), bool))
+        return PartDiscs(np.full((count, 3), 0.5), (half, half, half), None, None, every[:, 0], (disc, disc), every)
 
 
 def _below(
@@ -188,7 +193,7 @@ def _below(
     half = (high - low)[:, None] / 2
     moved = np.column_stack([centres[:, :2], (low + high) / 2])
     every = _where(is_proved, radii[0], radii[1], radii[2] * (half + height))
-    return PartDiscs(moved, every, None, (stretch, (half, _known(height))), is_proved)
+    return PartDiscs(moved, every, None, None, parts.is_below, (stretch, (half, _known(height))), is_proved)
 
 
 def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, first: Floats) -> Floats:
@@ -200,24 +205,60 @@ def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, fir
             continue
         own = nets[here][:, None, :, :, face]
         places = np.stack([np.zeros(len(here)), middle[here], parts.ends[here, column]], axis=1)
+        nothing = np.zeros_like(first[here])
         with np.errstate(all="ignore"):
-            every = np.ones(len(here), bool)
-            expansion, slopes = _straightened(taylor(own, places, np.ones((len(here), 3))), every)
-            rest = root_radii(expansion, np.zeros_like(first[here]), first[here])
-        found[here] = np.abs(slopes[:, 1:]) * first[here] + rest
+            face_level, bends = _straight(taylor(own, places, np.ones((len(here), 3))), np.ones(len(here), bool))
+            rest = root_radii(face_level, nothing, first[here])
+        found[here] = _height(bends, nothing, first[here]) + rest
     return found
 
 
-def _straightened(coefficients: Floats, has_root: Bools) -> tuple[Floats, Floats]:
-    """Coefficients of g in t, and the slopes (n, 2) of the surface at the centre, where there is one."""
-    linear = [np.zeros(len(coefficients)), np.zeros(len(coefficients))]
-    if coefficients.shape[1] > 1:
-        linear[0] = coefficients[:, 1, 0, 0]
-    if coefficients.shape[2] > 1:
-        linear[1] = coefficients[:, 0, 1, 0]
-    slopes = -np.stack(linear, axis=1) / coefficients[:, 0, 0, 1][:, None]
-    slopes = np.where(has_root[:, None] & np.isfinite(slopes), slopes, 0.0)
-    return sheared(coefficients, slopes), slopes
+def _straight(coefficients: Floats, has_root: Bools) -> tuple[Floats, Floats]:
+    """Coefficients of h in t, and those of P (n, 5), which is 0 where there is no surface."""
+    bends = _bends(coefficients)
+    bends = np.where(has_root[:, None] & np.isfinite(bends), bends, 0.0)
+    level = straightened(coefficients, bends)
+    return multiplied(level, -_mixed(level) / level[:, 0, 0, 1, None]), bends
+
+
+def _bends(coefficients: Floats) -> Floats:
+    """(n, 5) first and second Taylor coefficients of the root k of g about the centre, where g is 0.
+
+    g(a, b, P) = 0 to second order in a and b, with coefficients c of g:
+
+        P_a = -c_100 / c_001,   P_aa = -(c_200 + c_101 P_a + c_002 P_a^2) / c_001
+        P_ab = -(c_110 + c_101 P_b + c_011 P_a + 2 c_002 P_a P_b) / c_001
+    """
+
+    def own(i: int, j: int, k: int) -> Floats:
+        is_there = all(power < size for power, size in zip((i, j, k), coefficients.shape[1:], strict=True))
+        return coefficients[:, i, j, k] if is_there else np.zeros(len(coefficients))
+
+    steep, bent = own(0, 0, 1), own(0, 0, 2)
+    p, q = -own(1, 0, 0) / steep, -own(0, 1, 0) / steep
+    along_i = own(2, 0, 0) + own(1, 0, 1) * p + bent * p * p
+    along_j = own(0, 2, 0) + own(0, 1, 1) * q + bent * q * q
+    mixed = own(1, 1, 0) + own(1, 0, 1) * q + own(0, 1, 1) * p + 2 * bent * p * q
+    return np.stack([p, q, -along_i / steep, -mixed / steep, -along_j / steep], axis=1)
+
+
+def _mixed(coefficients: Floats) -> Floats:
+    """(n, 2) coefficients of s u and t u."""
+    has_first = coefficients.shape[1] > 1
+    first = coefficients[:, 1, 0, 1] if has_first else np.zeros(len(coefficients))
+    return np.stack([first, coefficients[:, 0, 1, 1]], axis=1)
+
+
+def _height(bends: Floats, first: Floats, second: Floats) -> Floats:
+    """(n, columns) the greatest of |P| on discs of a and b."""
+    p, q, along_i, mixed, along_j = np.abs(bends).T[:, :, None]
+    return np.asarray(p * first + q * second + along_i * first**2 + mixed * first * second + along_j * second**2)
+
+
+def _tilts(level: Floats, radii: tuple[Floats, Floats, Floats]) -> tuple[Disc, Disc]:
+    """Discs of h_a/h_t and h_b/h_t on discs of a, b and t."""
+    along_a, along_b, along_t = (on_discs(slope(level, axis), radii) for axis in range(3))
+    return discs.over(along_a, along_t), discs.over(along_b, along_t)
 
 
 def _factors(directions: tuple[int, ...]) -> Floats:

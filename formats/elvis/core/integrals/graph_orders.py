@@ -90,3 +90,13 @@ def shares_of_ends(nets: Floats, band: Floats) -> Floats:
 def greatest(nets: Floats) -> Floats:
     """(n,) greatest magnitudes of coefficients; 0 for none."""
     return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim)), initial=0.0))
+
+
+def turned(nets: Floats, orders: Ints) -> Floats:
+    """Nets (n, D, D, D), of two dimensions (n, 1, D, D), whose axes are those of the given orders (n, 3)."""
+    found = np.empty_like(nets)
+    codes = orders @ (1, 3, 9)
+    for code in np.unique(codes).tolist():
+        here = np.flatnonzero(codes == code)
+        found[here] = nets[here].transpose(0, *(1 + orders[here[0]]))
+    return found

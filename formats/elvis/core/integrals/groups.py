@@ -24,11 +24,10 @@ _ALIKE = 0.25
 _AS_GOOD = 0.5
 #: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
 _NEW = 2.0
-
-#: how much more bounds on boxes that a surface cuts cost than those on others
-_LEVELS = 8
-#: further points that take as long as one call of a rule
-_CALL = 4096
+#: points in boxes that are known which cost as much as bounds on a box that a surface cuts
+_BOUNDS_ON_LEVELS = 64
+#: further points that take as long as one call of a rule, on elements and on boxes that a surface cuts
+CALL, CALL_ON_LEVELS = 4096, 512
 #: the greatest score of a box, of which many add up to a number
 _HOPELESS = 1e200
 
@@ -224,6 +223,7 @@ class Bounded(Group):
     bounds     of all rules that are considered
     gains      (n, d) by how much halving each direction reduces what intervals leave open, as points tell
     is_final   whether boxes are too small to be halved
+    is_guess   whether integrals are guesses, since no rule has been applied yet
     """
 
     rules: DegreeRules | LevelRules
@@ -231,6 +231,7 @@ class Bounded(Group):
     bounds: Bounds
     gains: Floats
     is_final: bool = False
+    is_guess: bool = False
 
     def part(self, chosen: Bools) -> Bounded:
         """Some of the boxes."""
@@ -246,12 +247,18 @@ class Bounded(Group):
     @property
     def cost(self) -> int:
         """Points that it takes to improve a box, about; bounds on levels take as long as many."""
-        return int(2 * np.prod(self.least)) * (_LEVELS if isinstance(self.boxes, LevelBoxes) else 1)
+        return int(2 * self._cost_of_new)
+
+    @property
+    def _cost_of_new(self) -> float:
+        """Points that a new box costs, with its bounds."""
+        points = float(np.prod(self.least))
+        return points + _BOUNDS_ON_LEVELS if isinstance(self.boxes, LevelBoxes) else _NEW * points
 
     @property
     def key(self) -> tuple[object, ...]:
         """Equal for groups that can be joined."""
-        return id(self.rules), *self.numbers, self.steps, self.is_final
+        return id(self.rules), *self.numbers, self.steps, self.is_final, self.is_guess
 
     def scores(self, goals: Floats) -> Floats:
         """As in `Group`; none of boxes that can't be halved."""
@@ -285,8 +292,8 @@ class Bounded(Group):
         with np.errstate(all="ignore"):
             excess = np.log2(self.bounds.errors[..., 0] * d / allowed[:, None]).max(axis=1)
         halvings = np.ceil(np.maximum(excess, 0.0) / (2 * least)).sum(axis=1)
-        is_worth = points <= _NEW * least.prod() * 2.0 ** np.maximum(halvings, 1.0)
-        is_new = (steps != np.array(self.steps)).any(axis=1)
+        is_worth = points <= self._cost_of_new * 2.0 ** np.maximum(halvings, 1.0)
+        is_new = (steps != np.array(self.steps)).any(axis=1) | self.is_guess
         return steps, is_enough.any(axis=2).all(axis=1) & is_worth & is_new
 
     def halving(self, allowed: Floats) -> Bools:
@@ -307,7 +314,7 @@ def _together(several: Sequence[Boxes]) -> Boxes:
     return EtaBoxes.joined(of_elements) if of_elements else level_boxes.joined(of_levels)
 
 
-def with_fewer_rules(steps: Ints, least: Counts) -> Ints:
+def with_fewer_rules(steps: Ints, least: Counts, call: int = CALL) -> Ints:
     """Steps (n, d) of rules, of which those with few boxes are replaced by steps that are no smaller.
 
     Each rule takes a call, whatever the number of boxes: rules are joined where the points that are added take less.
@@ -322,7 +329,7 @@ def with_fewer_rules(steps: Ints, least: Counts) -> Ints:
             for both, (rule, count, _) in zip(every, joined, strict=True)
         ]
         best = int(np.argmin(added)) if added else -1
-        if best < 0 or added[best] > _CALL:
+        if best < 0 or added[best] > call:
             joined.append((rules[own], int(boxes[own]), [own]))
         else:
             _, count, members = joined[best]

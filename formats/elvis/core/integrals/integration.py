@@ -218,9 +218,10 @@ def integrate(
     evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
     task = repr(([each.text for each in wanted], names, error, clip))
     parts = ALONE if dataset.mesh.excerpt is None else ranks
-    levels = {name: level.known(evaluator, parts) for name, level in levels.items()}
+    places = Places(dataset, evaluator.patches, {}, curves, parts)
+    levels = {name: level.known(evaluator, parts, places.sides) for name, level in levels.items()}
     part = part and part.known(evaluator, parts)
-    places = Places(dataset, evaluator.patches, levels, curves, parts)
+    places = replace(places, levels=levels)
     expressions = [each.expression for each in wanted]
     options = (progress, reached, best_effort, jacobian == SIGNED)
     summation = Summation(dataset, evaluator, expressions, error, (), None, *options)

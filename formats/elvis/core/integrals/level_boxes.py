@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.integrals.graph_orders import greatest, orders, shares_of_ends, shifts
+from elvis.core.integrals.graph_orders import greatest, orders, shares_of_ends, shifts, turned
 from elvis.core.integrals.graphs import Graph, below_graph, on_graph
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping import pointwise, tangents
@@ -248,13 +248,9 @@ class LevelBoxes:
 
     def _moved(self) -> LevelBoxes:
         """Graphs with how far rounding moves them."""
-        shift, change, share = np.zeros((3, len(self)))
-        for order in sorted(set(map(tuple, self.order.tolist()))):
-            here = np.flatnonzero((self.order == order).all(axis=1))
-            turned = self.nets[here].transpose(0, *(1 + axis for axis in order))
-            shift[here], change[here] = shifts(turned, self.band[here])
-            share[here] = shares_of_ends(turned, self.band[here])
-        return replace(self, shift=shift, change=change, share=share)
+        nets = turned(self.nets, self.order)
+        shift, change = shifts(nets, self.band)
+        return replace(self, shift=shift, change=change, share=shares_of_ends(nets, self.band))
 
     def given_up(self, several: int = 1) -> LevelBoxes:
         """The boxes as lost ones, in which so many polynomials may be zero."""
@@ -301,15 +297,14 @@ class LevelBoxes:
 
     def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
         """Points on the surface with its normal there, their shares of its area (n,), and the box of each (n,)."""
-        kinds = sorted(set(map(tuple, self.order[~self.is_lost].tolist()))) or [(0, 1, 2)]
         if self.is_filled:
             counts = counts if self.enough is None else (*counts[:-1], self.enough)
-            inner = [self._below_graphs(order, counts, ~self.is_whole) for order in kinds]
-            inner.append(self._inside(np.flatnonzero(self.is_whole & ~self.is_lost), counts))
+            is_whole = self.is_whole
+            inner = [self._below_graphs(np.flatnonzero(~is_whole & ~self.is_lost), counts)]
+            inner.append(self._inside(np.flatnonzero(is_whole & ~self.is_lost), counts))
             box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
             return ElementPoints(self.patch, self.rows[box], places), shares, box
-        parts = [self._on_graphs(order, counts) for order in kinds]
-        box, places, shares, normals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        box, places, shares, normals = self._on_graphs(np.flatnonzero(~self.is_lost), counts)
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
 
     def _inside(self, whole: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
@@ -321,16 +316,18 @@ class LevelBoxes:
         reference, stretch = self._stretched(box, np.tile((1 + nodes) / 2, (len(whole), 1)))
         return box, reference, np.tile(weights, len(whole)) * stretch
 
-    def _below_graphs(
-        self, order: tuple[int, ...], counts: tuple[int, ...], chosen: Bools
-    ) -> tuple[Ints, Floats, Floats]:
-        """Box, reference point and share of points where g < 0, of chosen graphs whose axes have one order."""
-        here = np.flatnonzero((self.order == order).all(axis=1) & chosen & ~self.is_lost)
-        number, points, weights = below_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
-        box, local = here[number], np.empty_like(points)
-        local[:, order] = points
-        reference, stretch = self._stretched(box, local)
+    def _below_graphs(self, here: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
+        """Box, reference point and share of points where g < 0, of some graphs."""
+        number, points, weights = below_graph(turned(self.nets[here], self.order[here]), counts)
+        box = here[number]
+        reference, stretch = self._stretched(box, self._in_cells(box, points))
         return box, reference, weights * stretch
+
+    def _in_cells(self, box: Ints, points: Floats) -> Floats:
+        """Places (n, 3) along the axes of cells, from those along i, j, k of boxes (n,)."""
+        found = np.empty_like(points)
+        np.put_along_axis(found, self.order[box], points, axis=1)
+        return found
 
     def _stretched(self, box: Ints, local: Floats) -> tuple[Floats, Floats]:
         """Reference points (n, d) at places (n, 3) in boxes (n,), and volumes (n,) for each unit of these."""
@@ -364,16 +361,13 @@ class LevelBoxes:
         middles = np.zeros((len(rows), self.patch.shape.dimension))
         return pointwise.jacobians(self.patch, rows, middles)[number]
 
-    def _on_graphs(self, order: tuple[int, ...], counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats]:
-        """Box, reference point, share and normal of points on graphs whose axes have one order."""
-        here = np.flatnonzero((self.order == order).all(axis=1) & ~self.is_lost)
-        graph = on_graph(self.nets[here].transpose(0, *(1 + axis for axis in order)), counts)
-        box, d = here[graph.box], self.patch.shape.dimension
-        local, slopes = np.empty_like(graph.points), np.empty_like(graph.slopes)
-        local[:, order], slopes[:, order] = graph.points, graph.slopes
-        reference, columns = self._map(box, local)
-        along = _tangents(columns, slopes[:, 3 - d :], order[-1] - (3 - d))
-        stretch, normals = _areas(along, columns[:, :, order[-1] - (3 - d)], graph)
+    def _on_graphs(self, here: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats]:
+        """Box, reference point, share and normal of points on some graphs."""
+        graph = on_graph(turned(self.nets[here], self.order[here]), counts)
+        box, first = here[graph.box], 3 - self.patch.shape.dimension
+        reference, columns = self._map(box, self._in_cells(box, graph.points))
+        columns = np.take_along_axis(columns, self.order[box][:, None, first:] - first, axis=2)
+        stretch, normals = _areas(_tangents(columns, graph.slopes[:, first:]), columns[:, :, -1], graph)
         return box, reference, graph.weights * stretch, normals
 
 
@@ -391,11 +385,10 @@ def _determinants(matrices: Floats) -> Floats:
     return np.asarray(a * d - b * c)
 
 
-def _tangents(columns: Floats, slopes: Floats, height: int) -> Floats:
-    """(n, 3, d - 1) derivatives of points on a graph in the other coordinates: dx/da - dx/dk (dg/da)/(dg/dk)."""
-    ratio = slopes / slopes[:, height, None]
-    moved = columns - columns[:, :, height, None] * ratio[:, None, :]
-    return np.delete(moved, height, axis=2)
+def _tangents(columns: Floats, slopes: Floats) -> Floats:
+    """(n, 3, d - 1) derivatives of points on a graph in the first coordinates: dx/da - dx/dk (dg/da)/(dg/dk)."""
+    ratio = slopes[:, :-1] / slopes[:, -1:]
+    return np.asarray(columns[:, :, :-1] - columns[:, :, -1:] * ratio[:, None, :])
 
 
 def _areas(tangents: Floats, upwards: Floats, graph: Graph) -> tuple[Floats, Floats]:

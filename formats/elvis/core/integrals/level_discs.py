@@ -1,25 +1,32 @@
 """Discs of expressions and measures on neighbourhoods of parts of boxes that a graph cuts.
 
 On a cell of an element, fields and map are polynomials of the cell's coordinates, so that Taylor expansions about the
-centres of parts bound them and their derivatives.  With t the coordinates of a box and X = dx/dt = X_0 Y, where X_0 is
-the derivative at the centre, Y is near the identity, which keeps discs of determinants and solutions narrow.
+centres of parts bound them and their derivatives.  With t the coordinates of a box, on surfaces a, b and t of
+`graph_discs`, and X = dx/dt = X_0 Y, where X_0 is the derivative at the centre, Y is near the identity, which keeps
+discs of determinants and solutions narrow.
+
+The area of a surface for each unit of i and j is |N| with N = cof(X) (g_a/g_t, g_b/g_t, 1), and N/|N| its normal.  So
+the integral of an expression that is linear in the normal is that of the same expression of N.  With a normal in place
+of dx/dt in X_0, N is n = cof(Y) (g_a/g_t, g_b/g_t, 1) in the basis det(X_0) X_0^-T, whose last vector is at right
+angles to the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.integrals.box_discs import without_roots
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.disc_algebra import cofactors, determinant, solution
 from elvis.core.integrals.graph_discs import PartDiscs
+from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.subcells import subcell_map
-from elvis.core.integrals.taylor import on_discs, sheared, slope, taylor
+from elvis.core.integrals.taylor import on_discs, slope, straightened, taylor
 from elvis.core.integrals.tree_discs import Ball, TreeDiscs
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -32,7 +39,7 @@ from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression_nets import lattice_of, places_of
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, coordinate, field, fold
+from elvis.core.quantities.tree import Node, coordinate, field, fold, whole_exponent
 from elvis.core.shapes import Shape
 
 _NORMALS = SIDES[:3]
@@ -53,18 +60,52 @@ def is_bounded(root: Node, rules: DegreeRules, is_filled: bool) -> bool:
     return fold(root, leaf, lambda _, parts: all(parts))
 
 
-class CellNets:
-    """Bernstein nets of leaves on the cells that boxes are in.
+def order_in_normals(root: Node) -> int | None:
+    """The order of an expression in the components of the normal if it is homogeneous in them."""
 
-    rows, cells  (n,) of the boxes
+    def leaf(node: Node) -> int | None:
+        return int(node.op == "attribute" and node.name in _NORMALS)
+
+    def inner(node: Node, orders: list[int | None]) -> int | None:
+        known = [order for order in orders if order is not None]
+        if len(known) < len(orders):
+            return None
+        exponent = whole_exponent(node)
+        if node.op == "*":
+            return sum(known)
+        if node.op == "/":
+            return known[0] - known[1]
+        if exponent is not None:
+            return int(exponent) * known[0]
+        is_negative = node.op == "-" and node.operands[0].op == "number" and node.operands[0].value == 0
+        if node.op in ("+", "-") and (is_negative or known[0] == known[1]):
+            return known[1]
+        return None if any(known) else 0
+
+    return fold(root, leaf, inner)
+
+
+class CellNets:
+    """Bernstein nets of leaves on cells of elements, each made once.
+
+    rows, cells  (n,) of boxes in them
     """
 
-    def __init__(self, patch: Patch, rows: Ints, cells: Ints, names: Sequence[str]) -> None:
-        self._patch, self._names = patch, names
-        both = np.stack([cells, rows], axis=1)
-        self._own, index = np.unique(both, axis=0, return_inverse=True)
-        self.index = index.reshape(-1)
+    def __init__(self, patch: Patch, rows: Ints, cells: Ints, rules: DegreeRules) -> None:
+        self._patch, self._names, self._is_affine = patch, rules.names, rules.is_affine
+        self._codes = np.unique(self._code(rows, cells))
         self._known: dict[Node, Floats] = {}
+        self._lattices: dict[tuple[int, int], Lattice] = {}
+
+    def __len__(self) -> int:
+        return len(self._codes)
+
+    def _code(self, rows: Ints, cells: Ints) -> Ints:
+        return np.asarray(cells * len(self._patch) + rows)
+
+    def index(self, rows: Ints, cells: Ints) -> Ints:
+        """(n,) numbers of the cells that boxes are in."""
+        return np.searchsorted(self._codes, self._code(rows, cells))
 
     def nets(self, node: Node) -> Floats:
         """(cells, D, D, D) of a leaf that is a polynomial; the first axis has one coefficient in two dimensions."""
@@ -72,156 +113,198 @@ class CellNets:
             self._known[node] = self._nets(node)
         return self._known[node]
 
+    def interval(self, root: Node) -> Interval:
+        """Least and greatest value (cells,) of an expression; infinite where nothing is known."""
+
+        def leaf(node: Node) -> Interval:
+            if node.op == "number":
+                return np.float64(node.value), np.float64(node.value)
+            if node.op == "attribute" and node.name in _NORMALS:
+                return np.float64(-1.0), np.float64(1.0)
+            if node.op == "attribute" or (node.op == "field" and node.axes and not self._is_affine):
+                return np.float64(-np.inf), np.float64(np.inf)
+            nets = self.nets(node).reshape(len(self), -1)
+            return nets.min(axis=1), nets.max(axis=1)
+
+        return _interval(root, leaf, len(self))
+
+    @cached_property
+    def longest(self) -> Floats:
+        """(cells, 3) bounds of the lengths of dx/dc along their coordinates c; 0 for one that isn't there."""
+        squares = np.zeros((len(self), 3))
+        for axis in range(self._patch.shape.dimension):
+            nets = self.nets(coordinate(axis))
+            for along in range(3):
+                changes = np.diff(nets, axis=1 + along) * (nets.shape[1 + along] - 1)
+                squares[:, along] += greatest(changes) ** 2
+        return np.sqrt(squares)
+
     def _nets(self, node: Node) -> Floats:
-        patch = self._patch
         number = None if node.op == "coordinate" else self._names.index(node.name)
-        expansion = patch.geometry if number is None else patch.fields[number]
+        expansion = self._patch.geometry if number is None else self._patch.fields[number]
         assert expansion is not None
-        d, t = patch.shape.dimension, places_of(max(box_degrees(bernstein_space(expansion))))
-        lattice = lattice_of(t, d)
+        d, degree = self._patch.shape.dimension, max(box_degrees(bernstein_space(expansion)))
         parts = []
-        for cell in np.unique(self._own[:, 0]).tolist():
-            reference = subcell_map(patch.shape, np.full(len(lattice), cell), lattice)[0]
-            places = Lattice(patch, self._own[self._own[:, 0] == cell, 1], reference)
+        for cell in np.unique(self._codes // len(self._patch)).tolist():
+            places = self._lattice(cell, degree)
             if number is None:
                 values = places.positions[:, node.axes[0]]
             else:
                 derivative = places.derivative(number, len(node.axes))
                 values = derivative.T[node.axes[::-1]] if node.axes else derivative
-            parts.append(nets_through(values, t, d))
+            parts.append(nets_through(values, places_of(degree), d))
         found = np.concatenate(parts)
         return found.reshape(len(found), *(1,) * (3 - d), *found.shape[1:])
+
+    def _lattice(self, cell: int, degree: int) -> Lattice:
+        """Points whose values tell polynomials of a degree, in each element that has boxes in a cell of its shape."""
+        if (cell, degree) not in self._lattices:
+            own, rows = np.divmod(self._codes, len(self._patch))
+            lattice = lattice_of(places_of(degree), self._patch.shape.dimension)
+            reference = subcell_map(self._patch.shape, np.full(len(lattice), cell), lattice)[0]
+            self._lattices[cell, degree] = Lattice(self._patch, rows[own == cell], reference)
+        return self._lattices[cell, degree]
 
 
 @dataclass(frozen=True, eq=False)
 class LevelDiscs:
-    """Discs (n, columns) of expressions on parts of boxes whose axes i, j, k have one order.
+    """Discs (n, columns) of expressions on parts of boxes.
 
-    box         (n,)    numbers of the boxes in the cells' nets
+    cell, rows  (n,)    numbers of the cells that parts are in, and rows of the patch
     low, size   (n, 3)  of the boxes along i, j, k
-    order       of the axes
-    levels      (n, Di, Dj, Dk) nets of g on the boxes
-    gradient    of the polynomial that g is but for its sign; empty where it isn't known
+    order       (n, 3)  the axes that are i, j, k
     parts       discs of i, j, k
-    are_normals_known  whether g is a graph in the discs; else components of normals are in [-1, 1]
+    gradient    of g but for a factor, on surfaces; empty where it isn't known
     """
 
     cells: CellNets
     rules: DegreeRules
     attributes: Attributes
-    box: Ints
+    cell: Ints
     rows: Ints
     low: Floats
     size: Floats
-    order: tuple[int, ...]
-    levels: Floats
-    gradient: tuple[Node, ...]
+    order: Ints
     parts: PartDiscs
-    are_normals_known: bool
+    gradient: tuple[Node, ...] = ()
 
-    def disc(self, root: Node) -> Disc:
-        """Middles (n, 1) and radii (n, columns) of an expression."""
-        columns = self.parts.radii[0].shape[1]
-        tree = TreeDiscs(len(self.box), np.ones((2, columns)), self._ball, lambda _: None)
-        found = tree.of(without_roots(root))
-        return np.broadcast_to(found.middle, (len(self.box), 1)), np.broadcast_to(
-            found.radius, (len(self.box), columns)
-        )
+    def density(self, root: Node) -> Disc:
+        """Middles (n, 1) and radii (n, columns) of an expression times the measure for each unit of i, j and k."""
+        if self.parts.tilts is None:
+            return discs.times(self._disc(root, ()), self.volume)
+        if order_in_normals(root) == 1:
+            return self._disc(root, self._normal)
+        return discs.times(self._disc(root, [discs.over(own, self.area) for own in self._normal]), self.area)
+
+    def _disc(self, root: Node, normals: Sequence[Disc]) -> Disc:
+        """The disc of an expression with such components of the normal."""
+        shape = len(self.rows), self.parts.radii[0].shape[1]
+
+        def leaf(node: Node) -> Ball:
+            return Ball.around(self._leaf(node, normals))
+
+        found = TreeDiscs(shape[0], np.ones((2, shape[1])), leaf, lambda _: None).of(without_roots(root))
+        return np.broadcast_to(found.middle, (shape[0], 1)), np.broadcast_to(found.radius, shape)
 
     def interval(self, root: Node) -> Interval:
         """Least and greatest value (n,) of an expression at real points; infinite where nothing is known."""
+        one = np.float64(0.0), np.float64(1.0)
 
         def leaf(node: Node) -> Interval:
-            middle, radius = self._leaf(node)
+            middle, radius = self._leaf(node, [one] * 3)
             if np.ndim(middle) == 0:
-                return middle, middle
+                return middle - radius, middle + radius
             return middle[:, 0] - radius[:, 0], middle[:, 0] + radius[:, 0]
 
-        low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
-        low, high = (np.broadcast_to(end, len(self.box)) for end in (low, high))
-        is_known = ~np.isnan(low) & ~np.isnan(high)
-        return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)
+        return _interval(root, leaf, len(self.rows))
 
-    @property
+    @cached_property
     def volume(self) -> Disc:
         """The volume for each unit of i, j and k, area in two dimensions."""
-        found = self._determinant if self.rules.is_valid else discs.absolute(self._determinant)
+        near = determinant(self._near_centre)
+        found = near if self.rules.is_valid else discs.absolute(near)
         return discs.times((np.abs(np.linalg.det(self._centre))[:, None], np.float64(0.0)), found)
 
     @cached_property
     def area(self) -> Disc:
-        """The area of the surface for each unit of i and j, length in two dimensions: the better of two formulas."""
-        if not self.gradient:
-            return self._area_by_slopes
-        (middle, radius), other = self._area_by_gradient, self._area_by_slopes
-        return middle, np.fmin(radius, other[1] + np.abs(other[0] - middle))
+        """The area of the surface for each unit of i and j, length in two dimensions.
 
-    @property
-    def _area_by_gradient(self) -> Disc:
-        """det(X) |grad g| / |dg/dk|, which is narrow where the gradient is.
-
-        In a pyramid g may be a quotient of the polynomial, whose derivative along k is that in the world along dx/dk.
+        With v the basis and r_i = n_i / n_d it is n_d |v_d| sqrt(1 + sum r_i r_j (v_i . v_j) / |v_d|^2) over i, j < d.
         """
-        along = self._level_slopes[-1]
-        if self.rules.piece.patch.shape is Shape.PYRAMID:
-            upwards = [self._on_discs(slope(x, 2)) for x in self._positions]
-            along = reduce(discs.plus, map(discs.times, upwards, self._world_slopes))
-        return discs.over(discs.times(self.volume, self._steepness), discs.absolute(along))
-
-    @property
-    def _area_by_slopes(self) -> Disc:
-        """|cof(X) (g_i, g_j, g_k) / g_k|, which is narrow where the surface is a plane.
-
-        cof(X) = det(X_0) X_0^-T cof(Y).
-        """
-        last = self._level_slopes[-1]
-        tilts = [*(discs.over(own, last) for own in self._level_slopes[:-1]), discs.number(1.0)]
-        own = [reduce(discs.plus, map(discs.times, row, tilts)) for row in cofactors(self._near)]
-        matrix = np.linalg.det(self._centre)[:, None, None] * np.linalg.inv(self._centre).transpose(0, 2, 1)
-        squares = [discs.times(part, part) for part in _turned(matrix, own)]
-        return discs.root(reduce(discs.plus, squares))
+        gram = self._basis.transpose(0, 2, 1) @ self._basis
+        *_, upwards = self._across
+        ratios = self._ratios
+        found = discs.number(1.0)
+        for row, one in enumerate(ratios):
+            for column, other in enumerate(ratios):
+                weight = (gram[:, row, column] / gram[:, -1, -1])[:, None], np.float64(0.0)
+                found = discs.plus(found, discs.times(weight, discs.times(one, other)))
+        size = np.sqrt(gram[:, -1, -1])[:, None], np.float64(0.0)
+        return discs.times(discs.times(size, upwards), discs.root(found))
 
     @cached_property
-    def _steepness(self) -> Disc:
-        """|grad g|."""
-        squares = [discs.times(part, part) for part in self._world_slopes]
-        return discs.root(reduce(discs.plus, squares))
+    def _ratios(self) -> list[Disc]:
+        """r_i: those of n, or of the derivatives of g along the frame, whichever are known better."""
+        *own, upwards = self._across
+        first = [discs.over(each, upwards) for each in own]
+        if not self.gradient:
+            return first
+        slopes = [self._disc(part, ()) for part in self.gradient[: len(self._axes)]]
+        *own, upwards = _product(self._frame.transpose(0, 2, 1), slopes)
+        second = [discs.over(each, upwards) for each in own]
+        return [(a[0], np.fmin(a[1], b[1] + np.abs(b[0] - a[0]))) for a, b in zip(first, second, strict=True)]
 
     @cached_property
-    def _world_slopes(self) -> list[Disc]:
-        """The gradient of g in the world."""
-        if not self.gradient:
-            transposed = [list(row) for row in zip(*self._near, strict=True)]
-            found = solution(transposed, self._level_slopes)
-            return _turned(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
-        sign = np.where(self._is_turned, -1.0, 1.0)[:, None], np.float64(0.0)
-        return [discs.times(sign, self.disc(part)) for part in self.gradient[: len(self._axes)]]
+    def _normal(self) -> list[Disc]:
+        """N, towards greater g."""
+        sign = np.where(self.parts.is_rising, 1.0, -1.0)
+        upwards = self._across[-1]
+        along = [*(discs.times(own, upwards) for own in self._ratios), upwards]
+        return _product(sign[:, None, None] * self._basis, along)
 
-    @property
-    def _is_turned(self) -> Bools:
-        """(n,) whether g is the negative of its polynomial: the gradients have opposite directions at the centres."""
-        own = np.stack([each[0][:, 0] for each in self._level_slopes], axis=1)
-        here = np.einsum("nij,ni->nj", np.linalg.inv(self._centre), own)
-        other = np.stack([np.broadcast_to(self.disc(part)[0], (len(own), 1))[:, 0] for part in self.gradient], axis=1)
-        return np.asarray((here * other[:, : here.shape[1]]).sum(axis=1) < 0)
+    @cached_property
+    def _across(self) -> list[Disc]:
+        """n."""
+        assert self.parts.tilts is not None
+        tilts = [*self.parts.tilts, discs.number(1.0)][-len(self._axes) :]
+        return [reduce(discs.plus, map(discs.times, row, tilts)) for row in cofactors(self._near(self._frame))]
+
+    @cached_property
+    def _basis(self) -> Floats:
+        """(n, d, d) |det(X_0)| X_0^-T."""
+        size = np.abs(np.linalg.det(self._frame))[:, None, None]
+        return np.asarray(size * np.linalg.inv(self._frame).transpose(0, 2, 1))
+
+    @cached_property
+    def _frame(self) -> Floats:
+        """(n, d, d) X_0 with a normal of the surface as its last column."""
+        found = self._centre.copy()
+        along = found[:, :, :-1]
+        if along.shape[2] == 1:
+            normal = np.stack([-along[:, 1, 0], along[:, 0, 0]], axis=1)
+        else:
+            normal = np.cross(along[:, :, 0], along[:, :, 1])
+        size = np.linalg.norm(along, axis=1).max(axis=1) / np.linalg.norm(normal, axis=1)
+        turn = np.sign(np.einsum("nc,nc->n", normal, found[:, :, -1]))
+        found[:, :, -1] = normal * (turn * size)[:, None]
+        return found
 
     @cached_property
     def longest(self) -> Floats:
         """(n, d) bounds of the lengths of dx/di, dx/dj and dx/dk at real points."""
-        d = len(self._axes)
         found = []
         for axis in self._axes:
             own = [self._on_discs(slope(x, axis)) for x in self._positions]
             found.append(np.sqrt(sum((np.abs(part[0]) + part[1])[:, 0] ** 2 for part in own)))
-        return np.stack(found, axis=1).reshape(len(self.box), d)
+        return np.stack(found, axis=1).reshape(len(self.rows), len(self._axes))
 
-    def _ball(self, node: Node) -> Ball:
-        return Ball.around(self._leaf(node))
-
-    def _leaf(self, node: Node) -> Disc:
+    def _leaf(self, node: Node, normals: Sequence[Disc]) -> Disc:
         """The disc of a leaf."""
         if node.op == "number":
             return discs.number(node.value)
+        if node.op == "attribute" and node.name in _NORMALS:
+            axis = _NORMALS.index(node.name)
+            return normals[axis] if axis < len(self._axes) else discs.number(0.0)
         if node not in self._known:
             self._known[node] = self._other(node)
         return self._known[node]
@@ -229,25 +312,18 @@ class LevelDiscs:
     def _other(self, node: Node) -> Disc:
         d = len(self._axes)
         if node.op == "attribute":
-            return self._attribute(node.name)
+            return self._constant(node.name)
         if node.op == "field" and max(node.axes, default=0) >= d:
             return discs.number(0.0)
         if node.op == "field" and node.axes and not self.rules.is_affine:
             return self._gradient(field(node.name))[node.axes[0]]
         return self._on_discs(self._expansion(node))
 
-    def _attribute(self, name: str) -> Disc:
-        if is_constant(name):
-            patch = self.rules.piece.patch
-            middle = np.tile(patch.shape.vertices.mean(axis=0), (len(self.rows), 1))
-            return self.attributes.at(name, patch, self.rows, middle)[:, None], np.float64(0.0)
-        axis = _NORMALS.index(name)
-        if axis >= len(self._axes):
-            return discs.number(0.0)
-        if not self.are_normals_known:
-            one = np.ones((len(self.box), 1))
-            return 0 * one, one
-        return discs.over(self._world_slopes[axis], self._steepness)
+    def _constant(self, name: str) -> Disc:
+        """The disc of an attribute that is one number throughout an element."""
+        patch = self.rules.piece.patch
+        middle = np.tile(patch.shape.vertices.mean(axis=0), (len(self.rows), 1))
+        return self.attributes.at(name, patch, self.rows, middle)[:, None], np.float64(0.0)
 
     @cached_property
     def _known(self) -> dict[Node, Disc]:
@@ -263,13 +339,10 @@ class LevelDiscs:
         return on_discs(coefficients, self.parts.radii)
 
     def _expansion(self, node: Node) -> Floats:
-        """Taylor coefficients of a leaf about the centres of parts."""
-        nets = self.cells.nets(node)[self.cells.index[self.box]].transpose(0, *(1 + axis for axis in self.order))
-        return self._straightened(taylor(nets, self.low + self.size * self.parts.centres, self.size))
-
-    def _straightened(self, coefficients: Floats) -> Floats:
-        """Coefficients in the coordinates whose discs are known."""
-        return coefficients if self.parts.slopes is None else sheared(coefficients, self.parts.slopes)
+        """Taylor coefficients of a leaf about the centres of parts, in the coordinates whose discs are known."""
+        nets = turned(self.cells.nets(node)[self.cell], self.order)
+        found = taylor(nets, self.low + self.size * self.parts.centres, self.size)
+        return found if self.parts.bends is None else straightened(found, self.parts.bends)
 
     @cached_property
     def _positions(self) -> list[Floats]:
@@ -282,33 +355,29 @@ class LevelDiscs:
         columns = [[slope(x, axis)[:, 0, 0, 0] for axis in self._axes] for x in self._positions]
         return np.array(columns).transpose(2, 0, 1)
 
-    @cached_property
-    def _near(self) -> list[list[Disc]]:
-        """Discs of Y."""
-        inverse = np.linalg.inv(np.where(np.linalg.det(self._centre)[:, None, None] == 0, np.nan, self._centre))
+    def _near(self, frame: Floats) -> list[list[Disc]]:
+        """Discs of Y for a matrix X_0 (n, d, d)."""
+        inverse = np.linalg.inv(np.where(np.linalg.det(frame)[:, None, None] == 0, np.nan, frame))
         moved = np.einsum("nij,jnabc->inabc", inverse, np.stack(self._positions))
         return [[self._on_discs(slope(own, axis)) for axis in self._axes] for own in moved]
 
     @cached_property
-    def _determinant(self) -> Disc:
-        """That of Y."""
-        return determinant(self._near)
-
-    @cached_property
-    def _level_slopes(self) -> list[Disc]:
-        """Derivatives of g along i, j, k."""
-        own = self._straightened(taylor(self.levels, self.parts.centres, np.ones_like(self.parts.centres)))
-        return [self._on_discs(slope(own, axis)) for axis in self._axes]
+    def _near_centre(self) -> list[list[Disc]]:
+        """Discs of Y for the derivatives at the centres."""
+        return self._near(self._centre)
 
     def _gradient(self, leaf: Node) -> list[Disc]:
         """The gradient of a field in a bent element: X^T g = df/dt, with q = X_0^T g: Y^T q = df/dt."""
         own = self._expansion(leaf)
-        transposed = [list(row) for row in zip(*self._near, strict=True)]
-        found = solution(transposed, [self._on_discs(slope(own, axis)) for axis in self._axes])
-        return _turned(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
+        found = solution(_transposed(self._near_centre), [self._on_discs(slope(own, axis)) for axis in self._axes])
+        return _product(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
 
 
-def _turned(matrices: Floats, vector: Sequence[Disc]) -> list[Disc]:
+def _transposed(matrix: Sequence[Sequence[Disc]]) -> list[list[Disc]]:
+    return [list(row) for row in zip(*matrix, strict=True)]
+
+
+def _product(matrices: Floats, vector: Sequence[Disc]) -> list[Disc]:
     """Discs of matrices (n, d, d) times a vector of discs."""
     found = []
     for row in range(matrices.shape[1]):
@@ -317,3 +386,11 @@ def _turned(matrices: Floats, vector: Sequence[Disc]) -> list[Disc]:
         ]
         found.append(reduce(discs.plus, terms))
     return found
+
+
+def _interval(root: Node, leaf: Callable[[Node], Interval], count: int) -> Interval:
+    """Least and greatest value (count,) of an expression from those of its leaves; infinite where nothing is known."""
+    low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
+    low, high = (np.broadcast_to(end, count) for end in (low, high))
+    is_known = ~np.isnan(low) & ~np.isnan(high)
+    return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)

@@ -24,13 +24,17 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.analytic_error import FURTHER, Bounds, gauss_factors
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.graph_discs import RHOS, SHIFT, GraphParts, PartDiscs, graph_parts
-from elvis.core.integrals.graph_orders import greatest
+from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.level_discs import CellNets, LevelDiscs, is_bounded
 from elvis.core.quantities import discs
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.discs import Disc
+from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, world_derivative
+
+#: changes by moving g, in parts of the integral over a box, for which values on whole cells are too coarse
+_COARSE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,113 +43,126 @@ class LevelRules:
 
     rules       of the piece that the elements are in
     attributes  of elements
+    cells       nets of leaves on the cells that boxes are in
     exact       Gauss points along k that integrate all expressions exactly; None where there is no such rule
     """
 
     rules: DegreeRules
     attributes: Attributes
+    cells: CellNets
     exact: int | None = None
 
-    def gradient(self, zero: Node, is_filled: bool) -> tuple[Node, ...]:
-        """The gradient of a polynomial, empty where it isn't needed or no discs are known of it."""
-        if is_filled:
-            return ()
+    def gradient(self, zero: Node | None) -> tuple[Node, ...]:
+        """The gradient of a polynomial, empty where no discs are known of it."""
         try:
-            found = tuple(world_derivative(zero, axis) for axis in range(3))
+            found = tuple(world_derivative(zero, axis) for axis in range(3)) if zero is not None else ()
         except ElvisError:
             return ()
-        return found if all(is_bounded(part, self.rules, is_filled) for part in found) else ()
+        return found if all(is_bounded(part, self.rules, False) for part in found) else ()
 
-    def bounds(self, boxes: LevelBoxes, roots: Sequence[Node], counts: Sequence[int]) -> Bounds:
-        """Bounds of integrals over boxes by the rule with ``counts`` points between breaks each way."""
-        d, e = len(counts), len(roots)
-        errors = np.full((len(boxes), e, d, len(FURTHER)), np.inf)
-        low, high, moved = np.zeros((3, len(boxes), e))
-        cells = CellNets(boxes.patch, boxes.rows, boxes.cell, self.rules.names)
+    def bounds(self, boxes: LevelBoxes, roots: Sequence[Node], counts: Sequence[int]) -> tuple[Bounds, Floats]:
+        """Bounds of integrals over boxes by the rule with ``counts`` points between breaks, and guesses (n, e)."""
         with np.errstate(all="ignore"):
-            for order in sorted(set(map(tuple, boxes.order.tolist()))):
-                here = np.flatnonzero((boxes.order == order).all(axis=1))
-                own = _Boxes(self, boxes, here, order, cells)
-                known = own.bounds(roots, counts)
-                errors[here], low[here], high[here], moved[here] = known.errors, known.low, known.high, known.moved
-        return Bounds(errors, low, high, moved)
+            return _Boxes(self, boxes, self.cells.index(boxes.rows, boxes.cell)).bounds(roots, counts)
 
 
 @dataclass(frozen=True, eq=False)
 class _Boxes:
-    """Boxes ``index`` (n,) whose axes i, j, k have one order."""
+    """Boxes (n,), and numbers (n,) of their cells."""
 
     level: LevelRules
     boxes: LevelBoxes
-    index: Ints
-    order: tuple[int, ...]
-    cells: CellNets
+    cell: Ints
 
-    def bounds(self, roots: Sequence[Node], counts: Sequence[int]) -> Bounds:
+    def bounds(self, roots: Sequence[Node], counts: Sequence[int]) -> tuple[Bounds, Floats]:
         """See `LevelRules`."""
-        boxes, is_filled = self.boxes.part(self.index), self.boxes.is_filled
-        nets = boxes.nets.transpose(0, *(1 + axis for axis in self.order))
-        whole = self._discs(np.arange(len(boxes)), nets, PartDiscs.whole(len(boxes)), False)
-        parts = self._parts(nets, boxes)
+        boxes, is_filled = self.boxes, self.boxes.is_filled
+        nets = turned(boxes.nets, boxes.order)
+        parts = self._parts(nets)
         directions = tuple(range(3 - boxes.patch.shape.dimension, 3))[: len(counts)]
         near = PartDiscs.of(nets[parts.box], parts, directions, is_filled)
-        found = self._discs(parts.box, nets[parts.box], near, True)
-        measure = _measure(found, near, parts, is_filled)
-        columns = [self._of_root(root, found, measure, whole, parts, counts, boxes) for root in roots]
-        return Bounds(*(np.stack(column, axis=1) for column in zip(*columns, strict=True)))
+        found = self._discs(parts.box, near)
+        measure = _measure(found, near, parts)
+        columns = [self._of_root(root, found, measure, parts, counts) for root in roots]
+        errors, moved, about = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
+        known = Bounds(errors, np.full_like(moved, -np.inf), np.full_like(moved, np.inf), moved)
+        changes = self._of_moves(known, roots, nets, about)
+        is_known = np.isfinite(changes)
+        known.moved[:] += np.where(is_known, changes, 0.0)
+        errors[~is_known & boxes.is_proved[:, None]] = np.inf
+        return known, about
 
-    def _parts(self, nets: Floats, boxes: LevelBoxes) -> GraphParts:
+    def _of_moves(self, known: Bounds, roots: Sequence[Node], nets: Floats, about: Floats) -> Floats:
+        """(n, e) what moving g changes; boxes for which more is to be known get the ends of their integrals, too."""
+        boxes, cells = self.boxes, self.level.cells
+        largest = np.stack([_largest(cells.interval(root))[self.cell] for root in roots], axis=1)
+        longest = cells.longest[self.cell] * (boxes.high - boxes.low)
+        changes = _changes(boxes, nets, np.take_along_axis(longest, boxes.order, axis=1), largest)
+        is_coarse = ~(changes <= _COARSE * np.abs(about)).all(axis=1)
+        rest = np.flatnonzero(is_coarse | ~np.isfinite(known.errors).all(axis=(1, 2, 3)))
+        changes[rest] = self._enclose(known, roots, rest, nets)
+        return changes
+
+    def _parts(self, nets: Floats) -> GraphParts:
         """The parts over which integrals go, of boxes whose ends are proved."""
-        parts = graph_parts(nets)
+        parts, boxes = graph_parts(nets), self.boxes
         is_there = (parts.has_root | parts.is_below) if boxes.is_filled else parts.has_root
         return parts.part(is_there & boxes.is_proved[parts.box])
 
-    def _discs(self, box: Ints, nets: Floats, parts: PartDiscs, are_normals_known: bool) -> LevelDiscs:
+    def _discs(self, box: Ints, parts: PartDiscs) -> LevelDiscs:
         """Discs on parts of boxes."""
-        own, order = self.index[box], list(self.order)
-        low, size = self.boxes.low[own][:, order], (self.boxes.high - self.boxes.low)[own][:, order]
-        rows, zero = self.boxes.rows[own], self.boxes.zero
-        known = self.cells, self.level.rules, self.level.attributes
-        gradient = () if zero is None else self.level.gradient(zero, self.boxes.is_filled)
-        return LevelDiscs(*known, own, rows, low, size, self.order, nets, gradient, parts, are_normals_known)
+        order, rows = self.boxes.order[box], self.boxes.rows[box]
+        low, high = (np.take_along_axis(own[box], order, axis=1) for own in (self.boxes.low, self.boxes.high))
+        known = self.level.cells, self.level.rules, self.level.attributes, self.cell[box]
+        gradient = () if parts.tilts is None else self.level.gradient(self.boxes.zero)
+        return LevelDiscs(*known, rows, low, high - low, order, parts, gradient)
 
     def _of_root(
-        self,
-        root: Node,
-        found: LevelDiscs,
-        measure: Disc,
-        whole: LevelDiscs,
-        parts: GraphParts,
-        counts: Sequence[int],
-        boxes: LevelBoxes,
-    ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Errors (n, d, s), least and greatest integral (n,) and what moving g changes (n,), of an expression."""
-        product = discs.times(found.disc(root), measure)
-        middle = np.abs(np.broadcast_to(product[0], (len(parts), 1)))[:, 0]
+        self, root: Node, found: LevelDiscs, measure: Disc, parts: GraphParts, counts: Sequence[int]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Errors (n, d, s) of an expression, by how much rounding moves the integral, and about what that is (n,)."""
+        boxes = self.boxes
+        product = discs.times(found.density(root), measure)
+        middle = np.broadcast_to(product[0], (len(parts), 1))[:, 0]
         radius = np.where(found.parts.is_proved & np.isfinite(middle)[:, None], product[1], np.inf)
-        by_part = _analytic(radius, counts, self.level.exact)
-        errors = _summed(by_part, parts.box, len(boxes))
+        errors = _summed(_analytic(radius, counts, self.level.exact), parts.box, len(boxes))
         errors[~boxes.is_proved] = np.inf
-        low, high, most = _enclosure(whole, root, boxes)
-        moved = _moved(boxes, whole, most)
+        about = _summed(np.nan_to_num(middle, posinf=0.0, neginf=0.0) * 2.0 ** len(counts), parts.box, len(boxes))
+        moved = np.zeros(len(boxes))
         if not boxes.is_filled:
             # the surface between its ends
             by_part = 2 * radius[:, -1] / SHIFT * 2.0 ** len(counts)
             own = boxes.shift * _summed(by_part[:, None], parts.box, len(boxes))[:, 0]
             is_met = np.bincount(parts.box, minlength=len(boxes)) > 0
-            moved = moved + np.where((boxes.shift <= SHIFT) | ~is_met, own, np.inf)
+            moved = np.where((boxes.shift <= SHIFT) | ~is_met, own, np.inf)
         errors[~np.isfinite(moved) & boxes.is_proved] = np.inf
-        return errors, low, high, np.where(np.isfinite(moved), moved, 0.0)
+        return errors, np.where(np.isfinite(moved), moved, 0.0), about
+
+    def _enclose(self, known: Bounds, roots: Sequence[Node], rest: Ints, nets: Floats) -> Floats:
+        """Set what integrals over some boxes lie between; (n, e) what moving g changes, from values on the boxes."""
+        boxes = self.boxes.part(rest)
+        largest = np.zeros((len(rest), len(roots)))
+        if not len(rest):
+            return largest
+        whole = self._discs(rest, PartDiscs.whole(len(rest)))
+        for column, root in enumerate(roots):
+            ends = whole.interval(root)
+            known.low[rest, column], known.high[rest, column] = _enclosure(whole, ends, boxes)
+            largest[:, column] = _largest(ends)
+        return _changes(boxes, nets[rest], whole.longest, largest)
 
 
-def _measure(found: LevelDiscs, near: PartDiscs, parts: GraphParts, is_filled: bool) -> Disc:
-    """Volume or area for each unit of [-1, 1]^d."""
+def _largest(interval: Interval) -> Floats:
+    """The greatest magnitude in an interval."""
+    return np.asarray(np.maximum(-interval[0], interval[1]))
+
+
+def _measure(found: LevelDiscs, near: PartDiscs, parts: GraphParts) -> Disc:
+    """What the volume or area for each unit of i, j and k is multiplied by to be that for each unit of [-1, 1]^d."""
     d = found.rules.piece.patch.shape.dimension
     along_i = (parts.high - parts.low)[:, None] / 2 if d == 3 else np.ones((len(parts), 1))
     across = discs.times((along_i, np.float64(0.0)), near.stretches[0])
-    if is_filled:
-        return discs.times(discs.times(across, near.stretches[1]), found.volume)
-    return discs.times(across, found.area)
+    return across if near.tilts is not None else discs.times(across, near.stretches[1])
 
 
 def _analytic(radius: Floats, counts: Sequence[int], exact: int | None) -> Floats:
@@ -170,42 +187,49 @@ def _summed(values: Floats, box: Ints, count: int) -> Floats:
     return found
 
 
-def _enclosure(whole: LevelDiscs, root: Node, boxes: LevelBoxes) -> tuple[Floats, Floats, Floats]:
-    """Least and greatest integral (n,) over boxes, and the greatest magnitude of the integrand."""
-    low, high = whole.interval(root)
-    most = np.maximum(-low, high)
+def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes) -> Interval:
+    """Least and greatest integral (n,) over boxes, from least and greatest values of the integrand."""
+    low, high = ends
     if not boxes.is_filled:
-        extent = _extent(whole, boxes)
-        return -most * extent, most * extent, most
+        most = _largest(ends) * _extent(whole, boxes)
+        return -most, most
     middle, radius = (part[:, 0] for part in np.broadcast_arrays(*whole.volume))
     largest = np.abs(middle) + radius
     least = np.where(boxes.is_whole & ~boxes.is_lost, np.maximum(np.abs(middle) - radius, 0.0), 0.0)
-    ends = low * np.where(low < 0, largest, least), high * np.where(high > 0, largest, least)
-    return np.where(np.isnan(ends[0]), -np.inf, ends[0]), np.where(np.isnan(ends[1]), np.inf, ends[1]), most
+    found = low * np.where(low < 0, largest, least), high * np.where(high > 0, largest, least)
+    return np.where(np.isnan(found[0]), -np.inf, found[0]), np.where(np.isnan(found[1]), np.inf, found[1])
 
 
 def _extent(whole: LevelDiscs, boxes: LevelBoxes) -> Floats:
     """(n,) how large the surface in each box may be."""
-    longest, d = whole.longest, boxes.patch.shape.dimension
-    degrees = np.array(whole.levels.shape[4 - d :]) - 1
-    faces = [np.delete(longest, axis, axis=1).prod(axis=1) for axis in range(d)]
-    own = np.asarray(sum(degree * face for degree, face in zip(degrees, faces, strict=True)))
+    d = boxes.patch.shape.dimension
+    degrees = np.array(boxes.nets.shape[4 - d :]) - 1
+    own = np.asarray(sum(degree * face for degree, face in zip(degrees, _faces(whole.longest), strict=True)))
     return np.where(boxes.several > 0, own * boxes.several, 0.0) + boxes.further
 
 
-def _moved(boxes: LevelBoxes, whole: LevelDiscs, most: Floats) -> Floats:
-    """(n,) what moving g changes of integrals, for surfaces at their ends alone.
+def _faces(longest: Floats) -> list[Floats]:
+    """Areas (n,) of faces across each axis at most, for lengths (n, d) of boxes along these."""
+    return [np.delete(longest, axis, axis=1).prod(axis=1) for axis in range(longest.shape[1])]
+
+
+def _changes(boxes: LevelBoxes, nets: Floats, longest: Floats, largest: Floats) -> Floats:
+    """(n, e) what moving g changes of integrals of integrands up to (n, e), for surfaces at their ends alone.
 
     The area for each unit of i and j is |cof(X) grad g| / |g_k|.
+
+    nets     (n, Di, Dj, Dk) of g
+    longest  (n, 3) or (n, d) lengths of dx/di, dx/dj and dx/dk at most
     """
-    if boxes.is_filled:
-        middle, radius = (part[:, 0] for part in np.broadcast_arrays(*whole.volume))
-        share = np.minimum(boxes.shift, 1.0)
-        return np.where(share > 0, share * (np.abs(middle) + radius) * most, 0.0)
     d = boxes.patch.shape.dimension
-    faces = [np.delete(whole.longest, axis, axis=1).prod(axis=1) for axis in range(d)]
-    slopes = [np.diff(whole.levels, axis=axis) * (whole.levels.shape[axis] - 1) for axis in range(4 - d, 4)]
-    last = slopes[-1]
-    steep = np.maximum(last.min(axis=(1, 2, 3)), -last.max(axis=(1, 2, 3)))
-    area = sum(face * greatest(own) for face, own in zip(faces, slopes, strict=True)) / steep
-    return np.where(boxes.share > 0, boxes.share * area * most, 0.0)
+    lengths = longest[:, -d:]
+    if boxes.is_filled:
+        share = np.minimum(boxes.shift, 1.0)
+        most = lengths.prod(axis=1)
+    else:
+        slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in range(4 - d, 4)]
+        last = slopes[-1]
+        steep = np.maximum(last.min(axis=(1, 2, 3)), -last.max(axis=(1, 2, 3)))
+        share = boxes.share
+        most = sum(face * greatest(own) for face, own in zip(_faces(lengths), slopes, strict=True)) / steep
+    return np.where((share > 0)[:, None], (share * most)[:, None] * largest, 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.integrals.coincident import Sides, Turned, turned
 from elvis.core.integrals.level_boxes import FIRST, LevelBoxes, joined
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
@@ -124,9 +125,9 @@ class Level:
         """What is evaluated for it."""
         return (self.expression, *(zero.expression for zero in self.zeros))
 
-    def known(self, evaluator: Evaluator, ranks: Ranks) -> Level:
-        """The same with the sizes of polynomials in the elements of all ranks."""
-        return replace(self, zeros=tuple(zero.known(evaluator, ranks) for zero in self.zeros))
+    def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> Level:
+        """The same with the sizes of polynomials in the elements of all ranks, and where surfaces are sides."""
+        return replace(self, zeros=tuple(zero.known(evaluator, ranks, sides) for zero in self.zeros))
 
     def boxes(
         self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
@@ -230,12 +231,14 @@ def _surface(dataset: Dataset, name: str) -> tuple[Node, float] | None:
 class ZeroSet:
     """Where a polynomial is zero.
 
-    size  what it is added up from, at most, in all elements; None where it isn't known yet
+    size    what it is added up from, at most, in all elements; None where it isn't known yet
+    turned  for each patch the elements in which the level is moved down; empty where no sides are known
     """
 
     name: str
     expression: Expression
     size: float | None = None
+    turned: tuple[Turned, ...] = ()
 
     def _doubt(self, evaluator: Evaluator, patch: Patch, rows: Ints, lattice: Floats) -> _Doubt:
         """How well values on borders of elements (m,) are known, from points (q, d) inside them."""
@@ -262,9 +265,25 @@ class ZeroSet:
     def _has_coordinates(self) -> bool:
         return bool(fold(self.expression.root, lambda leaf: leaf.op == "coordinate", lambda _, parts: any(parts)))
 
-    def known(self, evaluator: Evaluator, ranks: Ranks) -> ZeroSet:
-        """The same with its size in the elements of all ranks."""
-        return replace(self, size=max(ranks.exchange(self._size(evaluator), f"the size of {self.name}")))
+    def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> ZeroSet:
+        """The same with its size in the elements of all ranks, and the elements in which it is moved down."""
+        known = replace(self, size=max(ranks.exchange(self._size(evaluator), f"the size of {self.name}")))
+        return known if sides is None else replace(known, turned=known._turned(evaluator, sides))
+
+    def _turned(self, evaluator: Evaluator, sides: Sides) -> tuple[Turned, ...]:
+        """See `coincident`."""
+        degrees = [degree_on(self.expression, evaluator, patch, patch.is_linear) for patch in evaluator.patches]
+
+        def values(patch: Patch, rows: Ints, points: Floats) -> Floats:
+            (found,) = evaluator.values_at([self.expression], Lattice(patch, rows, points))
+            return np.broadcast_to(found, len(rows) * len(points)).reshape(len(rows), len(points))
+
+        def within(patch: Patch, rows: Ints) -> Floats:
+            vertices = patch.shape.vertices
+            doubt = self._doubt(evaluator, patch, rows, np.vstack([vertices, vertices.mean(axis=0)]))
+            return np.asarray(doubt.away * doubt.size)
+
+        return turned(evaluator.patches, sides, degrees, values, within)
 
     def _size(self, evaluator: Evaluator) -> float:
         """What the expression is added up from, at most: in the middles of all elements."""
@@ -300,7 +319,14 @@ class ZeroSet:
         signs[near[is_nothing]] = 1
         every = _Doubt(np.zeros(len(piece)), np.zeros(len(piece)))
         every.size[near], every.jump[near] = doubt.size, doubt.jump
-        return Seen(self, piece, evaluator, degree, signs, every)
+        return Seen(self, piece, evaluator, degree, signs, every, *self._turned_in(piece, evaluator))
+
+    def _turned_in(self, piece: Piece, evaluator: Evaluator) -> tuple[Bools, Floats]:
+        """(n,) elements of a piece in which the level is moved down, (n,) areas of sides that are in doubt."""
+        for patch, own in zip(evaluator.patches, self.turned, strict=False):
+            if patch is piece.patch:
+                return own.is_turned[piece.rows], own.doubt[piece.rows]
+        return np.zeros(len(piece), bool), np.zeros(len(piece))
 
     def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
         """Of the expression in each direction."""
@@ -358,10 +384,10 @@ class _Doubt:
         """(n,) values of polynomials of a degree that may be 0."""
         return degree * self.jump * self.size
 
-    def moves(self, rows: Ints, count: int) -> Floats:
+    def moves(self, rows: Ints, is_turned: Bools, count: int) -> Floats:
         """(count,) by how much the level is moved in elements of a patch, of which rows (n,) are these."""
         found = np.zeros(count)
-        found[rows] = self.away * self.size
+        found[rows] = np.where(is_turned, -1.0, 1.0) * self.away * self.size
         return found
 
     def part(self, chosen: Ints) -> _Doubt:
@@ -375,6 +401,7 @@ class Seen:
 
     degree  of the polynomial in each direction
     signs   (n,) where it has one, else 0
+    is_turned, sides  (n,) whether the level is moved down, and areas of sides on which the surface is in doubt
     """
 
     zero: ZeroSet
@@ -383,10 +410,19 @@ class Seen:
     degree: int
     signs: Ints
     doubt: _Doubt
+    is_turned: Bools
+    sides: Floats
 
     def of(self, chosen: Ints) -> Seen:
         """That of some of the elements."""
-        return replace(self, piece=self.piece.part(chosen), signs=self.signs[chosen], doubt=self.doubt.part(chosen))
+        return replace(
+            self,
+            piece=self.piece.part(chosen),
+            signs=self.signs[chosen],
+            doubt=self.doubt.part(chosen),
+            is_turned=self.is_turned[chosen],
+            sides=self.sides[chosen],
+        )
 
     @property
     def band(self) -> Floats:
@@ -396,7 +432,7 @@ class Seen:
     @cached_property
     def _moved(self) -> NetsOf:
         patch = self.piece.patch
-        moves = self.doubt.moves(self.piece.rows, len(patch))
+        moves = self.doubt.moves(self.piece.rows, self.is_turned, len(patch))
         return NetsOf(self.zero.expression, self.evaluator, patch, places_of(self.degree), moves)
 
     def nets(self, cell: int) -> Floats:
@@ -411,8 +447,9 @@ class Seen:
         return found.reshape(len(rows), *(1,) * (3 - d), *found.shape[1:])
 
     def touched(self) -> Floats:
-        """(n,) areas of sides of elements on which the moved polynomial may be zero."""
-        return touched(self.piece, self._moved.on, places_of(self.degree), self.doubt.within(self.degree))
+        """(n,) areas of sides of elements on which the moved polynomial may be zero, or surfaces are in doubt."""
+        found = touched(self.piece, self._moved.on, places_of(self.degree), self.doubt.within(self.degree))
+        return found + self.sides
 
 
 def _touched(piece: Piece, areas: Floats, sizes: tuple[Floats, Floats]) -> Iterator[LevelBoxes]:

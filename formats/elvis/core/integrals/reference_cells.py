@@ -183,6 +183,11 @@ def side_numbers(shape: Shape) -> range:
     return range(len(_sides(shape)))
 
 
+def side_corners(shape: Shape, number: int) -> tuple[int, ...]:
+    """The vertices of a side of a shape."""
+    return _sides(shape)[number]
+
+
 def _sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
     return shape.edges if shape.dimension == 2 else shape.faces
 

@@ -27,6 +27,8 @@ from elvis.core.integrals.box_discs import BoxDiscs, is_bounded
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes, lattice_counts
 from elvis.core.integrals.groups import (
+    CALL,
+    CALL_ON_LEVELS,
     Bounded,
     Boxes,
     BoxIntegrals,
@@ -41,6 +43,7 @@ from elvis.core.integrals.groups import (
 )
 from elvis.core.integrals.kinks import Cut, branches
 from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.level_discs import CellNets
 from elvis.core.integrals.level_discs import is_bounded as is_bounded_on_level
 from elvis.core.integrals.level_error import LevelRules
 from elvis.core.integrals.levels_of_elements import LevelPiece
@@ -225,7 +228,8 @@ class Summation:
             some = replace(boxes, sizes=boxes.sizes[:, index], rounding=boxes.rounding[:, index])
             chosen = [numbers[column] for column in index]
             if own:
-                yield self._bounded(some, LevelRules(rules, self._evaluator.attributes, enough), chosen)
+                nets = CellNets(some.patch, some.rows, some.cell, rules)
+                yield from self._enclosed(some, LevelRules(rules, self._evaluator.attributes, nets, enough), chosen)
             else:
                 yield self._compared(some.finished(), chosen, counts, False)
 
@@ -297,9 +301,32 @@ class Summation:
                 self._bounded(boxes, rules, some) if own else self._compared(boxes, some, _rough_counts(piece), False)
             )
 
-    def _bounded(self, boxes: Boxes, rules: DegreeRules | LevelRules, numbers: list[int]) -> Bounded:
+    def _enclosed(self, boxes: LevelBoxes, rules: LevelRules, numbers: list[int]) -> Iterator[Bounded]:
+        """Boxes that a surface cuts, with bounds of the errors of rules; where these are known none is applied yet."""
+        counts, steps = (_ON_SURFACES,) * boxes.dimension, (0,) * boxes.dimension
+        roots = [self._expressions[number].root for number in numbers]
+        parts = [boxes.part(slice(first, first + _BOUNDED_AT_ONCE)) for first in range(0, len(boxes), _BOUNDED_AT_ONCE)]
+        found = list(results(partial(rules.bounds, part, roots, counts) for part in parts))
+        if not found:
+            return
+        known = Bounds.joined([own for own, _ in found])
+        about = np.concatenate([own for _, own in found])
+        nothing = np.zeros_like(about)
+        guess = BoxIntegrals(about, np.abs(about), nothing, nothing)
+        error, is_bound = _error(known, guess, steps)
+        gains = np.ones((len(boxes), len(counts)))
+        every = Bounded(
+            boxes, numbers, counts, guess, error, is_bound, known.moved, rules, steps, known, gains, is_guess=True
+        )
+        is_known = np.isfinite(known.errors).all(axis=(1, 2, 3))
+        if is_known.any():
+            yield every.part(is_known)
+        if not is_known.all():
+            yield self._raised(every.part(~is_known), steps)
+
+    def _bounded(self, boxes: EtaBoxes, rules: DegreeRules, numbers: list[int]) -> Bounded:
         """What one rule says of expressions on boxes, with bounds of its error and of those of better rules."""
-        counts = lattice_counts(boxes.piece) if isinstance(boxes, EtaBoxes) else (_ON_SURFACES,) * boxes.dimension
+        counts = lattice_counts(boxes.piece)
         self._planned += _points(boxes, [counts])
         size = min(_BOUNDED_AT_ONCE, max(1, _BATCH // int(np.prod(counts))))
         found = list(self._batches(boxes, size, numbers, counts, rules))
@@ -316,7 +343,9 @@ class Summation:
         self._planned += _points(old.boxes, [counts])
         integrals = self._integrate(old.boxes, old.numbers, counts)
         error, is_bound = _error(old.bounds, integrals, steps)
-        return replace(old, counts=counts, steps=steps, integrals=integrals, error=error, is_bound=is_bound)
+        return replace(
+            old, counts=counts, steps=steps, integrals=integrals, error=error, is_bound=is_bound, is_guess=False
+        )
 
     def _compared(self, boxes: Boxes, numbers: list[int], counts: Counts, is_raised: bool) -> Compared:
         """What several rules say of expressions on boxes."""
@@ -341,19 +370,27 @@ class Summation:
 
     def _improved_bounds(self, old: Bounded, allowed: Floats) -> Iterator[Bounded]:
         steps, is_raised = old.wanted_steps(allowed)
-        steps[is_raised] = with_fewer_rules(steps[is_raised], old.least)
+        call = CALL_ON_LEVELS if isinstance(old.boxes, LevelBoxes) else CALL
+        steps[is_raised] = with_fewer_rules(steps[is_raised], old.least, call)
         for own in np.unique(steps[is_raised], axis=0):
             yield self._raised(old.part(is_raised & (steps == own).all(axis=1)), tuple(own.tolist()))
         rest = old.part(~is_raised)
         directions = rest.halving(allowed)
         is_halved = directions.any(axis=1)
         if is_halved.any():
-            halves = rest.boxes.part(is_halved).halved(directions[is_halved])
-            if len(halves):
-                yield self._bounded(halves, old.rules, old.numbers)
+            yield from self._of_halves(rest.boxes.part(is_halved).halved(directions[is_halved]), rest)
         if not is_halved.all():
             stuck = rest.part(~is_halved)
             yield replace(stuck, is_final=True)
+
+    def _of_halves(self, halves: Boxes, old: Bounded) -> Iterator[Bounded]:
+        """What is known of halves of the boxes of a group."""
+        if isinstance(halves, LevelBoxes):
+            assert isinstance(old.rules, LevelRules)
+            yield from self._enclosed(halves, old.rules, old.numbers)
+        elif len(halves):
+            assert isinstance(old.rules, DegreeRules)
+            yield self._bounded(halves, old.rules, old.numbers)
 
     def _refined(self, groups: list[Group], magnitude: Floats) -> Sums:
         """The integrals over boxes where expressions have no exact rule, of which some are halved again and again.
@@ -384,7 +421,13 @@ class Summation:
                     raise
                 self.is_unfinished = True
             total = sum((group.sums(count) for group in groups), Sums.none(count))
-        return total
+        return sum((self._integrated(group).sums(count) for group in groups), Sums.none(count))
+
+    def _integrated(self, group: Group) -> Group:
+        """A group with the integrals of a rule."""
+        if isinstance(group, Bounded) and group.is_guess:
+            return self._raised(group, group.steps)
+        return group
 
     def _round(self, groups: list[Group], chosen: list[Bools], allowed: Floats) -> list[Group]:
         """The groups with chosen boxes improved, whose errors may be so much (k,) each."""
@@ -413,7 +456,7 @@ class Summation:
         size: int,
         numbers: Sequence[int],
         counts: Counts,
-        rules: DegreeRules | LevelRules | None = None,
+        rules: DegreeRules | None = None,
     ) -> Iterator[_Batch]:
         """What a rule says of some boxes at a time; with bounds where the rules of a piece are given."""
         parts = [boxes.part(slice(first, first + size)) for first in range(0, max(len(boxes), 1), size)]
@@ -426,9 +469,7 @@ class Summation:
                 self._progress(self._done, self._planned)
             yield own
 
-    def _batch(
-        self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | LevelRules | None
-    ) -> _Batch:
+    def _batch(self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None) -> _Batch:
         """What a rule says of boxes at once."""
         found, missing = BoxIntegrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
         if not len(boxes):
@@ -442,14 +483,11 @@ class Summation:
             parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, sizes), np.where(is_beyond, sizes, 0.0))
             for part, sums in zip(parts, found, strict=True):
                 sums[:, column] = np.bincount(box, part, len(boxes))
-            gains.append(_gains(values, counts) if isinstance(rules, DegreeRules) else np.empty(0))
-        roots = [self._expressions[number].root for number in numbers]
-        if isinstance(rules, LevelRules):
-            assert isinstance(boxes, LevelBoxes)
-            return _Batch(found, missing, rules.bounds(boxes, roots, counts), np.ones((len(boxes), len(counts))))
+            gains.append(np.empty(0) if rules is None else _gains(values, counts))
         if rules is None:
             return _Batch(found, missing)
         assert isinstance(boxes, EtaBoxes)
+        roots = [self._expressions[number].root for number in numbers]
         discs = BoxDiscs(boxes, rules, self._evaluator.names, self._evaluator.attributes, places, counts)
         return _Batch(found, missing, bounds(discs, roots, found.measure[:, 0]), np.sum(gains, axis=0))
 

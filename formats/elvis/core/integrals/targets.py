@@ -10,10 +10,11 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.distances.boundaries import ALL, boundaries, outer_sides
+from elvis.core.distances.boundaries import ALL, boundaries, inner_sides, outer_sides
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.integrals.along_curves import CurvePiece
+from elvis.core.integrals.coincident import Sides
 from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
@@ -80,6 +81,16 @@ class Places:
             own = piece.part(np.arange(ranks.rank, len(piece), ranks.size))
             found += [own] if len(own) else []
         return found
+
+    @property
+    def sides(self) -> Sides | None:
+        """The sides of all elements, of data of two or three dimensions."""
+        if self._mesh.dimension < 2:
+            return None
+        is_joined = np.zeros(len(self._owners), bool)
+        inner = inner_sides(self._mesh)
+        is_joined[inner[inner < len(is_joined)]] = True
+        return Sides(self._members, is_joined)
 
     @property
     def _mesh(self) -> Mesh:

@@ -12,6 +12,10 @@ from elvis.core.quantities.discs import Disc
 
 #: rounding of values on discs, in parts of the sum of the magnitudes of all terms
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
+#: powers of s and t in the terms of a bent surface, in the order of its coefficients
+BENDS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+#: the highest power of each
+_BENT = 2
 
 
 def taylor(nets: Floats, places: Floats, sizes: Floats) -> Floats:
@@ -42,22 +46,44 @@ def slope(coefficients: Floats, axis: int) -> Floats:
     return np.take(coefficients, range(1, degree + 1), axis=1 + axis) * powers
 
 
-def sheared(coefficients: Floats, slopes: Floats) -> Floats:
-    """Coefficients in s, t, u of a polynomial whose third coordinate is u + p s + q t, with slopes (n, 2) p and q.
+def straightened(coefficients: Floats, bends: Floats) -> Floats:
+    """Coefficients in s, t, u of a polynomial whose third coordinate is u + P(s, t), with P of coefficients (n, 5).
 
-    By Horner's method in that coordinate.  Without a first direction p is 0.
+    By Horner's method in that coordinate.  Without a first direction P must not depend on s.
     """
+    _, a, b, c = coefficients.shape
+    planes = [coefficients[..., c - 1]]
+    for power in range(c - 2, -1, -1):
+        products = [_bent(plane, bends) for plane in planes]
+        products[0][:, :a, :b] += coefficients[..., power]
+        for product, lower in zip(products[1:], planes[:-1], strict=True):
+            product += lower
+        planes = [*products, planes[-1]]
+    found = np.zeros((*planes[0].shape, c))
+    for power, plane in enumerate(planes):
+        found[:, : plane.shape[1], : plane.shape[2], power] = plane
+    return found
+
+
+def _bent(plane: Floats, bends: Floats) -> Floats:
+    """The product of a polynomial of s and t (n, A, B) with P."""
+    n, a, b = plane.shape
+    found = np.zeros((n, a + _BENT * (a > 1), b + _BENT))
+    for (i, j), factor in zip(BENDS, bends.T, strict=True):
+        if a > 1 or not i:
+            found[:, i : i + a, j : j + b] += factor[:, None, None] * plane
+    return found
+
+
+def multiplied(coefficients: Floats, slopes: Floats) -> Floats:
+    """The coefficients times 1 + p s + q t, with slopes (n, 2) p and q; p is 0 without a first direction."""
     n, a, b, c = coefficients.shape
-    first = a if a == 1 else a + c - 1
-    found = np.zeros((n, first, b + c - 1, c))
+    found = np.zeros((n, a + (a > 1), b + 1, c))
     p, q = slopes.T[:, :, None, None, None]
-    for power in range(c - 1, -1, -1):
-        product = np.zeros_like(found)
-        product[..., 1:] += found[..., :-1]
-        product[:, :, 1:] += q * found[:, :, :-1]
-        product[:, 1:] += p * found[:, :-1]
-        found = product
-        found[:, :a, :b, 0] += coefficients[..., power]
+    found[:, :a, :b] = coefficients
+    found[:, :a, 1:] += q * coefficients
+    if a > 1:
+        found[:, 1:, :b] += p * coefficients
     return found
 
 
@@ -79,4 +105,7 @@ def on_discs(coefficients: Floats, radii: tuple[Floats, Floats, Floats]) -> Disc
 
 def _powers(radii: Floats, count: int) -> Floats:
     """(..., count) powers from 0."""
-    return np.asarray(radii[..., None] ** np.arange(count))
+    found = np.ones((*radii.shape, count))
+    for power in range(1, count):
+        found[..., power] = found[..., power - 1] * radii
+    return found
