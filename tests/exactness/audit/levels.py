@@ -62,10 +62,6 @@ def half(rng, names):
 
 
 KINDS = (ball, cylinder, slab, half)
-#: slabs thinner than this, twice over, are of polynomials: other functions take minutes near a touch
-NOT_THIN = 0.02
-#: how many of the forms are polynomials: the first ones
-POLYNOMIALS = 3
 #: what is made of a quantity q and its level; whether it grows with q
 FORMS = {
     "{q}": (lambda v: v, True),
@@ -84,8 +80,7 @@ def refutation(seed):
     dataset, first = dataset_of(rng, shape)
     names = [first, "y", "z"][: shape.dimension]
     text, level, measure, inside, flux, through = KINDS[rng.integers(len(KINDS))](rng, names)
-    forms = list(FORMS)
-    form = str(rng.choice(forms[:POLYNOMIALS] if inside < 2 * NOT_THIN else forms))
+    form = str(rng.choice(list(FORMS)))
     of_level, is_growing = FORMS[form]
     surface = f"{form.format(q=text)}={of_level(level)!r}"
     error = 10.0 ** rng.uniform(-5, -2)
