@@ -12,8 +12,10 @@ from functools import cache, partial
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.integrals import integrate
+from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
-from elvis.formats import Dataset, Shape, integrate
 
 #: the error that is requested in all trees, in parts of the integral of the absolute value
 ERROR = 1e-6
