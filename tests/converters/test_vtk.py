@@ -10,8 +10,10 @@ from vtk_writer import NODES, cube, grid, linear, one, write
 
 from elvis import integrate, open_series, read, sample
 from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, moved
+from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, _instance
+from elvis.converters.vtk_functions import moved
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.converting import convert
@@ -152,29 +154,39 @@ def test_cells_of_any_order(tmp_path, kind, order):
         assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
 
 
-@pytest.mark.parametrize(
-    ("kind", "degrees"),
-    [(kind, (p, p, p)) for kind in BEZIER for p in (1, 3, 5)] + [(77, (4, 2, 0)), (79, (2, 3, 4)), (80, (4, 4, 2))],
-)
-def test_functions_of_bezier_cells_are_those_of_the_library(kind, degrees):
-    i, j, k = degrees
-    uniform = len(set(degrees)) == 1
-    counts = {77: (i + 1) * (j + 1), 79: (i + 1) * (j + 1) * (k + 1), 80: (i + 1) * (i + 2) // 2 * (k + 1)}
-    cell = Cell(Kind(kind, NODES[BEZIER[kind]](i) if uniform else counts[kind], (0, 0, 0) if uniform else degrees), "")
-    points = np.random.default_rng(5).dirichlet(np.ones(4), 5)[:, :3]
-    points[:, cell.shape.dimension :] = 0
-    wanted, weights = [], [0.0] * cell.kind.nodes
+def of_the_library(kind, points):
+    """(nodes, 3) the nodes of a kind of cells, (n, nodes) their functions at points (n, 3), as the library has them."""
+    cell = _instance(kind)
+    nodes, weights, found = np.reshape(cell.GetParametricCoords(), (-1, 3)), [0.0] * kind.nodes, []
     for point in points.tolist():
-        cell._cell.InterpolateFunctions(point, weights)
-        wanted.append(list(weights))
-    assert np.abs(cell.at(points[:, : cell.shape.dimension]) - wanted).max() < 1e-13
+        cell.InterpolateFunctions(point, weights)
+        found.append(list(weights))
+    return nodes, np.array(found)
+
+
+GRADED = [Kind(70, 15, (4, 2, 0)), Kind(77, 15, (4, 2, 0)), Kind(72, 60, (2, 3, 4)), Kind(79, 60, (2, 3, 4))]
+GRADED += [Kind(73, 45, (4, 4, 2)), Kind(80, 45, (4, 4, 2))]
+EVEN = [Kind(kind, NODES[shape](order)) for kind, shape in (LAGRANGE | BEZIER).items() for order in (1, 3, 5, 8)]
+
+
+@pytest.mark.parametrize("kind", [*(Kind(kind, nodes) for kind, (*_, nodes) in FIXED.items()), *EVEN, *GRADED], ids=str)
+def test_nodes_and_functions_are_those_of_the_library(kind):
+    cell = Cell(kind, "")
+    points = np.random.default_rng(5).dirichlet(np.ones(4), 2)[:, :3]
+    points[:, cell.shape.dimension :] = 0
+    own = points[:, : cell.shape.dimension]
+    nodes, functions = of_the_library(kind, points)
+    if cell.frame is None:  # these take points in reference coordinates
+        own = uncollapse(cell.shape, 2 * points - 1)
+    assert np.abs(cell.nodes - nodes).max() < 1e-13
+    assert np.abs(cell.at(own) - functions).max() < 1e-12
 
 
 @pytest.mark.parametrize("kind", sorted(BEZIER))
 def test_bezier_cells_ask_the_library_for_nothing_point_by_point(kind):
     """Its recursion takes 20 ms a point on tetrahedra of order 8, and of those a conversion has thousands."""
     cell = Cell(Kind(kind, NODES[BEZIER[kind]](8)), "")
-    cell._cell = None
+    assert cell._cell is None
     points = np.random.default_rng(5).dirichlet(np.ones(4), 3000)[:, : cell.shape.dimension]
     table = cell.at(points)
     assert np.abs(table.sum(axis=1) - 1).max() < 1e-13

@@ -1,10 +1,14 @@
 """VTKHDF files that VTK writes, and parts and steps that are written here, against VTK's own reader."""
 
+import os
+import sys
+
 import h5py
 import numpy as np
 import pytest
+from neko_writer import write_neko
 
-from elvis import FormatError
+from elvis import ElvisError, FormatError, open_series, read, sample
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
 from elvis.core.integrals import integrate
@@ -14,9 +18,9 @@ from elvis.plugins.testing import check
 hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
 
 
-@pytest.mark.parametrize("name", ["mfem_fichera_q3.vtu", "mfem_fichera_mixed_p2.vtu", "pyfr_mixed3d_p3.vtu"])
+@pytest.mark.parametrize("name", ["mfem_fichera_q3.vtu", "mfem_fichera_mixed_p2.vtu"])
 def test_files_of_the_library_are_what_was_written(solvers, tmp_path, name):
-    """Lagrange cells of orders 2 to 5: all arrays arrive bit by bit, and so does the conversion."""
+    """Lagrange cells of orders 2 and 3: all arrays arrive bit by bit, and so does the conversion."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
     reader, writer = vtkXMLUnstructuredGridReader(), hdf.vtkHDFWriter()
@@ -160,3 +164,121 @@ def test_bad_files(tmp_path, name, values, words):
         file["VTKHDF"].attrs.modify("Type", np.bytes_("ImageData"))
     assert not is_vtkhdf(path)
     assert not Vtk.opens([path])
+
+
+def bent(points):
+    """Elements all of whose edges are curved."""
+    x, y, z = points.T
+    return np.stack(
+        [x + 0.05 * np.sin(2 * y + z), y + 0.1 * np.sin(x + z), z + 0.1 * np.sin(3 * x) * (y + 0.3)], axis=1
+    )
+
+
+NEKO_FIELDS = {
+    "Pressure": lambda x, step: x[:, 0] ** 2 + step,
+    "Velocity": lambda x, step: np.stack([(1 + step) * x[:, 0], x[:, 1] - step, x[:, 2]], axis=1),
+}
+
+
+def without_vtk(monkeypatch):
+    """As if the library were not installed."""
+    for name in ("vtk", "vtkmodules"):
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+@pytest.mark.parametrize("bend", [lambda x: x, bent])
+def test_files_of_neko_need_no_library(tmp_path, monkeypatch, bend):
+    """Values lie in a file a step, nodes at Gauss-Lobatto places; also read from another folder."""
+    path = write_neko(tmp_path / "field_0.vtkhdf", 5, 3, bend, NEKO_FIELDS)
+    without_vtk(monkeypatch)
+    series = open_series(path, cache=False)
+    assert series.times.tolist() == [0.0, 0.5, 1.0]
+    line = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2
+    inside = np.stack(np.meshgrid(4 * line, line, line), axis=-1).reshape(-1, 3)
+    for step in (0, 2):
+        if bend is bent:
+            # the nodes are where values are exact, whatever the map is between them
+            with h5py.File(path) as file:
+                inside = file["VTKHDF/Points"][::7]
+        found = sample(series[step], ["Velocity_x", "Velocity_y", "Pressure"], inside).values
+        x, y, _ = inside.T
+        assert found == pytest.approx(np.stack([(1 + step) * x, y - step, x**2 + step], axis=1), abs=1e-11)
+
+
+def test_other_files_of_vtk_name_the_library(tmp_path, monkeypatch):
+    (tmp_path / "a.vtk").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\n")
+    path = write_rare(tmp_path / "a.vtkhdf")
+    without_vtk(monkeypatch)
+    with pytest.raises(ElvisError, match=r"needs vtk, which is not installed; pip install 'elvis-viz\[vtk\]'"):
+        read(tmp_path / "a.vtk")
+    with pytest.raises(ElvisError, match=r"cells of type 30 need the library vtk, .* pip install 'elvis-viz\[vtk\]'"):
+        read(path)
+
+
+def write_rare(path):
+    """A quadrilateral that is quadratic in one direction."""
+    with h5py.File(written(path, 1), "r+") as file:
+        root = file["VTKHDF"]
+        del root["Steps"], root["CellData"], root["PointData"]
+        new = {"NumberOfPoints": [6], "NumberOfCells": [1], "NumberOfConnectivityIds": [6], "Offsets": [0, 6]}
+        new |= {"Points": np.zeros((6, 3)), "Connectivity": np.arange(6), "Types": np.array([30], np.uint8)}
+        for name, values in new.items():
+            del root[name]
+            root[name] = values
+    return path
+
+
+def test_parts_in_files_of_their_own(tmp_path):
+    """As VTK's writer makes them."""
+    vtk = pytest.importorskip("vtkmodules.all")
+    parts = vtk.vtkPartitionedDataSet()
+    for number in range(3):
+        source = vtk.vtkCellTypeSource()
+        source.SetCellType(vtk.VTK_HEXAHEDRON)
+        source.SetBlocksDimensions(2, 1, 1)
+        source.Update()
+        shift = vtk.vtkTransform()
+        shift.Translate(2.0 * number, 0, 0)
+        moved = vtk.vtkTransformFilter()
+        moved.SetTransform(shift)
+        moved.SetInputConnection(source.GetOutputPort())
+        moved.Update()
+        parts.SetPartition(number, moved.GetOutput())
+    writer = hdf.vtkHDFWriter()
+    writer.SetFileName(str(tmp_path / "a.vtkhdf"))
+    writer.SetInputDataObject(parts)
+    writer.SetUseExternalPartitions(True)
+    assert writer.Write()
+    del writer  # which keeps the files open
+    assert len(list(tmp_path.iterdir())) == 4
+    every = sorted(tmp_path.iterdir())
+    parts = [path for path in every if path.name != "a.vtkhdf"]
+    for paths in (["a.vtkhdf"], every, parts):
+        assert integrate(read(*[tmp_path / path for path in paths]), "1")[0].value == pytest.approx(6)
+    assert "a part of a mesh by name: give a_part0.vtkhdf, a_part2.vtkhdf too" in read(parts[1]).remarks[1]
+    named = [path.rename(tmp_path / f"{number}.vtkhdf") for number, path in enumerate(parts)]
+    assert integrate(read(*named), "1")[0].value == pytest.approx(6)
+    named = [path.rename(parts[number]) for number, path in enumerate(named)]
+    # a conversion that is kept is not taken once a part changes
+    with h5py.File(tmp_path / "a_part2.vtkhdf", "r+") as file:
+        file["VTKHDF/Points"][:, 0] *= 2
+    assert integrate(read(tmp_path / "a.vtkhdf"), "1")[0].value == pytest.approx(8)
+
+
+def test_bad_references(tmp_path):
+    path = write_neko(tmp_path / "a.vtkhdf", 3, 2, lambda x: x, NEKO_FIELDS)
+    value = tmp_path / "a.data" / "1.h5"
+    value.rename(tmp_path / "a.data" / "other.h5")
+    assert read(path, reader={"step": "0"})["Pressure"] is not None
+    with pytest.raises(FormatError, match=r"Pressure: expected 216 rows of numbers, found no file a\.data/1\.h5"):
+        Vtk([path], step="1")
+    os.mkfifo(value)
+    with pytest.raises(FormatError, match=r"1\.h5: .*pipe"):
+        Vtk([path], step="1")
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF/PointData/Pressure"]
+        layout = h5py.VirtualLayout((216,), float)
+        layout[:] = h5py.VirtualSource("../b.h5", "Pressure", (216,))
+        file["VTKHDF/PointData"].create_virtual_dataset("Pressure", layout)
+    with pytest.raises(FormatError, match=r"expected data in files below the folder of a\.vtkhdf, found .*\.\./b\.h5"):
+        Vtk([path])

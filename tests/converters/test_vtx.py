@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("vtkmodules")
+pytest.importorskip("adios2")
 
 from vtx_writer import schema_of, vtx_blocks, vtx_nodes, write_vtx
 

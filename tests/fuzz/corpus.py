@@ -188,7 +188,8 @@ def converted(folder):
         whole = dataset(meshes()[name])
         yield Subject("vtk", (exported_vtu(whole, folder / f"{name}.vtu"),), ("converted",))
         yield Subject("gmsh", (exported_msh(whole, folder / f"{name}.msh"),), ("converted",))
-    yield Subject("vtk", (vtkhdf(folder / "tiny.vtkhdf"),), ("converted",))
+    yield Subject("vtkhdf", (vtkhdf(folder / "tiny.vtkhdf"),), ("converted",))
+    yield Subject("vtkhdf", apart(folder / "whole.vtkhdf", folder / "whole_part0.vtkhdf"), ("converted",))
     (folder / "tiny0.f00001").write_bytes(nek())
     yield Subject("nek", (folder / "tiny0.f00001",), ("converted",))
     (folder / "tiny.dat").write_bytes(elvisdat())
@@ -335,6 +336,24 @@ def vtkhdf(path):
         steps["PointOffsets"], steps["CellOffsets"], steps["ConnectivityIdOffsets"] = [0, 7], [0, 0], [0, 0]
         steps["PointDataOffsets/u"], steps["CellDataOffsets/c"] = [0, 7], [0, 2]
     return path
+
+
+def apart(path, part):
+    """The same with virtual arrays whose rows lie in another file."""
+    import h5py
+
+    with h5py.File(vtkhdf(part)) as source, h5py.File(path, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs.update(source["VTKHDF"].attrs)
+
+        def add(name, member):
+            if isinstance(member, h5py.Dataset):
+                layout = h5py.VirtualLayout(member.shape, member.dtype)
+                layout[...] = h5py.VirtualSource(part.name, f"VTKHDF/{name}", member.shape)
+                root.create_virtual_dataset(name, layout)
+
+        source["VTKHDF"].visititems(add)
+    return path, part
 
 
 def exported_vtu(whole, path):

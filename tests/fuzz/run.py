@@ -31,7 +31,7 @@ SHARES = {
     "triangles": 80, "points": 40, "record": 60, "fourier": 60, "nurbs": 60, "elvisdat": 31, "nek": 15, "gmf": 15,
     "exodus": 15, "hopr": 12, "pyfr": 12, "ngsolve": 8, "gmsh": 15, "vtk": 15, "mfem": 6, "cgns": 20,
     "live blueprint": 30, "live arrays": 30, "live ngsolve": 6, "live mfem": 6,
-    "trixi": 20, "horses": 15, "vtx": 6,
+    "trixi": 20, "horses": 15, "vtx": 6, "vtkhdf": 15,
 }  # fmt: skip
 
 #: seconds without a word after which a process is ended

@@ -163,10 +163,13 @@ def _member(file: h5py.File, name: str) -> Any:
     import h5py
 
     found = file.get(name)
+    if isinstance(found, h5py.Dataset) and (
+        # looked at before the shape, for which the library opens the files of virtual datasets
+        found.is_virtual or found.external or found.file.filename != file.file.filename
+    ):
+        raise FormatError("expected data in the file itself, found references to others", place=name)
     if not isinstance(found, h5py.Dataset) or found.shape is None:
         raise FormatError(f"expected a dataset {name}, found none", file=file.file.filename)
-    if found.is_virtual or found.external or found.file.filename != file.file.filename:
-        raise FormatError("expected data in the file itself, found references to others", place=name)
     return found
 
 

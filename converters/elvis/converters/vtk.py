@@ -24,13 +24,16 @@ from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face
 from elvis.converters.vtk_times import time_in
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
+from elvis.core.needing import is_there
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Elements, Option, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 
-#: the end of the name of a file of one process, as DOLFINx writes it
-_PROCESS = re.compile(r"(?P<stem>.*)_p(?P<number>\d+)_(?P<step>\d{6})(?P<suffix>\.\w+)")
+#: the end of the name of a file of one process, as DOLFINx writes it, and of one part, as VTK's writer of HDF5 does
+_PROCESS = re.compile(
+    r"(?P<stem>.*)(?:_p(?P<number>\d+)(?P<step>_\d{6})(?P<suffix>\.\w+)|_part\d+(?P<hdf>\.(?:vtkhdf|hdf)))"
+)
 #: meshes overlap if more than this share of the cells of one lie in the other
 _OVERLAPPING = 0.5
 
@@ -67,10 +70,17 @@ class Vtk(NodalConverter):
         return bool(paths) and all(kind_of(path) for path in paths)
 
     @classmethod
+    def needs_of(cls, paths: Sequence[Path]) -> tuple[str, ...]:
+        """VTKHDF is read without the library."""
+        return () if all(kind_of(path) == "hdf" for path in paths) else cls.needs
+
+    @classmethod
     def whole(cls, path: Path) -> Path:
-        """The name without the number of a process, as DOLFINx writes it."""
+        """The name without the number of a process or part."""
         marks = _PROCESS.fullmatch(path.name)
-        return path if marks is None else path.with_name(f"{marks['stem']}_{marks['step']}{marks['suffix']}")
+        if marks is None:
+            return path
+        return path.with_name(f"{marks['stem']}{marks['step'] or ''}{marks['suffix'] or marks['hdf']}")
 
     @classmethod
     def joins(cls, paths: Sequence[Path]) -> bool:
@@ -78,7 +88,7 @@ class Vtk(NodalConverter):
         kinds = {kind_of(path) for path in paths}
         if "series" in kinds:
             return True
-        if "hdf" in kinds:  # these hold their parts themselves
+        if "hdf" in kinds and not is_there("vtkmodules"):  # the library tells whether meshes overlap
             return False
         overlapping: list[bool] = []
         for other in dict.fromkeys((paths[1], paths[-1])):
@@ -312,7 +322,8 @@ def _missing_processes(paths: Sequence[Path]) -> list[str]:
     missing: list[str] = []
     for path in paths:
         if _PROCESS.fullmatch(path.name):
-            others = (each for each in path.parent.iterdir() if each != path and Vtk.whole(each) == Vtk.whole(path))
+            every = (each for each in path.parent.iterdir() if _PROCESS.fullmatch(each.name) and each != path)
+            others = (each for each in every if Vtk.whole(each) == Vtk.whole(path))
             missing += [each.name for each in others if each.name not in {given.name for given in paths}]
     if not missing:
         return []

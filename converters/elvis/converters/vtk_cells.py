@@ -1,4 +1,7 @@
-"""Cells of VTK: shapes, orders, where nodes lie and the functions that go with them, as the library evaluates them."""
+"""Cells of VTK: shapes, orders, where nodes lie and the functions that go with them.
+
+The library knows rare kinds, such as quadratic pyramids; all others need none.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from elvis.converters.unit import SIMPLEX_AXES, UNIT, unit_basis
+from elvis.converters.unit import SIMPLEX_AXES, UNIT
+from elvis.converters.vtk_functions import LagrangeFunctions, check_family, fixed_functions
+from elvis.converters.vtk_lattices import fixed_nodes, lagrange_nodes
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
+from elvis.core.needing import is_there
 from elvis.core.polynomials.collapse import collapse
-from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.nodal import (
-    NodalBasis,
-    ShapeFunctions,
-    bernstein,
-    native_points,
-    nearest_nodes,
-    order_of_space,
-    space_size,
-)
+from elvis.plugins.discovery import installing
+from elvis.plugins.nodal import ShapeFunctions, bernstein, nearest_nodes, order_of_space, space_size
 
 #: cells with a fixed number of nodes: shape, order, number of nodes (vtkCellType.h)
 FIXED: dict[int, tuple[Shape, int, int]] = {
@@ -102,7 +100,7 @@ class Cell(ShapeFunctions):
     order     of the least complete space that holds its functions
     nodes     (n, 3) parametric coordinates of the nodes
     frame     (n_vertices, d) parametric coordinates of our vertices; None where points come in our coordinates
-    FormatError where the number of nodes fits no order
+    FormatError where the number of nodes fits no order; ElvisError for rare kinds without the library
     """
 
     def __init__(self, kind: Kind, file: str) -> None:
@@ -110,11 +108,34 @@ class Cell(ShapeFunctions):
         assert shape is not None
         self.kind, self.shape = kind, shape
         self.order = _order(kind, shape, file)
-        self._cell = _instance(kind)
-        self.nodes: Floats = np.array(self._cell.GetParametricCoords(), np.float64).reshape(-1, 3)
+        self.degrees = kind.degrees if any(kind.degrees) and kind.type in _GRADED else (self.order,) * 3
+        own = self._own_nodes()
+        self._cell = _instance(kind) if own is None else None
+        parametric = self._cell.GetParametricCoords() if self._cell is not None else own
+        self.nodes: Floats = np.array(parametric, np.float64).reshape(-1, 3)
         self.pyramid = PyramidSpace.RATIONAL if kind.type == 14 else PyramidSpace.TENSOR
         self.frame = self._frame()
-        self._warped: NodalBasis | None = None
+        self._functions = None if own is None else self._own_functions()
+
+    def _own_nodes(self) -> Floats | None:
+        """The nodes; None for rare kinds, which only the library knows."""
+        if self.kind.type in FIXED:
+            return fixed_nodes(self.kind.type, self.shape)
+        is_complete = (self.shape, self.kind.nodes) not in _BUBBLES or self._is_space
+        return lagrange_nodes(self.shape, self.degrees) if is_complete else None
+
+    @property
+    def _is_space(self) -> bool:
+        """Whether there are as many nodes as the space of the order has functions."""
+        return self.kind.nodes == space_size(self.shape, self.order)
+
+    def _own_functions(self) -> ShapeFunctions | None:
+        """The functions at points in the coordinates of the frame; None for those of Bezier cells."""
+        if self.kind.type in BEZIER:
+            return None
+        if self.kind.type in LAGRANGE:
+            return LagrangeFunctions(self.shape, self.degrees, self.nodes)
+        return fixed_functions(self.kind.type, self.shape, self.order, self.nodes)
 
     def _frame(self) -> Floats | None:
         if self.kind.type == _CENTRED_PYRAMID:
@@ -135,7 +156,7 @@ class Cell(ShapeFunctions):
     @property
     def is_even(self) -> bool:
         """Whether this is a Lagrange cell of one degree with as many nodes as its space has functions."""
-        return self.kind.type in LAGRANGE and self.kind.nodes == space_size(self.shape, self.order)
+        return self.kind.type in LAGRANGE and self._is_space
 
     def place_nodes(self, family: str) -> None:
         """From here on the nodes lie at the places of a family, ``equispaced``, ``gll`` or ``gauss``.
@@ -144,18 +165,23 @@ class Cell(ShapeFunctions):
         """
         if family == "equispaced":
             return
-        nodes = moved(self.shape, self.order, self.nodes, family)
-        self._warped = unit_basis(self.shape, self.order, nodes[:, : self.shape.dimension])
+        check_family(self.shape, family)
+        self._functions = LagrangeFunctions(self.shape, self.degrees, self.nodes, family)
         self._tables.clear()
 
     def tabulate(self, points: Floats) -> Floats:
         """(n, nodes) values of the functions of the nodes at points (n, d), in the coordinates of the frame."""
-        if self._warped is not None:
-            return self._warped.at(native_points(self.shape, UNIT[self.shape].frame, points))
+        if self._functions is not None:
+            return self._functions.at(points)
         if self.frame is None:  # the parametric coordinates of these pyramids are collapsed ones
             points = (collapse(self.shape, points) + 1) / 2
         if self.kind.type in BEZIER:
             return self._bernstein(points)
+        return self._by_library(points)
+
+    def _by_library(self, points: Floats) -> Floats:
+        """(n, nodes) values as the library finds them, point by point."""
+        assert self._cell is not None
         padded = np.zeros((len(points), 3))
         padded[:, : points.shape[1]] = points
         weights, result = [0.0] * self.kind.nodes, np.empty((len(points), self.kind.nodes))
@@ -180,47 +206,6 @@ class Cell(ShapeFunctions):
             both = np.column_stack([powers, degrees[axis] - powers])
             result *= bernstein(np.column_stack([along, 1 - along]), both)
         return result
-
-
-def is_tensor(shape: Shape) -> bool:
-    """Whether a shape is a product of lines."""
-    return bool(len(shape.vertices) == 2**shape.dimension)
-
-
-def family_line(family: str, order: int) -> Floats:
-    """(order + 1,) the nodes of a family on [-1, 1]."""
-    if family == "equispaced":
-        return np.linspace(-1, 1, order + 1)
-    return (lobatto if family == "gll" else gauss)(order + 1)[0]
-
-
-def moved(shape: Shape, order: int, nodes: Floats, family: str) -> Floats:
-    """(n, 3) places in a family of the evenly spaced nodes (n, 3) of a cell in [0, 1]^3.
-
-    On simplices every barycentric coordinate a moves by the sum over the others b of a b w(a - b), where w makes the
-    edges have Gauss-Lobatto nodes: the lattice of Basix that it calls GLL warped.  ElvisError for Gauss points there.
-    """
-    if family == "gauss" and not is_tensor(shape):
-        raise ElvisError(f"expected cells that are products of lines for the option nodes=gauss, found {shape.label}")
-    line = (family_line(family, order) + 1) / 2
-    result = line[np.rint(nodes * order).astype(np.int64)]
-    simplex = SIMPLEX_AXES.get(shape, 0)
-    if not simplex:
-        return result
-    a = np.concatenate([nodes[:, :simplex], 1 - nodes[:, :simplex].sum(axis=1, keepdims=True)], axis=1)
-    shift = [sum(a[:, j] * _pull(order, line, a[:, i] - a[:, j]) for j in range(simplex + 1) if j != i)
-             for i in range(simplex)]  # fmt: skip
-    result[:, :simplex] = a[:, :simplex] * (1 + np.stack([np.asarray(s) for s in shift], axis=1))
-    return result
-
-
-def _pull(order: int, line: Floats, difference: Floats) -> Floats:
-    """w of `warped`: the displacement of the nodes of an edge, interpolated, over r (1 - r), r = (1 + difference)/2."""
-    even = np.linspace(-1, 1, order + 1)[:, None]
-    basis = NodalBasis(Shape.SEGMENT, order, even)
-    moved = basis.at(difference[:, None]) @ (line - (even[:, 0] + 1) / 2)
-    bubble = (1 - difference**2) / 4
-    return np.where(bubble > 1e-12, moved / np.maximum(bubble, 1e-12), 0.0)
 
 
 def _order(kind: Kind, shape: Shape, file: str) -> int:
@@ -254,7 +239,11 @@ def _full(shape: Shape, degrees: tuple[int, int, int]) -> int:
 
 
 def _instance(kind: Kind) -> Any:
-    """A cell of the library with room for its nodes, of the right degrees."""
+    """A cell of the library with room for its nodes, of the right degrees; ElvisError where there is no library."""
+    if not is_there("vtkmodules"):
+        raise ElvisError(
+            f"cells of type {kind.type} need the library vtk, which is not installed; {installing('vtk')} brings it"
+        )
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
     cell = vtkGenericCell.InstantiateCell(kind.type)

@@ -6,13 +6,14 @@ import json
 import mmap
 import re
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
 
 from elvis.converters.apart import Apart, LibraryError
-from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
+from elvis.converters.vtk_hdf import files_of, is_vtkhdf, read_vtkhdf
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain, content, leading, unpacked_limit
@@ -121,13 +122,13 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
         else:
             files.append((path, None))
     every = _with_pieces([path for path, _ in files])
+    rows = {piece for path, _ in files if kind_of(path) == "hdf" for piece in _pieces(path)}
+    files = [(path, time) for path, time in files if path not in rows]
     size = _checked_size(every)
     grids: list[Grid] = []
-    with Apart(_WORKER, size) as library:
+    with _Reader(size) as reader:
         for part, when in [(part, when) for path, when in files for part in _parts(path)]:
-            is_hdf = kind_of(part) == "hdf"
-            plain = read_vtkhdf(part, step) if is_hdf else _read_one(library, part, size)
-            found = [Grid(str(part), **own) for own in plain]
+            found = [Grid(str(part), **own) for own in reader.grids(part, step)]
             for grid in found:
                 grid.time = grid.time if when is None else when
             grids += found
@@ -148,10 +149,25 @@ def array_names(path: Path) -> frozenset[str]:
         return frozenset(_ask(library, path, size, "arrays", str(path), kind_of(path)))
 
 
-def _read_one(library: Apart, path: Path, size: int) -> list[dict[str, Any]]:
-    """What makes the grids of a file, or of the files that it names; FormatError with the library's first complaint."""
-    found: list[dict[str, Any]] = _ask(library, path, size, "grids", str(path), kind_of(path))
-    return found
+class _Reader(ExitStack):
+    """Reads files, those of HDF5 without the library, which the first of others starts.
+
+    size  in bytes of all files
+    """
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self._size = size
+        self._library: Apart | None = None
+
+    def grids(self, path: Path, step: int) -> list[dict[str, Any]]:
+        """What makes the grids of a file, or of the files that it names; FormatError with a library's complaint."""
+        if kind_of(path) == "hdf":
+            return read_vtkhdf(path, step)
+        if self._library is None:
+            self._library = self.enter_context(Apart(_WORKER, self._size))
+        found: list[dict[str, Any]] = _ask(self._library, path, self._size, "grids", str(path), kind_of(path))
+        return found
 
 
 def _ask(library: Apart, path: Path, size: int, method: str, *given: str) -> Any:
@@ -193,7 +209,7 @@ def _checked_size(paths: Sequence[Path]) -> int:
 
 def _check_counts(path: Path, size: int) -> None:
     """FormatError where XML declares more of something than ``size`` bytes of all files hold, even packed."""
-    if kind_of(path) in ("legacy", "hdf"):
+    if kind_of(path) == "legacy" or leading(path, _START).startswith(_HDF5):
         return
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
         end = raw.find(b"<AppendedData")
@@ -205,10 +221,11 @@ def _check_counts(path: Path, size: int) -> None:
 
 
 def _pieces(path: Path) -> list[Path]:
-    """The files that one of parts or blocks names; FormatError where one of these is no plain file."""
-    if kind_of(path) not in ("parts", "blocks"):
+    """The files that one of parts, blocks or virtual arrays names; FormatError where one of these is no plain file."""
+    kind = kind_of(path)
+    if kind not in ("parts", "blocks", "hdf"):
         return []
-    found = [path.parent / name for name in _named(path)]
+    found = files_of(path) if kind == "hdf" else [path.parent / name for name in _named(path)]
     for each in found:
         if exists(each):
             check_plain(each)

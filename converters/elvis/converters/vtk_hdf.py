@@ -2,7 +2,8 @@
 
 Layout: VTK documentation, "VTKHDF File Format", versions 1 and 2.  A grid is a group.  The parts of all steps stand one
 after another in its arrays; each part has numbers of points, cells and entries of the connectivity, and one offset more
-than cells.  The group Steps says where the parts of a step begin.
+than cells.  The group Steps says where the parts of a step begin.  Arrays may be virtual ones, whose rows lie in files
+of each step or part.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.converters.hdf5 import attribute, holds, reading, require, text
+from elvis.converters.hdf5 import attribute, holds, reading, text
+from elvis.converters.hdf5_virtual import dataset, source_files
 from elvis.converters.inputs import check_rows
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -51,6 +53,12 @@ def times_in(path: Path) -> list[float]:
     with reading(path) as file:
         grids = _grids(file)
         return _times(grids[0][1]) if grids else []
+
+
+def files_of(path: Path) -> list[Path]:
+    """The other files that hold rows of the arrays in a file."""
+    with reading(path) as file:
+        return source_files(file)
 
 
 def read_vtkhdf(path: Path, step: int) -> list[dict[str, Any]]:
@@ -181,13 +189,13 @@ class _GridReading:
         """The number of a step in the group Steps."""
         if f"Steps/{name}" not in self.group:
             return default
-        return int(np.ravel(require(self.group, f"Steps/{name}")[self.step])[0])
+        return int(np.ravel(dataset(self.group, f"Steps/{name}")[self.step])[0])
 
     def _rows(self, name: str, first: int, count: int) -> Any:
         """Rows of an array, which it holds."""
-        found = require(self.group, name)
+        found = dataset(self.group, name)
         if not found.ndim or found.dtype.kind not in "iuf" or not 0 <= first <= first + count <= len(found):
-            what = f"{found.dtype} of shape {found.shape}"
+            what = getattr(found, "lack", "") or f"{found.dtype} of shape {found.shape}"
             raise FormatError(f"expected {first + count} rows of numbers, found {what}", place=self._place(name))
         return found[first : first + count]
 
@@ -206,7 +214,7 @@ class _GridReading:
             return {}
         found: dict[str, Floats] = {}
         for name in holder:
-            array = require(self.group, f"{kind}/{name}")
+            array = dataset(self.group, f"{kind}/{name}")
             if array.dtype.kind in "iuf" and array.ndim:
                 start = self._of_step(f"{kind}Offsets/{name}", first) if self.has_steps else first
                 values = self._rows(f"{kind}/{name}", start, count)
@@ -227,7 +235,7 @@ def _parts_before(cells: Ints, start: int, part: int) -> int:
 
 def _numbers(group: h5py.Group, name: str, kinds: str = "iu") -> Any:
     """An array of one dimension."""
-    found = require(group, name)
+    found = dataset(group, name)
     if found.ndim != 1 or found.dtype.kind not in kinds:
         raise FormatError(f"expected numbers, found {found.dtype} of shape {found.shape}", place=f"{group.name}/{name}")
     return found[()]

@@ -30,13 +30,14 @@ class Library:
     """The library, which reads files."""
 
     def __init__(self) -> None:
-        from vtkmodules import vtkIOLegacy, vtkIOXML
+        from vtkmodules import vtkIOHDF, vtkIOLegacy, vtkIOXML
 
         self._readers: dict[str, Any] = {
             "legacy": vtkIOLegacy.vtkUnstructuredGridReader,
             "grid": vtkIOXML.vtkXMLUnstructuredGridReader,
             "parts": vtkIOXML.vtkXMLPUnstructuredGridReader,
             "blocks": vtkIOXML.vtkXMLMultiBlockDataReader,
+            "hdf": vtkIOHDF.vtkHDFReader,
         }
 
     def grids(self, path: str, kind: str) -> list[dict[str, Any]]:
@@ -135,6 +136,12 @@ def _leaves(data: Any, name: str) -> Iterator[tuple[str, Any]]:
         for i in range(data.GetNumberOfBlocks()):
             has_name = data.HasMetaData(i) and data.GetMetaData(i).Has(data.NAME())
             yield from _leaves(data.GetBlock(i), data.GetMetaData(i).Get(data.NAME()) if has_name else name)
+    elif data.IsA("vtkPartitionedDataSetCollection"):
+        for i in range(data.GetNumberOfPartitionedDataSets()):
+            yield from _leaves(data.GetPartitionedDataSet(i), name)
+    elif data.IsA("vtkPartitionedDataSet"):
+        for i in range(data.GetNumberOfPartitions()):
+            yield from _leaves(data.GetPartition(i), name)
     elif data.IsA("vtkMultiPieceDataSet"):
         for i in range(data.GetNumberOfPieces()):
             yield from _leaves(data.GetPiece(i), name)

@@ -18,7 +18,8 @@ from typing import Protocol
 import numpy as np
 
 from elvis.converters.unit import unit_basis
-from elvis.converters.vtk_cells import Cell, family_line, is_tensor, moved
+from elvis.converters.vtk_cells import Cell
+from elvis.converters.vtk_functions import family_line, is_tensor, moved
 from elvis.core.arrays import Floats, Ints
 from elvis.plugins.projection.vertices import clusters
 

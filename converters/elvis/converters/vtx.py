@@ -47,12 +47,17 @@ class Vtx(Vtk):
         "by place",
         "two fields, `u_real` and `u_imag`",
     )
-    needs = ("vtk", "adios2")
+    needs = ("adios2",)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
         """Whether this is one folder of ADIOS2's, or files in it."""
         return len(_folders(paths)) == 1
+
+    @classmethod
+    def needs_of(cls, paths: Sequence[Path]) -> tuple[str, ...]:
+        """All of them."""
+        return cls.needs
 
     @classmethod
     def whole(cls, path: Path) -> Path:

@@ -238,6 +238,11 @@ class Converter(ABC):
         return ""
 
     @classmethod
+    def needs_of(cls, paths: Sequence[Path]) -> tuple[str, ...]:
+        """Those of the packages ``needs`` that these files take; of some formats only some files do."""
+        return cls.needs
+
+    @classmethod
     def whole(cls, path: Path) -> Path:
         """The name of the state that a file is a part of, by the format's own marks in names; else its own name.
 

@@ -33,8 +33,7 @@ class Candidate:
     @property
     def missing(self) -> tuple[str, ...]:
         """Packages that it needs and that are not installed."""
-        needs = self.converter.needs if self.converter else ()
-        return tuple(name for name in needs if not is_there(name))
+        return _not_there(self.converter.needs if self.converter else ())
 
 
 def installed_converters() -> list[Candidate]:
@@ -93,7 +92,7 @@ def choose_converter(candidates: Sequence[Candidate], paths: Sequence[Path], nam
     if len(opening) > 1:
         several = " and ".join(c.name for c in opening)
         raise ElvisError(f"{files}: {several} open them all; choose one with --from NAME (--reader from=NAME)")
-    return _usable(opening[0])
+    return _usable(opening[0], paths)
 
 
 def _opening(candidates: Sequence[Candidate], paths: Sequence[Path]) -> list[Candidate]:
@@ -116,13 +115,19 @@ def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
     return f"{files}: expected files of one converter, found {owners}: give them one by one"
 
 
-def _usable(candidate: Candidate) -> Candidate:
+def _not_there(packages: Sequence[str]) -> tuple[str, ...]:
+    """Those packages that are not installed."""
+    return tuple(name for name in packages if not is_there(name))
+
+
+def _usable(candidate: Candidate, paths: Sequence[Path]) -> Candidate:
     if candidate.fault:
         raise PluginError(candidate.fault)
-    if candidate.missing and candidate.converter:
+    missing = _not_there(candidate.converter.needs_of(paths)) if candidate.converter else ()
+    if missing and candidate.converter:
         is_own = candidate.converter.__module__.startswith(_OWN)
-        command = installing(candidate.name) if is_own else f"pip install {' '.join(candidate.missing)}"
-        packages = " and ".join(candidate.missing)
+        command = installing(candidate.name) if is_own else f"pip install {' '.join(missing)}"
+        packages = " and ".join(missing)
         raise ElvisError(
             f"the converter {candidate.name} needs {packages}, which is not installed; {command} brings it"
         )

@@ -104,7 +104,7 @@ class Series(Sequence[Dataset]):
         self._warnings: tuple[str, ...] | None = None
         self._kept: OrderedDict[int, Dataset] = OrderedDict()
         self._room = _KEPT
-        self._passed_over: set[int] = set()
+        self._passed_over: dict[int, str] = {}
         self._infinite: set[int] = set()
         self._default_field = ""
         self._is_known_to_have_all = False
@@ -295,7 +295,7 @@ class Series(Sequence[Dataset]):
         try:
             self._load(number)
         except FormatError as error:
-            return self._pass_over(number, f"{self.steps[number].name} can't be read and is passed over: {error}")
+            return self._pass_over(number, "can't be read and is passed over", str(error))
         return ""
 
     def _lack(self, number: int) -> str:
@@ -311,7 +311,7 @@ class Series(Sequence[Dataset]):
         if not self._is_known_to_have_all and all(self.fault(end) or self._lack_of(end) for end in sorted(ends)):
             return ""
         self._is_known_to_have_all = True
-        return self._pass_over(number, f"{self.steps[number].name} is passed over: {lack}")
+        return self._pass_over(number, "is passed over", lack)
 
     def _lack_of(self, number: int) -> str:
         """What quantities that are asked for lack in a step that can be read; empty for nothing."""
@@ -320,9 +320,10 @@ class Series(Sequence[Dataset]):
         lacks = (lack_of(dataset, text or self._default_field) for text in self._reading.quantities)
         return next(filter(None, lacks), "")
 
-    def _pass_over(self, number: int, sentence: str) -> str:
+    def _pass_over(self, number: int, what: str, reason: str) -> str:
         """Pass a step over from now on; the sentence that tells it."""
-        self._passed_over.add(number)
+        self._passed_over[number] = reason
+        sentence = f"{self.steps[number].name} {what}: {reason}"
         self.faults.append(sentence)
         return sentence
 
@@ -339,7 +340,8 @@ class Series(Sequence[Dataset]):
     def check_readable(self) -> None:
         """FormatError where all steps are known to be passed over."""
         if len(self._passed_over) == len(self):
-            raise FormatError(f"expected a step that can be read, found none from {self.steps[0].name} on")
+            first = f"none from {self.steps[0].name} on: {self._passed_over[0]}"
+            raise FormatError(f"expected a step that can be read, found {first}")
 
     def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
         told = replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
