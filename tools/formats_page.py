@@ -19,7 +19,7 @@ it left out of your files.
 * *Numbered files*: files whose names differ in a number are steps, unless the format marks them as parts or their
   meshes don't overlap. All commands follow this rule.
 * A field that lives on a part of the mesh is kept there; elsewhere its values are NaN.
-* `--reader fields=u,p` converts some of the fields, in every command.
+* `--fields u,p` reads some of the fields, in every command; so does `read(…, reader={"fields": "u,p"})`.
 """
 TITLES = {"nonconforming": "non-conforming", "parts": "parallel pieces"}
 

@@ -2,12 +2,14 @@
 
 import shutil
 
+import click
 import numpy as np
 import pytest
 
 from elvis import ElvisError, FormatError, render
 from elvis.converters.pyfr import PyFR
 from elvis.plugins import read
+from elvis.plugins.command import elvis as group
 
 FORMATS = {
     "cgns": ["cgns/gmsh_mixed_o2.cgns"],
@@ -216,3 +218,50 @@ def test_damaged_files_are_refused_in_a_sentence(solvers, tmp_path, name):
         with pytest.raises(ElvisError) as told:
             read(path)
         assert "\n" not in str(told.value)
+
+
+#: a unit square with two fields
+SQUARE = """# vtk DataFile Version 3.0
+square
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 4 double
+0 0 0 1 0 0 1 1 0 0 1 0
+CELLS 1 5
+4 0 1 2 3
+CELL_TYPES 1
+9
+POINT_DATA 4
+SCALARS u double
+LOOKUP_TABLE default
+0 1 1 0
+SCALARS v double
+LOOKUP_TABLE default
+0 0 1 1
+"""
+
+
+def test_every_command_reads_some_fields_on_request(elvis, elvis_json, tmp_path):
+    """The option has one meaning, whatever the format."""
+    (tmp_path / "a.vtk").write_text(SQUARE)
+    elvis("convert", tmp_path / "a.vtk", "-o", tmp_path / "a.xml")
+    for files in ([tmp_path / "a.vtk"], [tmp_path / "a.xml", tmp_path / "a.fld"]):
+        assert list(read(*files)) == ["u", "v"]
+        assert list(read(*files, reader={"fields": "v"})) == ["v"]
+        assert [field["name"] for field in elvis_json("info", *files, "--fields", "v")["fields"]] == ["v"]
+        header = elvis("probe", *files, "--point", "0,0", "--fields", "v").split()[0]
+        assert header == "point,x,y,z,element,status,v"
+        for command, *rest in (["integrate", "--field", "u"], ["render", "--field", "u", "-o", tmp_path / "a.png"]):
+            with pytest.raises(ElvisError, match="there is no 'u'; the fields are v"):
+                elvis(command, *files, "--fields", "v", *rest)
+        with pytest.raises(ElvisError, match="'q'"):
+            elvis("norms", *files, "--fields", "q")
+    context = click.Context(group)
+    names = [names_of(group.get_command(context, name)) for name in group.list_commands(context)]
+    assert sum("reader" in own for own in names) > 10
+    assert all("fields" in own for own in names if "reader" in own)
+
+
+def names_of(command):
+    """The names of the parameters of a command."""
+    return {parameter.name for parameter in command.get_params(click.Context(command))}

@@ -34,13 +34,42 @@ plugin_option = click.option(
 )
 
 
-reader_option = click.option(
+#: where the names of fields wait for the option ``reader``
+_FIELDS = "elvis.fields"
+
+
+def _keep_fields(context: click.Context, _: click.Parameter, names: str | None) -> None:
+    context.meta[_FIELDS] = names
+
+
+def with_fields(context: click.Context, _: click.Parameter, reader: tuple[str, ...]) -> tuple[str, ...]:
+    """The options of a reader, of which the option ``fields`` is one."""
+    names = context.meta.get(_FIELDS)
+    return reader if names is None else (*reader, f"fields={names}")
+
+
+#: how the option for `with_fields` is declared
+FIELDS_DECLARATION: dict[str, Any] = {
+    "metavar": "NAMES",
+    "help": "Fields to read, commas between them; all others are left out.  [default: all]",
+    "is_eager": True,
+    "expose_value": False,
+    "callback": _keep_fields,
+}
+
+_reader_option = click.option(
     "--reader",
     multiple=True,
     metavar="NAME=VALUE",
-    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it, "
-    "fields=NAMES the fields to convert.  Repeatable.",
+    callback=with_fields,
+    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it.  "
+    "Repeatable.",
 )
+
+
+def reader_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options ``reader`` and ``fields``, both as texts of the first."""
+    return _reader_option(click.option("--fields", **FIELDS_DECLARATION)(command))
 
 
 step_option = click.option(
@@ -167,10 +196,10 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
     return tuple((p[0], p[1], p[2]) for p in padded)
 
 
-def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
-    """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
+def field_names(dataset: Dataset, wanted: str) -> tuple[str, ...]:
+    """The names in ``wanted`` (commas between them); ElvisError for one that the dataset lacks."""
     known = tuple(field.name for field in dataset.solution)
-    names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
+    names = tuple(name.strip() for name in wanted.split(","))
     for name in names:
         if name not in known:
             fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
 from elvis.core.portions.portion import Portion
@@ -33,6 +33,19 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+#: the option that names the fields to read
+_FIELDS = "fields"
+
+
+def _named_fields(dataset: Dataset, wanted: str) -> tuple[str, ...]:
+    """Fields by name and those that hold the map; FormatError for names of none."""
+    from elvis.core.arguments import field_names
+
+    try:
+        return (*dataset.map_names, *field_names(dataset, wanted))
+    except ElvisError as error:
+        raise FormatError(str(error)) from None
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -40,7 +53,7 @@ class Reading:
 
     plugin   a runtime plugin by name, or a Python file that defines one, or that defines a converter
     options  of the converter, by name; ``from`` is the name of the converter itself, ``fields`` are the names of the
-             fields to convert, commas between them
+             fields to read, commas between them, also of native files
     is_kept  whether a conversion is kept for the next time, and one that was kept is taken
     moment   which step of a series, or which time
     others   datasets that expressions may name, each as NAME=FILE,FILE
@@ -65,7 +78,14 @@ class Reading:
 
         if self.is_of_map:
             return attrgetter("map_names")
+        if _FIELDS in self.options:
+            return partial(_named_fields, wanted=self.options[_FIELDS])
         return partial(needed_fields, texts=self.quantities) if self.quantities else None
+
+    @property
+    def has_plain_options(self) -> bool:
+        """Whether the options are none of a converter's own."""
+        return self.options.keys() <= {_FIELDS}
 
 
 def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
@@ -74,7 +94,7 @@ def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cac
     What isn't native is converted in memory; the remarks of the dataset tell with what error.
 
     reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself,
-            ``fields`` the fields to convert
+            ``fields`` the fields to read, commas between them
     cache   whether a conversion is kept for the next time, and one that was kept is taken
 
     Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where nothing reads the
@@ -136,11 +156,13 @@ def _open(
     own = _converters_in(reading.plugin)
     if own:
         return _convert(paths, own, replace(reading, is_kept=False))
-    opened = None if reading.options else open_files(paths, reading.plugin, report)
+    opened = open_files(paths, reading.plugin, report) if reading.has_plain_options else None
     if opened is None:
         return read_files(paths, reading)
     if reading.moment.step is not None:
         raise ElvisError(f"expected data of several steps, found what the plugin {opened.name} opens as one")
+    if reading.options:
+        raise ElvisError(f"--fields: expected fields of files, found what the plugin {opened.name} opens: use --field")
     if reading.others:
         raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
     return opened if reading.moment.time is None else replace(opened, time=reading.moment.time)
@@ -245,7 +267,7 @@ def with_warnings(dataset: Dataset, ranks: Ranks = ALONE) -> Dataset:
 
 def _is_native(paths: Sequence[Path], reading: Reading) -> bool:
     """Whether files are read as they are."""
-    return not reading.options and all(map(is_native, paths))
+    return reading.has_plain_options and all(map(is_native, paths))
 
 
 def _converters_in(plugin: str | None) -> list[Candidate]:
@@ -269,7 +291,7 @@ def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Readi
     from elvis.plugins.kept_conversions import Work
 
     options = dict(reading.options)
-    names = options.pop("fields", None)
+    names = options.pop(_FIELDS, None)
     fields = None if names is None else tuple(name.strip() for name in names.split(","))
     candidate = choose_converter(candidates, paths, options.pop("from", None))
     assert candidate.converter is not None

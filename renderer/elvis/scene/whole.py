@@ -339,11 +339,11 @@ class Scene(Model):
         tuple[str, ...],
         Setting(
             "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME names it, "
-            "fields=NAMES the fields to convert.",
+            "fields=NAMES the fields to read.",
             option="--reader",
             metavar="NAME=VALUE",
             option_help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; "
-            "from=NAME names it, fields=NAMES the fields to convert.",
+            "from=NAME names it.",
             repeatable=True,
         ),
     ] = ()

@@ -157,7 +157,8 @@ def test_usage(channel, elvis, arguments, sentence):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--fields", "u,rho"], "there is no 'rho'; the fields are u, v, w, p; there are also x, y, z"),
+        (["--fields", "u,rho"], "there is no field 'rho'; the fields are u, v, w, p"),
+        (["--field", "rho"], "there is no 'rho'; the fields are u, v, w, p; there are also x, y, z"),
         (["-o", "/no/such/out.csv"], "/no/such/out.csv: cannot be written: there is no folder /no/such"),
         (["-o", "out.txt"], "out.txt: expected a name that ends in .csv, .npz or .parquet, found .txt"),
     ],
@@ -185,15 +186,26 @@ def test_a_field_with_the_name_of_a_column_is_left_out(elvis, tmp_path, monkeypa
     assert list(found) == ["point", "x", "y", "z", "element", "status", "u"]
     assert [text.split(";")[0] for text in told] == ["the field 'element' has the name of a column"]
     with pytest.raises(ElvisError, match=r"an expression such as 1\*element has not$"):
-        elvis("probe", *files, "--point", "0.5,0.5", "--fields", "u,element")
+        elvis("probe", *files, "--point", "0.5,0.5", "--field", "u", "--field", "element")
     assert table(elvis("probe", *files, "--point", "0.5,0.5", "--field", "1*element"))["1*element"] == found["u"]
 
 
 def test_expressions_are_probed_like_fields(channel, elvis):
-    """u = 1 - z^2, so du/dz = -2z; commas between parentheses separate no quantities."""
+    """u = 1 - z^2, so du/dz = -2z."""
     found = table(
         elvis(
-            "probe", *channel, "--line", "0,0,0:0,0,0.9", "-n", 4, "--fields", "d(u,z), atan2(u,1)", "--field", "speed"
+            "probe",
+            *channel,
+            "--line",
+            "0,0,0:0,0,0.9",
+            "-n",
+            4,
+            "--field",
+            "d(u,z)",
+            "--field",
+            "atan2(u,1)",
+            "--field",
+            "speed",
         )
     )
     assert list(found)[6:] == ["d(u,z)", "atan2(u,1)", "speed"]

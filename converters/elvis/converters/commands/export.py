@@ -28,7 +28,6 @@ _ROUNDING = 1e-11
 @click.command("export", epilog=EPILOG, short_help="Write data as VTK or Gmsh files, for other programs.")
 @click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
 @click.option("--output", "-o", type=FILE, required=True, help="The file to write: .vtu for VTK, .msh for Gmsh.")
-@click.option("--fields", metavar="NAMES", help="Names of the fields to write, commas between them.  [default: all]")
 @click.option("--order", type=click.IntRange(1, 10), help="Order of all cells.  [default: that of map and fields]")
 @click.option(
     "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
@@ -43,7 +42,6 @@ _ROUNDING = 1e-11
 def export(
     data: tuple[Path, ...],
     output: Path,
-    fields: str | None,
     order: int | None,
     max_error: float | None,
     as_json: bool,
@@ -62,7 +60,6 @@ def export(
     """
     from functools import partial
 
-    from elvis.core.arguments import field_names
     from elvis.core.files.output import check_places
     from elvis.core.moments import Moment
     from elvis.core.terminal import note
@@ -79,9 +76,8 @@ def export(
     dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache, Moment(step, time, between)))
     for remark in dataset.remarks:
         note(remark)
-    names = None if fields is None else field_names(dataset, fields)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
-    for sentence in exporter(output.suffix[1:])(dataset, names, order, output, report):
+    for sentence in exporter(output.suffix[1:])(dataset, None, order, output, report):
         note(f"{output.name}: {sentence}")
 
 

@@ -17,7 +17,6 @@ from elvis.core.arguments import (
     field_option,
     json_option,
     overwrite_option,
-    texts_of,
     times_option,
     triples,
 )
@@ -108,7 +107,6 @@ Examples:
 @click.option(
     "-n", "counts", metavar="N[xM]", type=TextType(_counts), help="Points along the line or the plane.  [default: 101]"
 )
-@click.option("--fields", metavar="NAMES", help="Quantities to evaluate, commas between them.  [default: all fields]")
 @field_option
 @click.option(
     "--clip",
@@ -144,7 +142,6 @@ def probe(
     grid: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
     counts: tuple[int, ...] | None,
-    fields: str | None,
     quantities: tuple[str, ...],
     clip: str | None,
     every: bool,
@@ -174,10 +171,10 @@ def probe(
         ranks = ALONE
     if is_grid:
         others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
-        asked = Asked(texts_of(fields, quantities), clip=clip)
+        asked = Asked(list(quantities) or None, clip=clip)
         _write_grid(data, asked, grid, box, output, alone=not others and not every)
         return
-    asked = Asked(texts_of(fields, quantities), every, clip, ranks)
+    asked = Asked(list(quantities) or None, every, clip, ranks)
     if along is not None:
         if any(way is not None for way in (points, single or None, line, plane, times)):
             raise click.UsageError("expected --along without other points and --times", click.get_current_context())

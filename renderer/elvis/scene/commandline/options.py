@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 import click
 
+from elvis.core.arguments import FIELDS_DECLARATION, with_fields
 from elvis.scene.commandline.command import FIGURE, text_type
 from elvis.scene.objects import SceneObject, Streamlines
 from elvis.scene.settings import Setting, choices, settings, text_of, types
@@ -27,7 +28,7 @@ COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "spe
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
-    "Data": ("field", "plugin", "reader", "others", "step", "time", "between", "device", "memory"),
+    "Data": ("field", "plugin", "reader", "fields", "others", "step", "time", "between", "device", "memory"),
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),
@@ -51,6 +52,8 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
             found += [_option(name, settings(Style)[name], types(Style)[name]) for name in STYLES]
         elif settings(Scene)[key].option and key not in leaving:
             found.append(_option(key, settings(Scene)[key], types(Scene)[key]))
+        if key == "reader":
+            found.append(click.Option(["--fields"], **FIELDS_DECLARATION))
     return found
 
 
@@ -68,6 +71,8 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
     text = text_of(hint)
     is_file = text is not None and text.kind == "file"
     rest: dict[str, Any] = {"help": setting.option_words, "metavar": setting.metavar, "multiple": setting.repeatable}
+    if name == "reader":
+        rest["callback"] = with_fields
     if setting.names or name == "palette":
         rest["shell_complete"] = partial(_completions, setting.names)
     if setting.parse:
