@@ -57,7 +57,7 @@ def bomb(megabytes):
         (b"<NEKTAR", "expected the end of a tag, found none"),
         (b"<NEKTAR a='></NEKTAR>", "expected the end of a tag, found none"),
         (b"<NEKTAR>1 < 2</NEKTAR>", "expected an element, found '< 2"),
-        (b"<NEKTAR></GEOMETRY></NEKTAR>", "expected an element, found '</GEOMETRY>"),
+        (b"<NEKTAR></GEOMETRY></NEKTAR>", "expected an element, found </GEOMETRY> without its beginning"),
         (b"<?xml version='1.0'", r"expected \?>, found the end"),
         (b"<NEKTAR></NEKTAR>", "no geometry among .*; give the mesh file too"),
         (b"<NEKTAR><GEOMETRY/></NEKTAR>", "expected a section VERTEX, found nothing"),
@@ -121,7 +121,7 @@ def test_deep_and_wide_trees(copied, refused):
     change(mesh, ("<NEKTAR>", "<NEKTAR>" + "<a>" * depth + "</a>" * depth + "<b x='1'/>" * depth))
     assert len(read(mesh).mesh.domain_ids()) == 4
     change(mesh, ("</a>", ""))
-    refused(mesh, match="expected </a>, found the end of the enclosing element")
+    refused(mesh, match="expected </a> for the <a> that begins here, found </NEKTAR> in line")
 
 
 @pytest.mark.parametrize("layers", [1, 2])

@@ -36,6 +36,8 @@ _DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
 _REFUSED = re.compile(rb"<!(?:DOCTYPE|ENTITY|ELEMENT|ATTLIST|NOTATION)\b")
 #: a tag that is put out of use by an exclamation mark, which the solver's parser passes over
 _UNKNOWN = re.compile(rb"<!(?!--|\[CDATA\[)[^>]*>")
+#: bytes of a tag that a message shows
+_SHOWN = 60
 _AFTER_NAME = (b" ", b"\t", b"\r", b"\n", b"/", b">")
 #: tags that are looked at one by one before the file is searched for one of a name
 _NEAR = 32
@@ -187,8 +189,13 @@ def _elements(data: Buffer, start: int, stop: int, file: str) -> Iterator[Elemen
             continue
         name = _NAME.match(data, opening + 1, stop)
         if name is None:
-            found = _decode(data[opening : opening + 20])
-            raise FormatError(f"expected an element, found {found!r}", file=file, place=_at(data, opening))
+            is_end = data[opening + 1 : opening + 2] == b"/"
+            found = (
+                f"{_tag(data, opening)} without its beginning"
+                if is_end
+                else repr(_decode(data[opening : opening + 20]))
+            )
+            raise FormatError(f"expected an element, found {found}", file=file, place=_at(data, opening))
 
         # an element ends at its own tag, or at the closing tag that matches it
         tag, end = name[0], _tag_end(data, name.end(), stop, file)
@@ -226,8 +233,9 @@ def _closing(data: Buffer, tag: bytes, start: int, stop: int, file: str) -> tupl
         if depth == 0:
             return closing, position
         closing = _next(data, b"</" + tag, position, stop)
-    message = f"expected </{_decode(tag)}>, found the end of the {'file' if stop == len(data) else 'enclosing element'}"
-    raise FormatError(message, file=file, place=_at(data, start))
+    found = "the end of the file" if stop == len(data) else f"{_tag(data, stop)} in line {_line(data, stop)}"
+    expected = f"</{_decode(tag)}> for the <{_decode(tag)}> that begins here"
+    raise FormatError(f"expected {expected}, found {found}", file=file, place=_at(data, start))
 
 
 def _next(data: Buffer, mark: bytes, start: int, stop: int) -> int:
@@ -246,6 +254,12 @@ def _next(data: Buffer, mark: bytes, start: int, stop: int) -> int:
     while found >= 0 and data[found + len(mark) : found + len(mark) + 1] not in _AFTER_NAME:
         found = data.find(mark, found + 1, stop)
     return found
+
+
+def _tag(data: Buffer, start: int) -> str:
+    """A tag that begins at a place, of which the end may be left out."""
+    text = _decode(data[start : start + _SHOWN])
+    return text.partition(">")[0] + ">" if ">" in text else repr(text)
 
 
 def _after(data: Buffer, mark: bytes, start: int, stop: int, file: str) -> int:
