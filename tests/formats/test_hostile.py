@@ -51,8 +51,11 @@ def bomb(megabytes):
         (b"\x89HDF\r\n\x1a\n", "HDF5 data are damaged"),
         (b"\x89HDF\r\n\x1a\n" + bytes(4000), "HDF5 data are damaged"),
         (b"<VTKFile></VTKFile>", "expected a root <NEKTAR>, found <VTKFile>"),
-        (b"<NEKTAR>", "expected </NEKTAR>, found the end of the file"),
-        (b"<NEKTAR><GEOMETRY DIM='2'", "expected </NEKTAR>, found the end of the file"),
+        (b"<NEKTAR>", "expected </NEKTAR> for the <NEKTAR> that begins here, found the end of the file"),
+        (
+            b"<NEKTAR><GEOMETRY DIM='2'",
+            "expected </NEKTAR> for the <NEKTAR> that begins here, found the end of the file",
+        ),
         (b"<NEKTAR><!-- </NEKTAR>", "the file ends inside <!--"),
         (b"<NEKTAR", "expected the end of a tag, found none"),
         (b"<NEKTAR a='></NEKTAR>", "expected the end of a tag, found none"),
