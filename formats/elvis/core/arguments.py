@@ -196,10 +196,10 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
     return tuple((p[0], p[1], p[2]) for p in padded)
 
 
-def field_names(dataset: Dataset, wanted: str) -> tuple[str, ...]:
-    """The names in ``wanted`` (commas between them); ElvisError for one that the dataset lacks."""
+def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
+    """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
     known = tuple(field.name for field in dataset.solution)
-    names = tuple(name.strip() for name in wanted.split(","))
+    names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
     for name in names:
         if name not in known:
             fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"
