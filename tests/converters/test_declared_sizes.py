@@ -4,11 +4,14 @@ import os
 import resource
 import shutil
 import struct
+import subprocess
+import sys
 import zipfile
 
 import h5py
 import numpy as np
 import pytest
+from neko_writer import add_virtual
 
 from elvis.converters.cgns import Cgns
 from elvis.converters.exodus_files import Variables
@@ -101,6 +104,33 @@ def test_a_link_to_a_pipe_is_not_opened(tmp_path):
     message = r"a\.h5: group/pipe: expected data in the file itself, found references to others"
     with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5"):
         pass
+
+
+READ = """
+import sys
+from pathlib import Path
+from elvis.converters.exodus_files import Variables
+from elvis.converters.hdf5 import reading, require
+from elvis.core.errors import FormatError
+
+path = Path(sys.argv[1])
+Variables(path)
+try:
+    with reading(path) as file:
+        require(file, "u")
+except FormatError as error:
+    print(error)
+"""
+
+
+def test_a_pipe_behind_a_virtual_dataset_is_not_opened(tmp_path):
+    """The library opens the files of such a dataset to tell its length, and would wait for ever."""
+    os.mkfifo(tmp_path / "pipe0")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        add_virtual(file, "u", (4,), 2, "pipe%b")
+    command = [sys.executable, "-c", READ, str(tmp_path / "a.h5")]
+    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    assert "u: expected data in the file itself, found references to others" in found.stdout
 
 
 def classic(path, counts, size):

@@ -375,3 +375,16 @@ def test_bubbles_of_pyramids_are_those_of_libmesh():
     for node, (s, t) in enumerate([(x, y), (y, -x), (-x, -y), (-y, x)], 14):
         front = 27 * (c - t) / 2 * (c - t) / 2 * (c + s) / 2 * (c - s) / 2 * z / c**2
         assert np.abs(functions.at(points)[:, node] - front).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "words"),
+    [
+        ("TETRA15", 15, "expected a tetrahedron of 4, 10 or 14 nodes, found TETRA15 of 15"),
+        ("NSIDED", 5, "expected elements of the shapes triangle, quadrilateral, .*, found the type NSIDED"),
+    ],
+)
+def test_unknown_elements_are_named(tmp_path, name, count, words):
+    blocks = [ExodusBlock("fluid", name, np.arange(count)[None])]
+    with pytest.raises(FormatError, match=words):
+        read(write_classic(tmp_path / "a.e", blocks, np.zeros((count, 3)), {}, {}))

@@ -74,7 +74,7 @@ def write_neko(path, count, steps, bend, fields):
         root.create_group("PointData")
         for name, function in fields.items():
             group[f"PointDataOffsets/{name}"] = len(points) * np.arange(steps)
-            _add_virtual(root["PointData"], name, np.shape(function(points, 0)), steps, f"{path.stem}.data/%b.h5")
+            add_virtual(root["PointData"], name, np.shape(function(points, 0)), steps, f"{path.stem}.data/%b.h5")
     path.with_suffix(".data").mkdir()
     for step in range(steps):
         with h5py.File(path.with_suffix(".data") / f"{step}.h5", "w") as file:
@@ -83,7 +83,7 @@ def write_neko(path, count, steps, bend, fields):
     return path
 
 
-def _add_virtual(group, name, shape, steps, pattern):
+def add_virtual(group, name, shape, steps, pattern):
     """An array of all steps, whose blocks of rows lie in files by a pattern."""
     ones = (1,) * (len(shape) - 1)
     source = h5s.create_simple(shape)

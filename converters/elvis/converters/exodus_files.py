@@ -103,9 +103,13 @@ def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
     shape = next((shape for start, shape in _NAMES.items() if kind.startswith(start)), None)
     if kind.startswith("SHELL") and nodes in (3, 6, 7):
         shape = Shape.TRIANGLE
-    if shape is None or (shape, nodes) not in _MIDDLES:
-        expected = ", ".join(f"{s.label.lower()}s of {n}" for s, n in _MIDDLES)
-        raise FormatError(f"expected {expected} nodes, found {name} of {nodes}", file=path)
+    if shape is None:
+        labels = ", ".join(dict.fromkeys(known.label.lower() for known, _ in _MIDDLES))
+        raise FormatError(f"expected elements of the shapes {labels}, found the type {name}", file=path)
+    if (shape, nodes) not in _MIDDLES:
+        *first, last = (str(count) for known, count in _MIDDLES if known is shape)
+        expected = f"a {shape.label.lower()} of {', '.join(first)} or {last} nodes"
+        raise FormatError(f"expected {expected}, found {name} of {nodes}", file=path)
     return shape
 
 
@@ -259,9 +263,11 @@ class _Hdf5:
         with reading(path) as file:
             for name in file:
                 own = file.get(name, getlink=True)
-                if isinstance(own, h5py.HardLink) and isinstance(file[name], h5py.Dataset):
-                    attributes, shape = file[name].attrs, file[name].shape
-                    self.types[name] = text(attribute(file[name], "elem_type")) if "elem_type" in attributes else ""
+                found = file[name] if isinstance(own, h5py.HardLink) else None
+                # the library opens the files of a virtual dataset to tell its shape
+                if isinstance(found, h5py.Dataset) and not found.is_virtual:
+                    attributes, shape = found.attrs, found.shape
+                    self.types[name] = text(attribute(found, "elem_type")) if "elem_type" in attributes else ""
                     if "CLASS" in attributes and shape:
                         self.sizes[name] = int(shape[0])
 
