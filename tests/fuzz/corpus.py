@@ -99,7 +99,7 @@ def subjects(folder, readers):
     makers = {
         native: ("native XML", "native HDF5"),
         volumes: ("fourier", "nurbs"),
-        converted: ("vtk", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
+        converted: ("vtk", "vtkhdf", "gmsh", "nek", "elvisdat", "gmf", "mfem"),
         cgns: ("cgns",),
         trixi: ("trixi",),
         horses: ("horses",),

@@ -34,7 +34,7 @@ def loaded(name):
 #: our own readers: what the others' libraries take in memory differs from machine to machine, and is for ``make fuzz``
 OWN = (
     "native XML,native HDF5,scene toml,scene yaml,scene json,palette,triangles,"
-    "points,record,messages,live arrays,fourier,nurbs,elvisdat,nek,gmf,cgns,trixi,horses"
+    "points,record,messages,live arrays,fourier,nurbs,elvisdat,nek,gmf,cgns,trixi,horses,vtkhdf"
 )
 
 READERS = (*OWN.split(","), "exodus", "hopr", "pyfr", "ngsolve", "gmsh", "vtk", "mfem", "vtx")
