@@ -141,6 +141,12 @@ def test_blocks_have_names(tmp_path):
         root["Assembly/fluid"] = h5py.SoftLink("/VTKHDF/fluid")
     dataset = convert(Vtk([path])).dataset
     assert "fluid" in {composite.name for composite in dataset.mesh.composites}
+    # blocks may have plain names and the tree those that mean something
+    with h5py.File(path, "r+") as file:
+        file.move("VTKHDF/fluid", "VTKHDF/Block_1")
+        del file["VTKHDF/Assembly/fluid"]
+        file["VTKHDF/Assembly/water"] = h5py.SoftLink("/VTKHDF/Block_1")
+    assert "water" in {composite.name for composite in convert(Vtk([path])).dataset.mesh.composites}
 
 
 CHANGES = [
@@ -164,6 +170,10 @@ def test_bad_files(tmp_path, name, values, words):
         file["VTKHDF"].attrs.modify("Type", np.bytes_("ImageData"))
     assert not is_vtkhdf(path)
     assert not Vtk.opens([path])
+    assert Vtk.hint(path).startswith("a VTKHDF file of the type ImageData: save an unstructured grid")
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/other"] = h5py.ExternalLink("b.vtkhdf", "VTKHDF")
+    assert Vtk.hint(path).endswith("whose blocks lie in other files: give those")
 
 
 def bent(points):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from elvis.converters.apart import Apart, LibraryError
-from elvis.converters.vtk_hdf import files_of, is_vtkhdf, read_vtkhdf
+from elvis.converters.vtk_hdf import files_of, is_vtkhdf, other_type, read_vtkhdf
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain, content, leading, unpacked_limit
@@ -99,6 +99,8 @@ def kind_of(path: Path) -> str:
 def other_kind(path: Path) -> str:
     """What a file of VTK's holds that is no unstructured grid, and what to do; empty for files of others."""
     start = leading(path, _START)
+    if start.startswith(_HDF5):
+        return other_type(path)
     found = re.search(rb"<VTKFile[^>]*?\btype\s*=\s*[\"'](\w+)[\"']", start)
     if found is None and start.startswith(b"# vtk DataFile"):
         found = re.search(rb"(?im)^\s*(?:DATASET\s+)?(\w+)", start.split(b"\n", 3)[-1])

@@ -32,6 +32,9 @@ _ROOT, _GRID = "VTKHDF", "UnstructuredGrid"
 #: kinds of groups that hold others
 _COLLECTIONS = ("PartitionedDataSetCollection", "MultiBlockDataSet")
 
+#: the tree of blocks in a collection
+_TREE = "Assembly"
+
 #: arrays with a meaning of their own
 _GHOSTS, _DEGREES, _WEIGHTS = "vtkGhostType", "HigherOrderDegrees", "RationalWeights"
 
@@ -46,6 +49,18 @@ def is_vtkhdf(path: Path) -> bool:
     with suppress(FormatError), reading(path) as file:
         return bool(_grids(file))
     return False
+
+
+def other_type(path: Path) -> str:
+    """What a file in this form holds that is no unstructured grid, and what to do; empty for other files."""
+    if not holds(path, _ROOT):
+        return ""
+    try:
+        with reading(path) as file:
+            kind = _type(file[_ROOT])
+    except FormatError:
+        return "a VTKHDF file that is damaged or whose blocks lie in other files: give those"
+    return f"a VTKHDF file of the type {kind or 'none'}: save an unstructured grid (.vtkhdf or .vtu)"
 
 
 def times_in(path: Path) -> list[float]:
@@ -89,7 +104,26 @@ def _grids(file: h5py.File) -> list[tuple[str, h5py.Group]]:
     if kind not in _COLLECTIONS:
         raise FormatError(f"expected data of the type {_GRID}, found {kind or 'none'}", file=file.filename, place=_ROOT)
     members = [(name, root.get(name)) for name in root if isinstance(root.get(name, getlink=True), h5py.HardLink)]
-    return [(name, own) for name, own in members if isinstance(own, h5py.Group) and _type(own) == _GRID]
+    names = _names(root)
+    return [
+        (names.get(name, name), own) for name, own in members if isinstance(own, h5py.Group) and _type(own) == _GRID
+    ]
+
+
+def _names(root: h5py.Group) -> dict[str, str]:
+    """The names that the tree of links, the group Assembly, has for blocks; none of those that it has for several."""
+    import h5py
+
+    links: dict[str, list[str]] = {}
+
+    def add(place: str, link: object) -> None:
+        if isinstance(link, h5py.SoftLink):
+            links.setdefault(place.rpartition("/")[2], []).append(link.path.rpartition("/")[2])
+
+    tree = root.get(_TREE) if isinstance(root.get(_TREE, getlink=True), h5py.HardLink) else None
+    if isinstance(tree, h5py.Group):
+        tree.visititems_links(add)
+    return {blocks[0]: name for name, blocks in links.items() if len(blocks) == 1}
 
 
 def _type(group: h5py.Group) -> str:
