@@ -49,6 +49,7 @@ ELSEWHERE = {
     "data": "data stand first, without a keyword",
     "scenes": "several scenes are drawn one by one",
     "panels": "several scenes are drawn one by one",
+    "fields": 'reader={"fields": "u,p"} reads some of the fields',
 }
 _SURFACES = get_args(Surface)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from elvis.core.arguments import TextType
+from elvis.core.arguments import FIELDS_DECLARATION, TextType
 
 #: what a figure has around and over its pixels, by keys of a scene
 FIGURE = ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "panels")
@@ -22,6 +22,7 @@ class SceneCommand(click.Command):
         super().__init__(*arguments, **rest)
         self.leaving = leaving
         self._scene_options: list[click.Option] = []
+        self._fields = click.Option(["--fields"], **FIELDS_DECLARATION)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Arguments, the options of a scene, its own options."""
@@ -30,7 +31,7 @@ class SceneCommand(click.Command):
         self._scene_options = self._scene_options or scene_options(self.leaving)
         own = super().get_params(ctx)
         arguments = [parameter for parameter in own if isinstance(parameter, click.Argument)]
-        return [*arguments, *self._scene_options, *own[len(arguments) :]]
+        return [*arguments, *self._scene_options, self._fields, *own[len(arguments) :]]
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The options in chapters."""

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import click
 
-from elvis.core.arguments import FIELDS_DECLARATION, with_fields
+from elvis.core.arguments import with_fields
 from elvis.scene.commandline.command import FIGURE, text_type
 from elvis.scene.objects import SceneObject, Streamlines
 from elvis.scene.settings import Setting, choices, settings, text_of, types
@@ -52,8 +52,6 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
             found += [_option(name, settings(Style)[name], types(Style)[name]) for name in STYLES]
         elif settings(Scene)[key].option and key not in leaving:
             found.append(_option(key, settings(Scene)[key], types(Scene)[key]))
-        if key == "reader":
-            found.append(click.Option(["--fields"], **FIELDS_DECLARATION))
     return found
 
 
