@@ -4,11 +4,14 @@ The files lie next to the repository; a page beside each derives the values.
 """
 
 import math
+import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from elvis import FormatError, integrate, open_series, read, sample, trace
+from elvis.plugins.command import elvis as group
 
 #: an accuracy of closed forms in floating-point numbers
 ROUNDING = 1e-12
@@ -241,3 +244,23 @@ def test_plane_vectors_have_three_components(reported, space):
 def test_nodes_at_gauss_points_are_recognised(reported):
     assert sample(reported("W18", "gauss_quads.vtu"), None, [(0.2, 0.5)]).values[0, 0] == pytest.approx(0.008)
     assert total(reported("W18", "all5_gll.vtu")) == pytest.approx(1.0212887, abs=5e-8)
+
+
+def test_extremes_over_steps_keep_the_error_that_is_told(reported, tmp_path):
+    """Minima, maxima and their times at points, against those of the steps."""
+    (folder,) = reported.folder.glob("N-avg1*")
+    steps = sorted(folder.glob("w_?.chk"))
+    arguments = ["average", folder / "w.xml", *steps, "--extremes", "-o", tmp_path / "extremes.fld"]
+    outcome = CliRunner().invoke(group, list(map(str, arguments)))
+    assert outcome.exit_code == 0
+    told = dict(re.findall(r"note: (\w+): no basis holds it: it is off by ([0-9.e+-]+)", outcome.stderr))
+    points = np.random.default_rng(0).random((300, 3))
+    series = open_series(folder / "w.xml", *steps)
+    found = read(folder / "w.xml", tmp_path / "extremes.fld")
+    for name in "uv":
+        values = np.array([sample(step, name, points).values[:, 0] for step in series])
+        times = series.times[[values.argmin(axis=0), values.argmax(axis=0)]]
+        wanted = {"min": values.min(axis=0), "max": values.max(axis=0), "min_time": times[0], "max_time": times[1]}
+        for kind, truth in wanted.items():
+            own = sample(found, f"{name}_{kind}", points).values[:, 0]
+            assert np.abs(own - truth).max() <= float(told[f"{name}_{kind}"]) * np.abs(truth).max()
