@@ -176,6 +176,20 @@ def test_bad_files(tmp_path, name, values, words):
     assert Vtk.hint(path).endswith("whose blocks lie in other files: give those")
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [([2, 2], r"expected 3 rows of numbers, found int64 of shape"), ([2.5] * 3, "expected a whole number")],
+)
+def test_tables_of_steps_that_say_too_little(tmp_path, values, words):
+    path = written(tmp_path / "a.vtkhdf", 3)
+    with h5py.File(path, "r+") as file:
+        steps = file["VTKHDF/Steps"]
+        del steps["NumberOfParts"]
+        steps["NumberOfParts"] = values
+    with pytest.raises(FormatError, match=f"Steps/NumberOfParts: {words}"):
+        Vtk([path])
+
+
 def bent(points):
     """Elements all of whose edges are curved."""
     x, y, z = points.T

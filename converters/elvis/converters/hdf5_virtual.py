@@ -112,7 +112,8 @@ class VirtualDataset:
         """Rows of the file of a source."""
         with reading(source.path) as file:
             found = require(file, source.name)
-            if found.shape[1:] != self.shape[1:] or len(found) < start + count or found.dtype.kind != self.dtype.kind:
+            has_rows = found.ndim == self.ndim and len(found) >= start + count
+            if not has_rows or found.shape[1:] != self.shape[1:] or found.dtype.kind != self.dtype.kind:
                 expected = f"{start + count} rows of {math.prod(self.shape[1:])} as {self._file.name} declares"
                 raise FormatError(f"expected {expected}, found {found.dtype} of shape {found.shape}", place=source.name)
             return found[start : start + count]

@@ -221,9 +221,13 @@ class _GridReading:
 
     def _of_step(self, name: str, default: int) -> int:
         """The number of a step in the group Steps."""
-        if f"Steps/{name}" not in self.group:
+        place = f"Steps/{name}"
+        if place not in self.group:
             return default
-        return int(np.ravel(dataset(self.group, f"Steps/{name}")[self.step])[0])
+        row = np.ravel(self._rows(place, self.step, 1))
+        if not row.size or row.dtype.kind not in "iu":
+            raise FormatError(f"expected a whole number for each step, found {row.dtype}", place=self._place(place))
+        return int(row[0])
 
     def _rows(self, name: str, first: int, count: int) -> Any:
         """Rows of an array, which it holds."""
