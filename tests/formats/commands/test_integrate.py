@@ -10,7 +10,7 @@ from elvis import Dataset, ElvisError, Shape, integrate, read, write
 from elvis.core.testing import grid, with_field
 from elvis.plugins.command import elvis as group
 
-KEYS = ["over", "integrand", "value", "error", "measure", "exact", "kind", "finished"]
+KEYS = ["over", "integrand", "value", "error", "estimate", "measure", "exact", "kind", "finished"]
 
 
 @pytest.fixture
@@ -25,6 +25,15 @@ def test_the_contract_of_scripts(channel, elvis_json):
     assert [row["value"] for row in found] == pytest.approx([16 / 3, 8], rel=1e-13)
     assert [row["exact"] for row in found] == [True, True]
     assert all(0 < row["error"] < 1e-12 for row in found)
+
+
+def test_what_nothing_bounds_is_an_estimate(channel, elvis, elvis_json):
+    """Rules that are compared along a curve don't prove an error."""
+    asked = ["integrate", *channel, "--field", "exp(u)", "--over", "line:0,0,-1:0.1,0.2,1"]
+    (row,) = elvis_json(*asked)
+    assert (row["kind"], row["error"]) == ("estimate", None)
+    assert row["estimate"] > 0
+    assert "(estimate)" in elvis(*asked)
 
 
 def test_a_row_for_each_boundary_and_a_total(channel, elvis):

@@ -33,7 +33,7 @@ def test_a_quarter_of_a_ring(ring, elvis_json):
     volume = 9 * pi / 4
     truth = [volume, 7.0, (15 / 4) * (1 / 2) * 3 / volume]
     assert [row["value"] for row in found] == pytest.approx(truth, rel=1e-12)
-    assert all(abs(row["value"] - own) <= row["error"] < 1e-8 for row, own in zip(found, truth, strict=True))
+    assert all(abs(row["value"] - own) <= row["estimate"] < 1e-8 for row, own in zip(found, truth, strict=True))
 
 
 def test_its_sides_and_what_leaves_through_them(ring, elvis_json):

@@ -24,18 +24,17 @@ def minor(a: Disc, b: Disc, c: Disc, d: Disc) -> Disc:
 
 def determinant(t: Matrix) -> Disc:
     """The determinant of a matrix with 2 or 3 rows, along its first row."""
-    if len(t) == 2:
-        return minor(t[0][0], t[0][1], t[1][0], t[1][1])
-    return reduce(discs.plus, map(discs.times, t[0], cofactors(t)[0]))
+    return reduce(discs.plus, map(discs.times, t[0], cofactors(t, 0)))
 
 
-def cofactors(t: Matrix) -> list[list[Disc]]:
-    """The matrix of cofactors: det(t) times the inverse, transposed."""
-    if len(t) == 2:
-        zero = discs.number(0.0)
-        return [[t[1][1], discs.minus(zero, t[1][0])], [discs.minus(zero, t[0][1]), t[0][0]]]
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return [[minor(t[i][a], t[i][b], t[k][a], t[k][b]) for a, b in pairs] for i, k in pairs]
+def cofactors(t: Matrix, row: int) -> list[Disc]:
+    """A row of the matrix of cofactors: det(t) times the inverse, transposed."""
+    d = len(t)
+    if d == 2:
+        zero, (one, two) = discs.number(0.0), t[1 - row % d]
+        return [two, discs.minus(zero, one)] if row % d == 0 else [discs.minus(zero, two), one]
+    below, above = t[(row + 1) % d], t[(row + 2) % d]
+    return [minor(below[a], below[b], above[a], above[b]) for a, b in ((1, 2), (2, 0), (0, 1))]
 
 
 def solution(t: Matrix, first: Sequence[Disc]) -> list[Disc]:

@@ -30,35 +30,61 @@ class Graph:
     slopes: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines along k.
+
+    box, i, j, weights  (n,) of each
+    nets                (n, Dk) of g
+    slopes              the same of its derivatives in i and in j, where they are wanted
+    """
+
+    box: Ints
+    i: Floats
+    j: Floats
+    weights: Floats
+    nets: Floats
+    slopes: tuple[Floats, ...] = ()
+
+
 def on_graph(nets: Floats, counts: tuple[int, ...]) -> Graph:
     """Points on g = 0 with Bernstein nets (n, Di, Dj, Dk), ``counts`` between breaks in i (unless Di is 1) and j."""
-    box, i, j, lines, weights = _lines(nets, counts)
-    met = np.flatnonzero((lines[:, 0] >= 0) != (lines[:, -1] >= 0))
-    points = np.stack([i[met], j[met], roots(lines[met])], axis=1)
-    return Graph(box[met], points, weights[met], _slopes(nets, box[met], points))
+    lines = _lines(nets, counts, True)
+    met = np.flatnonzero((lines.nets[:, 0] >= 0) != (lines.nets[:, -1] >= 0))
+    own = lines.nets[met]
+    k = roots(own)
+    values, derivatives = line_tables(own.shape[1] - 1, k, 1)
+    slopes = [np.einsum("nc,nc->n", each[met], values) for each in lines.slopes]
+    slopes.append(np.einsum("nc,nc->n", own, derivatives))
+    points = np.stack([lines.i[met], lines.j[met], k], axis=1)
+    return Graph(lines.box[met], points, lines.weights[met], np.stack(slopes, axis=1))
 
 
 def below_graph(nets: Floats, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
     """Box (n,), point (n, 3) and weight (n,) of a rule for where g < 0, ``counts`` between breaks each way."""
-    box, i, j, lines, weights = _lines(nets, counts[:-1])
-    line, k, further = _between(roots(lines)[:, None], counts[-1])
-    values = np.einsum("nc,nc->n", line_tables(lines.shape[1] - 1, k)[0], lines[line])
+    lines = _lines(nets, counts[:-1])
+    line, k, further = _between(roots(lines.nets)[:, None], counts[-1])
+    values = np.einsum("nc,nc->n", line_tables(lines.nets.shape[1] - 1, k)[0], lines.nets[line])
     kept = np.flatnonzero(values < 0)
     line = line[kept]
-    return box[line], np.stack([i[line], j[line], k[kept]], axis=1), weights[line] * further[kept]
+    points = np.stack([lines.i[line], lines.j[line], k[kept]], axis=1)
+    return lines.box[line], points, lines.weights[line] * further[kept]
 
 
-def _lines(nets: Floats, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats, Floats, Floats]:
-    """Lines along k: box, i, j, nets (n, Dk) and weight of each."""
+def _lines(nets: Floats, counts: tuple[int, ...], are_sloped: bool = False) -> _Lines:
+    """Lines along k at points of rules between breaks in i and j."""
     if nets.shape[1] > 1:
         corners = [nets[:, :, j, k] for j in (0, -1) for k in (0, -1)]
         box, i, weights = _between(np.stack([roots(corner) for corner in corners], axis=1), counts[0])
     else:
         box, i, weights = np.arange(len(nets)), np.full(len(nets), 0.5), np.ones(len(nets))
-    slices = np.einsum("na,nabc->nbc", line_tables(nets.shape[1] - 1, i)[0], nets[box])
+    along_i = line_tables(nets.shape[1] - 1, i, int(are_sloped))
+    slices, *sloped = (np.einsum("na,nabc->nbc", table, nets[box]) for table in along_i)
     row, j, further = _between(np.stack([roots(slices[:, :, k]) for k in (0, -1)], axis=1), counts[-1])
-    lines = np.einsum("nb,nbc->nc", line_tables(nets.shape[2] - 1, j)[0], slices[row])
-    return box[row], i[row], j, lines, weights[row] * further
+    along_j = line_tables(nets.shape[2] - 1, j, int(are_sloped))
+    own, *in_j = (np.einsum("nb,nbc->nc", table, slices[row]) for table in along_j)
+    in_i = (np.einsum("nb,nbc->nc", along_j[0], each[row]) for each in sloped)
+    return _Lines(box[row], i[row], j, weights[row] * further, own, (*in_i, *in_j))
 
 
 def between(breaks: Floats) -> tuple[Ints, Floats, Floats]:
@@ -111,14 +137,3 @@ def _value_and_slope(coefficients: Floats, t: Floats) -> tuple[Floats, Floats]:
         net = net[:-1] + t * (net[1:] - net[:-1])
     rise = net[1] - net[0]
     return net[0] + t * rise, degree * rise
-
-
-def _slopes(nets: Floats, box: Ints, points: Floats) -> Floats:
-    """(n, 3) derivatives of polynomials with nets (m, Di, Dj, Dk) at points (n, 3), each of net ``box`` (n,)."""
-    tables = [line_tables(size - 1, places, 1) for size, places in zip(nets.shape[1:], points.T, strict=True)]
-    values, slopes = zip(*tables, strict=True)
-    along_k = [np.einsum("nabc,nc->nab", nets[box], table[2]) for table in (values, slopes)]
-    along_j = [np.einsum("nab,nb->na", along_k[0], table[1]) for table in (values, slopes)]
-    last = np.einsum("nab,nb->na", along_k[1], values[1])
-    parts = [(along_j[0], slopes[0]), (along_j[1], values[0]), (last, values[0])]
-    return np.stack([np.einsum("na,na->n", part, table) for part, table in parts], axis=1)

@@ -27,7 +27,7 @@ _NEW = 2.0
 #: points in boxes that are known which cost as much as bounds on a box that a surface cuts
 _BOUNDS_ON_LEVELS = 64
 #: further points that take as long as one call of a rule, on elements and on boxes that a surface cuts
-CALL, CALL_ON_LEVELS = 4096, 512
+CALL, CALL_ON_LEVELS = 4096, 1500
 #: the greatest score of a box, of which many add up to a number
 _HOPELESS = 1e200
 

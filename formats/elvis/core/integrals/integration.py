@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import overload
+from dataclasses import asdict, dataclass, replace
+from typing import Any, overload
 
 import numpy as np
 
@@ -62,6 +62,14 @@ class Integral:
     def __float__(self) -> float:
         return self.value
 
+    def facts(self) -> dict[str, Any]:
+        """Plain data for files: ``error`` is None where only an estimate is known, which ``estimate`` is."""
+        facts = asdict(self)
+        is_estimate = self.kind == ESTIMATE
+        place = list(facts).index("error")
+        both = {"error": None if is_estimate else self.error, "estimate": self.error if is_estimate else None}
+        return dict([*list(facts.items())[:place], *both.items(), *list(facts.items())[place + 1 :]])
+
 
 class Integrals(Sequence[Integral]):
     """Integrals of some quantities over some targets, a row for each; ``remarks`` are sentences on them."""
@@ -106,9 +114,9 @@ class Integrals(Sequence[Integral]):
 
     def columns(self) -> Columns:
         """A column of each fact, for files."""
-        return {
-            name: np.array([getattr(row, name) for row in self]) for name in (*HEADERS, "exact", "kind", "finished")
-        }
+        facts = [row.facts() for row in self]
+        numbers = [{name: np.nan if fact is None else fact for name, fact in row.items()} for row in facts]
+        return {name: np.array([row[name] for row in numbers]) for name in numbers[0]}
 
     def cells(self) -> list[tuple[str, ...]]:
         """The cells of a table: over, integrand, value, error, measure."""

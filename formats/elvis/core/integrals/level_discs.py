@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
+from typing import Any
 
 import numpy as np
 
@@ -192,9 +193,11 @@ class LevelDiscs:
         """Middles (n, 1) and radii (n, columns) of an expression times the measure for each unit of i, j and k."""
         if self.parts.tilts is None:
             return discs.times(self._disc(root, ()), self.volume)
-        if order_in_normals(root) == 1:
+        order = order_in_normals(root)
+        if order == 1:
             return self._disc(root, self._normal)
-        return discs.times(self._disc(root, [discs.over(own, self.area) for own in self._normal]), self.area)
+        normals = () if order == 0 else [discs.over(own, self.area) for own in self._normal]
+        return discs.times(self._disc(root, normals), self.area)
 
     def _disc(self, root: Node, normals: Sequence[Disc]) -> Disc:
         """The disc of an expression with such components of the normal."""
@@ -232,8 +235,7 @@ class LevelDiscs:
         With v the basis and r_i = n_i / n_d it is n_d |v_d| sqrt(1 + sum r_i r_j (v_i . v_j) / |v_d|^2) over i, j < d.
         """
         gram = self._basis.transpose(0, 2, 1) @ self._basis
-        *_, upwards = self._across
-        ratios = self._ratios
+        ratios, upwards = self._ratios, self._across(-1)
         found = discs.number(1.0)
         for row, one in enumerate(ratios):
             for column, other in enumerate(ratios):
@@ -244,30 +246,27 @@ class LevelDiscs:
 
     @cached_property
     def _ratios(self) -> list[Disc]:
-        """r_i: those of n, or of the derivatives of g along the frame, whichever are known better."""
-        *own, upwards = self._across
-        first = [discs.over(each, upwards) for each in own]
+        """r_i: those of the derivatives of g along the frame, or of n if the gradient isn't known."""
         if not self.gradient:
-            return first
-        slopes = [self._disc(part, ()) for part in self.gradient[: len(self._axes)]]
-        *own, upwards = _product(self._frame.transpose(0, 2, 1), slopes)
-        second = [discs.over(each, upwards) for each in own]
-        return [(a[0], np.fmin(a[1], b[1] + np.abs(b[0] - a[0]))) for a, b in zip(first, second, strict=True)]
+            own = [self._across(axis) for axis in range(len(self._axes))]
+        else:
+            slopes = [self._disc(part, ()) for part in self.gradient[: len(self._axes)]]
+            own = _product(self._frame.transpose(0, 2, 1), slopes)
+        return [discs.over(each, own[-1]) for each in own[:-1]]
 
     @cached_property
     def _normal(self) -> list[Disc]:
         """N, towards greater g."""
         sign = np.where(self.parts.is_rising, 1.0, -1.0)
-        upwards = self._across[-1]
+        upwards = self._across(-1)
         along = [*(discs.times(own, upwards) for own in self._ratios), upwards]
         return _product(sign[:, None, None] * self._basis, along)
 
-    @cached_property
-    def _across(self) -> list[Disc]:
-        """n."""
+    def _across(self, axis: int) -> Disc:
+        """A component of n."""
         assert self.parts.tilts is not None
         tilts = [*self.parts.tilts, discs.number(1.0)][-len(self._axes) :]
-        return [reduce(discs.plus, map(discs.times, row, tilts)) for row in cofactors(self._near(self._frame))]
+        return reduce(discs.plus, map(discs.times, cofactors(self._near_frame, axis), tilts))
 
     @cached_property
     def _basis(self) -> Floats:
@@ -355,14 +354,23 @@ class LevelDiscs:
         columns = [[slope(x, axis)[:, 0, 0, 0] for axis in self._axes] for x in self._positions]
         return np.array(columns).transpose(2, 0, 1)
 
-    def _near(self, frame: Floats) -> list[list[Disc]]:
-        """Discs of Y for a matrix X_0 (n, d, d)."""
+    def _near(self, frame: Floats) -> _Rows:
+        """Discs of Y for a matrix X_0 (n, d, d), a row when it is asked for."""
         inverse = np.linalg.inv(np.where(np.linalg.det(frame)[:, None, None] == 0, np.nan, frame))
-        moved = np.einsum("nij,jnabc->inabc", inverse, np.stack(self._positions))
-        return [[self._on_discs(slope(own, axis)) for axis in self._axes] for own in moved]
+
+        def row(number: int) -> list[Disc]:
+            own = sum(inverse[:, number, j, None, None, None] * x for j, x in enumerate(self._positions))
+            return [self._on_discs(slope(np.asarray(own), axis)) for axis in self._axes]
+
+        return _Rows(row, len(self._axes))
 
     @cached_property
-    def _near_centre(self) -> list[list[Disc]]:
+    def _near_frame(self) -> _Rows:
+        """Discs of Y for derivatives and a normal."""
+        return self._near(self._frame)
+
+    @cached_property
+    def _near_centre(self) -> _Rows:
         """Discs of Y for the derivatives at the centres."""
         return self._near(self._centre)
 
@@ -371,6 +379,21 @@ class LevelDiscs:
         own = self._expansion(leaf)
         found = solution(_transposed(self._near_centre), [self._on_discs(slope(own, axis)) for axis in self._axes])
         return _product(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
+
+
+class _Rows(Sequence[list[Disc]]):
+    """Rows of a matrix that are made when they are asked for."""
+
+    def __init__(self, make: Callable[[int], list[Disc]], count: int) -> None:
+        self._make, self._count = cache(make), count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, row: Any) -> Any:
+        if row >= self._count:
+            raise IndexError(row)
+        return self._make(row)
 
 
 def _transposed(matrix: Sequence[Sequence[Disc]]) -> list[list[Disc]]:

@@ -52,7 +52,7 @@ from elvis.core.patch import Patch
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import other_of
+from elvis.core.quantities.tree import LEAVES, Node, ordered, other_of
 from elvis.core.terminal import Progress
 from elvis.core.threads import results
 
@@ -318,7 +318,8 @@ class Summation:
         every = Bounded(
             boxes, numbers, counts, guess, error, is_bound, known.moved, rules, steps, known, gains, is_guess=True
         )
-        is_known = np.isfinite(known.errors).all(axis=(1, 2, 3))
+        # where nothing is known, points tell whether there are values at all
+        is_known = np.isfinite(known.errors).all(axis=(1, 2, 3)) | all(map(_has_values, roots))
         if is_known.any():
             yield every.part(is_known)
         if not is_known.all():
@@ -509,6 +510,11 @@ def _error(known: Bounds, integrals: BoxIntegrals, steps: tuple[int, ...]) -> tu
     is_bound = np.isfinite(error) | np.isnan(integrals.value)
     error = np.where(np.isfinite(error), error, _UNBOUNDED * integrals.magnitude)
     return np.where(np.isnan(integrals.value), 0.0, error), is_bound
+
+
+def _has_values(root: Node) -> bool:
+    """Whether an expression has a value everywhere, since its parts are sums and products."""
+    return all(node.op in LEAVES or node.op in ("+", "-", "*") for node in ordered(root))
 
 
 def _gains(values: Floats, counts: Counts) -> Floats:

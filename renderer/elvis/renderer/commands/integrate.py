@@ -116,12 +116,12 @@ def integrate(
 ) -> None:
     """Integrate quantities over the domain, regions, boundaries, surfaces and curves, on the elements' own map.
 
-    Where a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx does on curved
-    faces and a divergence in curved elements, the rule is exact. Otherwise elements are halved until a bound of the
-    error is below --error. Each value comes with its error. nx, ny, nz are the normal: of boundaries outwards,
-    of planes as given, of isosurfaces towards greater values. In addition to quantities there are area, volume, length,
-    average(EXPR), and the vectors force, pressure_force, viscous_force and moment, of all of which 2D data have those
-    of a unit span.
+    Where a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx does on
+    curved faces and a divergence in curved elements, the rule is exact. Otherwise elements are halved until a bound
+    of the error is below --error. Each value comes with its error, or with an estimate where nothing bounds it. nx,
+    ny, nz are the normal: of boundaries outwards, of planes as given, of isosurfaces towards greater values. In
+    addition to quantities there are area, volume, length, average(EXPR), and the vectors force, pressure_force,
+    viscous_force and moment, of all of which 2D data have those of a unit span.
     """
     if not quantities and coefficients is None:
         raise click.UsageError(
@@ -196,8 +196,6 @@ def _is_finished(found: _Moments) -> bool:
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
     """Write, draw or print integrals, with a word on those that aren't what was asked for."""
-    from dataclasses import asdict
-
     from elvis.core.files.columns import write_columns
     from elvis.core.integrals.integration import HEADERS
     from elvis.core.terminal import print_json, print_table, warn
@@ -211,7 +209,7 @@ def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool
     if output is not None:
         write_columns(output, _columns(found))
     elif as_json:
-        print_json([{**time, **asdict(row)} for time, own in found for row in own])
+        print_json([{**time, **row.facts()} for time, own in found for row in own])
     elif plot is None:
         names = (*found[0][0], *HEADERS)
         print_table(

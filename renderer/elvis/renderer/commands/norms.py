@@ -65,10 +65,10 @@ def _print(found: Mapping[str, Norm], as_json: bool) -> None:
 
 
 def _facts(norm: Norm) -> dict[str, float | None]:
-    """For ``--json``: errors where a conversion lost something, None where they are not known."""
+    """For ``--json``: estimates of errors where a conversion lost something, None where they are not known."""
     facts: dict[str, float | None] = {"L2": norm.l2, "Linf": norm.linf}
     if norm.l2_error or norm.linf_error:
-        errors = {"L2_error": norm.l2_error, "Linf_error": norm.linf_error}
+        errors = {"L2_estimate": norm.l2_error, "Linf_estimate": norm.linf_error}
         facts |= {name: error if isfinite(error) else None for name, error in errors.items()}
     return facts
 
