@@ -123,6 +123,22 @@ def test_names_of_dolfinx_tell_parts_and_steps(tmp_path):
     assert "a part of a mesh by name" in read(paths[1]).remarks[1]
 
 
+@pytest.mark.parametrize("name", ["vtkGhostType", "vtkGhostLevels"])
+def test_parts_may_hold_copies_of_all_cells_of_each_other(tmp_path, name):
+    """If ghost arrays mark the copies: each cell counts once, and the files are no steps."""
+    paths = [tmp_path / f"piece_{number}.vtk" for number in range(2)]
+    for path, starts in zip(paths, ((0, 1), (1, 0)), strict=True):
+        points = [(x + start, y, z) for start in starts for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines = ["# vtk DataFile Version 3.0", "two cubes", "ASCII", "DATASET UNSTRUCTURED_GRID", "POINTS 16 double"]
+        lines += [" ".join(map(str, point)) for point in points]
+        lines += ["CELLS 2 18", "8 0 1 2 3 4 5 6 7", "8 8 9 10 11 12 13 14 15", "CELL_TYPES 2", "12 12"]
+        lines += ["CELL_DATA 2", f"SCALARS {name} unsigned_char", "LOOKUP_TABLE default", "0 1"]
+        path.write_text("\n".join(lines) + "\n")
+    for reading in READINGS:
+        assert find_steps(paths, reading) is None
+    assert integrate(read(*paths), "volume")[0].value == pytest.approx(2, rel=1e-13)
+
+
 def test_other_fields_on_the_same_mesh_are_fields(tmp_path):
     paths = [vtk_cubes(tmp_path / f"f_{i}.vtu", 0, lambda x, i=i: x[:, i], name=f"f{i}") for i in range(2)]
     for reading in READINGS:

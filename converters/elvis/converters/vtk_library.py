@@ -15,6 +15,8 @@ from elvis.core.errors import FormatError
 
 #: arrays of the library's own, and those with a meaning of their own
 _DEGREES, _WEIGHTS, _GHOSTS = "HigherOrderDegrees", "RationalWeights", "vtkGhostType"
+#: the name of the ghosts before version 6.3: cells of other parts have a level from 1 up
+_LEVELS = "vtkGhostLevels"
 
 #: bits of a ghost cell: it is another part's, or it is hidden
 _DUPLICATE, _HIDDEN = 1, 32
@@ -45,13 +47,17 @@ class Library:
 
         FormatError with the library's first complaint, and where cells have points that aren't there.
         """
-        return [_grid(path, name, each) for name, each in _leaves(self._read(path, kind), "")]
+        return [_grid(path, name, each) for name, each in self._grids(path, kind)]
 
     def overlap(self, path: str, kind: str, other: str, other_kind: str) -> float:
-        """The share of the cells in a file whose centres lie in the cells of another file."""
+        """The share of the cells in a file whose centres lie in the cells of another file; copies don't count."""
         near = total = 0
-        others = [each for _, each in _leaves(self._read(other, other_kind), "") if each.GetNumberOfCells()]
-        for _, each in _leaves(self._read(path, kind), ""):
+        own = [each for _, each in self._grids(path, kind)]
+        others = [each for _, each in self._grids(other, other_kind)]
+        for each in (*own, *others):
+            each.RemoveGhostCells()
+        others = [each for each in others if each.GetNumberOfCells()]
+        for each in own:
             centres, radii = _centres(each)
             is_near = np.zeros(len(centres), bool)
             for grid in others:
@@ -63,10 +69,17 @@ class Library:
     def arrays(self, path: str, kind: str) -> list[str]:
         """The names of the arrays at points and on cells in a file."""
         names: set[str] = set()
-        for _, each in _leaves(self._read(path, kind), ""):
+        for _, each in self._grids(path, kind):
             grid = _grid(path, "", each)
             names |= {*grid["point_data"], *grid["cell_data"]}
         return sorted(names)
+
+    def _grids(self, path: str, kind: str) -> list[tuple[str, Any]]:
+        """The grids in a file and in those that it names, with the names of blocks."""
+        found = list(_leaves(self._read(path, kind), ""))
+        for _, grid in found:
+            _name_ghosts(grid.GetCellData())
+        return found
 
     def _read(self, path: str, kind: str) -> Any:
         """What the library reads from a file; FormatError with its first complaint."""
@@ -80,6 +93,19 @@ class Library:
         with _refusing(path):
             reader.Update()
         return reader.GetOutputDataObject(0)
+
+
+def _name_ghosts(cells: Any) -> None:
+    """Let an old array of levels be one of the present type."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+    levels = cells.GetArray(_LEVELS)
+    if levels is not None:
+        is_copy = (vtk_to_numpy(levels).reshape(-1) > 0).astype(np.uint8)
+        ghosts = numpy_to_vtk(is_copy * _DUPLICATE, deep=True)
+        ghosts.SetName(_GHOSTS)
+        cells.RemoveArray(_LEVELS)
+        cells.AddArray(ghosts)
 
 
 def _centres(grid: Any) -> tuple[Floats, Floats]:
