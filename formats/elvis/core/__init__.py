@@ -8,6 +8,7 @@ distances                        distances to curved boundaries and triangle mes
 validity                         whether the map of an element folds, proved
 describing                       what these show of themselves at a prompt and in a notebook
 integrals                        over elements and boundaries, exact or with a stated error
+wall_curves                      curves on boundaries: 2D walls, and where planes cut 3D walls
 critical_points, wall_points     where a velocity is zero, and the shear on a wall, all places
 cores                            the cores of vortices, all of them
 streamlines                      lines along a velocity

@@ -65,6 +65,38 @@ def points_in_table(path: str | Path) -> Floats:
     return table
 
 
+def pairs_in_table(text: str) -> Floats:
+    """(n, 2) two columns of a text table, told as FILE or FILE:X,Y with names or numbers of columns, 1 for the first.
+
+    Raises FormatError with the line where a number is missing or malformed, and for columns that the table lacks.
+    """
+    path, colon, chosen = text.rpartition(":")
+    if not colon or not path or "," not in chosen:
+        path, chosen = text, "1,2"
+    rows = list(_rows(path))
+    is_headed = bool(rows) and any(_number(cell) is None for cell in rows[0][1])
+    header = rows[0][1] if is_headed else []
+    columns = [_column(path, name.strip(), header) for name in chosen.split(",", 1)]
+    found = []
+    for place, cells in rows[is_headed:]:
+        numbers = [_number(cells[column]) if column < len(cells) else None for column in columns]
+        if None in numbers:
+            raise FormatError(f"expected numbers in columns {chosen}, found {', '.join(cells)}", file=path, place=place)
+        found.append(numbers)
+    if not found:
+        raise FormatError("expected at least one row of numbers, found none", file=path)
+    return np.array(found, np.float64)
+
+
+def _column(path: str, name: str, header: list[str]) -> int:
+    """The place of a column that is told by its name in a header or by its number."""
+    if name in header:
+        return header.index(name)
+    if name.isdecimal() and int(name) > 0:
+        return int(name) - 1
+    raise FormatError(f"expected a column, one of {', '.join(header) or '1, 2'}, found {name!r}", file=path)
+
+
 def _rows(path: str | Path) -> Iterator[tuple[str, list[str]]]:
     """The line number, in words, and the cells of each line that holds some."""
     text = sys.stdin.read() if str(path) == "-" else content(path).decode("utf-8-sig", "replace")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +26,20 @@ _NAMED, _MARKED = 10, 60
 class Plot:
     """Values of quantities at places over time.
 
-    times   (n,) ascending
+    times   (n,)
     places  the name of each curve, "" for one that needs none
     values  (places, n) by quantity, NaN where there is none
     over    what ``times`` are, where they are none
+    is_reversed  whether values grow downwards
+    overlays     points (n, 2) that are drawn too, by what they are called
     """
 
     times: Floats
     places: Sequence[str]
     values: Mapping[str, Floats]
     over: str = "time"
+    is_reversed: bool = False
+    overlays: Mapping[str, Floats] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:
         """Write PNG, SVG or PDF, by the suffix; equal values give equal bytes.
@@ -57,10 +61,14 @@ class Plot:
                 panel.plot(self.times, curve, color=color, label=_plain(place), marker=marker, linewidth=1.2)
                 alone = _alone(curve)
                 panel.plot(self.times[alone], curve[alone], ".", color=color)
+            for number, (own, points) in enumerate(self.overlays.items()):
+                panel.plot(*points.T, "os^Dv"[number % 5], fillstyle="none", color="black", label=_plain(own))
+            if self.is_reversed:
+                panel.invert_yaxis()
             panel.set_ylabel(_plain(name))
             panel.grid(alpha=0.3)
         panels[-1].set_xlabel(self.over)
-        if 1 < count <= _NAMED:
+        if 1 < count <= _NAMED or self.overlays:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize="small")
         elif count == 1 and self.places[0]:

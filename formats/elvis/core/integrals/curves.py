@@ -28,20 +28,22 @@ _FORMS = {
     "spline": "spline:P:Q:R",
     "normal": "normal:BOUNDARY:POINT:LENGTH",
 }
-#: intervals in each part of a curve, and Gauss points in each, by which lengths are found
-_INTERVALS, _POINTS = 64, 8
+#: Gauss points in each interval of a part of a curve, by which lengths are found
+_POINTS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
     """A curve x(t), t from 0 to ``parts``, smooth between whole numbers.
 
-    at  points (n, 3) and derivatives (n, 3) at parameters (n,)
+    at         points (n, 3) and derivatives (n, 3) at parameters (n,)
+    intervals  in each part, by which lengths are found
     """
 
     name: str
     parts: int
     at: Callable[[Floats], tuple[Floats, Floats]]
+    intervals: int = 64
 
     @staticmethod
     def parse(dataset: Dataset, name: str) -> Curve | None:
@@ -62,15 +64,20 @@ class Curve:
 
     def evenly(self, count: int) -> tuple[Floats, Floats]:
         """Points (n, 3) at even steps of length, both ends included, and the length (n,) up to each."""
-        ends = np.linspace(0.0, self.parts, self.parts * _INTERVALS + 1)
+        t, lengths = self.parameters(count)
+        return self.at(t)[0], lengths
+
+    def parameters(self, count: int) -> tuple[Floats, Floats]:
+        """Parameters (n,) at even steps of length, both ends included, and the length (n,) up to each."""
+        ends = np.linspace(0.0, self.parts, self.parts * self.intervals + 1)
         nodes, weights = gauss(_POINTS)
         t = ends[:-1, None] + np.diff(ends)[:, None] * (1 + nodes) / 2
         speed = np.linalg.norm(self.at(t.reshape(-1))[1], axis=1).reshape(t.shape)
         lengths = np.concatenate([[0.0], np.cumsum(speed @ weights * np.diff(ends) / 2)])
         wanted = np.linspace(0.0, lengths[-1], count)
-        return self.at(self._parameters(wanted, ends, lengths))[0], wanted
+        return self._at_lengths(wanted, ends, lengths), wanted
 
-    def _parameters(self, wanted: Floats, ends: Floats, lengths: Floats) -> Floats:
+    def _at_lengths(self, wanted: Floats, ends: Floats, lengths: Floats) -> Floats:
         """(n,) where the lengths wanted are, by steps of Newton's method inside of intervals."""
         nodes, weights = gauss(_POINTS)
         number = np.clip(np.searchsorted(lengths, wanted, side="right") - 1, 0, len(ends) - 2)

@@ -24,6 +24,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.asked import Asked
+from elvis.renderer.commands.look import Look
 from elvis.renderer.commands.sources import Data, data_options, or_alone
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ Examples:
   elvis probe wing.xml wing.fld --points sensors.csv --all
   elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
   elvis probe wing.xml wing.fld --along normal:wing:0.5,0,0.2:0.05 --fields u --plot layer.png
+  elvis probe wing.xml wing.fld --along section:wing:plane:0,0.5,0:0,1,0 --field p --plot cp.pdf --x x/c --reverse
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --clip sphere:0.5,0,0:0.2 -o outside.csv
   elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all -o signal.csv --plot signal.svg
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
@@ -92,7 +94,15 @@ Examples:
     "--along",
     metavar="CURVE",
     help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
-    "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it.",
+    "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it; boundary:NAME, "
+    "a boundary of 2D data; section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.",
+)
+@click.option(
+    "--chord",
+    metavar="P:Q",
+    type=_PAIR,
+    help="Where x/c is 0 and 1, for --along boundary: and section:.  [default: the ends of the curve, or those of its "
+    "points that are farthest apart]",
 )
 @click.option(
     "--plane",
@@ -127,6 +137,15 @@ Examples:
     type=click.Path(path_type=Path),
     help="Draw the values over --times or --along, .png, .svg or .pdf; the table is left out where -o names none.",
 )
+@click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along to plot over.  [default: length]")
+@click.option("--reverse", is_flag=True, help="Plot values downwards, as is usual for Cp.")
+@click.option(
+    "--overlay",
+    metavar="FILE.csv[:X,Y]",
+    multiple=True,
+    help="Measured points to draw into the plot: a table and two of its columns, by name or number.  [default: 1,2]  "
+    "Repeatable.",
+)
 @json_option
 @overwrite_option
 @data_options
@@ -138,6 +157,7 @@ def probe(
     single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
     along: str | None,
+    chord: tuple[Triple, Triple] | None,
     plane: tuple[Triple, Triple, Triple] | None,
     grid: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
@@ -148,6 +168,9 @@ def probe(
     times: tuple[float, float, int] | str | None,
     output: Path | None,
     plot: Path | None,
+    abscissa: str | None,
+    reverse: bool,
+    overlay: tuple[str, ...],
     as_json: bool,
     overwrite: bool,
 ) -> None:
@@ -157,15 +180,19 @@ def probe(
     --clip leaves nothing, element is -1 and fields are nan; status is 0 outside, 1 inside, 3 where the search failed.
     Where a field jumps between elements, --all shows the value of each. A grid's values alone are written, of one field
     or the components of a vector. With --times the first column is the time, and all points follow for each; with
-    --along it is the length of the curve up to the point; --plot draws them.
+    --along it is the length of the curve up to the point; --plot draws them. On boundaries (--along boundary:NAME or
+    section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the number of the curve
+    where there are several, x/c and the normal.
     """
     is_grid = grid is not None or box is not None
+    is_wall = along is not None and along.startswith(("boundary:", "section:"))
     _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
     if plot is not None and ((times is None) == (along is None) or every):
         raise click.UsageError(
             "expected --plot with --times or --along, and without --all", click.get_current_context()
         )
-    if is_grid or points == "-":
+    look = _look(plot, along, is_wall, chord, Look(abscissa, reverse, overlay))
+    if is_grid or is_wall or points == "-":
         if is_idle(ranks):
             return
         ranks = ALONE
@@ -178,21 +205,24 @@ def probe(
     if along is not None:
         if any(way is not None for way in (points, single or None, line, plane, times)):
             raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-        places, columns = _along(data.source(asked.quantities), along, counts, asked)
+        if is_wall:
+            places, columns = _on_walls(data.source(asked.quantities), along, counts, asked, chord)
+        else:
+            places, columns = _along(data.source(asked.quantities), along, counts, asked)
     else:
         places = _places(points, single, line, plane, counts)
         columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
     if not ranks.rank:
-        _show(columns, places, plot, output, as_json)
+        _show(columns, places, plot, look, output, as_json)
 
 
-def _show(columns: Columns, places: Floats, plot: Path | None, output: Path | None, as_json: bool) -> None:
+def _show(columns: Columns, places: Floats, plot: Path | None, look: Look, output: Path | None, as_json: bool) -> None:
     """Write, draw or print what was found at places (n, 3)."""
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import print_json, visible
 
     if plot is not None:
-        _plot(plot, columns, places)
+        _plot(plot, columns, places, look)
     if output is not None:
         write_columns(output, columns)
     elif as_json:
@@ -222,6 +252,36 @@ def _along(source: Source, name: str, counts: tuple[int, ...] | None, asked: Ask
     return places, {"length": lengths[found["point"]], **found}
 
 
+def _look(plot: Path | None, along: str | None, is_wall: bool, chord: tuple[Triple, Triple] | None, look: Look) -> Look:
+    """The look of the plot; usage error for options that have nothing to act on."""
+    context = click.get_current_context()
+    if look != Look() and (plot is None or along is None):
+        raise click.UsageError("expected --x, --reverse and --overlay with --plot and --along", context)
+    if chord is not None and not is_wall:
+        raise click.UsageError("expected --chord with --along boundary:NAME or section:NAME:plane:P:N", context)
+    return look
+
+
+def _on_walls(
+    source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked, chord: tuple[Triple, Triple] | None
+) -> tuple[Floats, Columns]:
+    """Points (n, 3) of the curves on a boundary, and the table there."""
+    from elvis.core.wall_curves import on_walls
+
+    if source.dataset is None:
+        raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} is on none")
+    if asked.every or asked.clip:
+        raise click.UsageError("expected --along on a boundary without --all and --clip", click.get_current_context())
+    if counts and len(counts) > 1:
+        raise click.BadParameter(
+            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
+        )
+    columns = on_walls(source.dataset, name, _wanted(source, asked.texts), counts[0] if counts else _ALONG, chord)
+    import numpy as np
+
+    return np.column_stack([np.asarray(columns[axis]) for axis in "xyz"]), columns
+
+
 def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: list[Path], overwrite: bool) -> None:
     """ElvisError where the files can't be written, before any long work."""
     from elvis.core.files.columns import check_suffix
@@ -238,7 +298,7 @@ def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: 
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
-def _plot(path: Path, columns: Columns, places: Floats) -> None:
+def _plot(path: Path, columns: Columns, places: Floats, look: Look) -> None:
     """Draw what was found at places (n, 3) over the times, or over the length of a curve."""
     import numpy as np
 
@@ -246,8 +306,7 @@ def _plot(path: Path, columns: Columns, places: Floats) -> None:
 
     known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
     if "length" in columns:
-        lengths = known.pop("length")
-        Plot(lengths, [""], {name: column[None] for name, column in known.items()}, "length").save(path)
+        look.along(columns).save(path)
         return
     curves = {name: column.reshape(-1, len(places)).T for name, column in known.items()}
     times = curves.pop("time")[0]

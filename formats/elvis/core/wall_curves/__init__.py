@@ -1,0 +1,13 @@
+"""Curves on boundaries: 2D walls themselves, and sections of 3D walls with planes.
+
+wall_segments   parts of curves in the reference coordinates of sides of elements
+plane_sections  the segments where a plane meets a boundary
+chains          segments with common ends as curves
+wall_curve      the curves of a name, their lengths, and the values of quantities along them
+"""
+
+from __future__ import annotations
+
+from elvis.core.wall_curves.wall_curve import WallCurve, on_walls, wall_curves
+
+__all__ = ["WallCurve", "on_walls", "wall_curves"]
