@@ -73,15 +73,24 @@ class _ZeroSide:
 
 
 def turned(
-    patches: Sequence[Patch], sides: Sides, degrees: Sequence[int | None], values: Values, within: Within
+    patches: Sequence[Patch],
+    sides: Sides,
+    degrees: Sequence[int | None],
+    values: Values,
+    far: float,
+    within: Within,
 ) -> tuple[Turned, ...]:
-    """The elements of each patch in which the level is moved down; ``degrees`` are those of g, None for none."""
+    """The elements of each patch in which the level is moved down.
+
+    degrees  of g in each patch, None for none
+    far      a value that is none of those within which g is taken for zero
+    """
     found = tuple(Turned(np.zeros(len(patch), bool), np.zeros(len(patch))) for patch in patches)
     zero = [
         own
         for number, (patch, degree) in enumerate(zip(patches, degrees, strict=True))
         if degree is not None
-        for own in _zero_sides(number, patch, sides.members[number], degree, values, within)
+        for own in _zero_sides(number, patch, sides.members[number], degree, values, far, within)
     ]
     if zero:
         holders = _held(zero, sides, found)
@@ -119,12 +128,12 @@ def _doubt(zero: Sequence[_ZeroSide], sides: Sides, holders: Ints, found: Sequen
 
 
 def _zero_sides(
-    number: int, patch: Patch, members: Ints, degree: int, values: Values, within: Within
+    number: int, patch: Patch, members: Ints, degree: int, values: Values, far: float, within: Within
 ) -> Iterator[_ZeroSide]:
     """The sides of elements of a patch on which g is zero; it is so at the corners of an element first."""
-    shape, every = patch.shape, np.arange(len(patch))
-    corners = values(patch, every, shape.vertices)
-    is_small = ~(np.abs(corners) > within(patch, every)[:, None])
+    shape = patch.shape
+    corners = values(patch, np.arange(len(patch)), shape.vertices)
+    is_small = ~(np.abs(corners) > far)
     middle = shape.vertices.mean(axis=0)
     for own in side_numbers(shape):
         rows = np.flatnonzero(is_small[:, list(side_corners(shape, own))].all(axis=1))

@@ -283,7 +283,7 @@ class ZeroSet:
             doubt = self._doubt(evaluator, patch, rows, np.vstack([vertices, vertices.mean(axis=0)]))
             return np.asarray(doubt.away * doubt.size)
 
-        return turned(evaluator.patches, sides, degrees, values, within)
+        return turned(evaluator.patches, sides, degrees, values, _FAR * self._size(evaluator), within)
 
     def _size(self, evaluator: Evaluator) -> float:
         """What the expression is added up from, at most: in the middles of all elements."""

@@ -39,7 +39,10 @@ def touched(piece: Piece, nets: Nets, places: Floats, within: Floats) -> Floats:
         for cell in range(len(corners(side.shape))):
             xi, derivatives = subcell_map(side.shape, np.full(len(lattice), cell), lattice)
             reference = side.places(xi)
-            found += _extents(side, reference, derivatives) * _shares(nets(piece.rows, reference), within)
+            shares = _shares(nets(piece.rows, reference), within)
+            here = np.flatnonzero(shares > 0)
+            if len(here):
+                found[here] += _extents(side.part(here), reference, derivatives) * shares[here]
     return found
 
 
