@@ -238,7 +238,7 @@ def test_bad_files(tmp_path, solvers):
     with pytest.raises(FormatError):
         Exodus([tmp_path / "half.e"])
     (tmp_path / "kind.e").write_bytes(whole.replace(b"TETRA10", b"TETQA10").replace(b"TETQA10", b"NSIDED1"))
-    with pytest.raises(FormatError, match="found NSIDED1"):
+    with pytest.raises(FormatError, match="found the type NSIDED1"):
         Exodus([tmp_path / "kind.e"])
     assert not Exodus.opens([solvers / "gmsh" / "mixed_o3.msh"])
 

@@ -92,6 +92,4 @@ def _hdf5(path: Path) -> str:
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
     except FormatError:
         return "a damaged HDF5 file"
-    if "VTKHDF" in names:
-        return "a VTKHDF file: save an unstructured grid (.vtu) in ParaView"
     return f"an HDF5 file with {', '.join(names[:5]) or 'nothing'}{', ...' if len(names) > 5 else ''}"
