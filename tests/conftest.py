@@ -196,6 +196,40 @@ def started():
     return Started()
 
 
+#: devices by name, and renderers on them, that stay open from test to test
+OPENED, RENDERERS = {}, {}
+#: bytes of a process from which open devices are closed, with all that they hold of kernels
+MOST_RESIDENT = 1 << 30
+
+
+def close_devices():
+    """Close what is open."""
+    from elvis.renderer.device import Device
+
+    RENDERERS.clear()
+    for device in dict.fromkeys(OPENED.values()):
+        Device.close(device)
+    OPENED.clear()
+
+
+def resident():
+    """Bytes of memory that this process has; 0 where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return 0
+    return pages * os.sysconf("SC_PAGESIZE")
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Between modules, whose fixtures may hold devices: kernels of all tests would take gigabytes."""
+    yield
+    if OPENED and nextitem is not None and nextitem.path != item.path and resident() > MOST_RESIDENT:
+        close_devices()
+        gc.collect()
+
+
 @pytest.fixture(scope="session")
 def devices():
     """``devices(name)`` in place of ``Device(name)``: each is opened once and stays open, so that slang, which no cache
@@ -206,19 +240,17 @@ def devices():
         def close(self):
             """Leave it open."""
 
-    opened = {}
-
     def device(name="auto"):
-        if name not in opened:
+        if name not in OPENED:
             fresh = Kept(name)
-            opened[name] = opened.setdefault(fresh.adapter.name, fresh)
-            if opened[name] is not fresh:
+            same = next((own for own in OPENED.values() if own.adapter.name == fresh.adapter.name), fresh)
+            if same is not fresh:
                 Device.close(fresh)
-        return opened[name]
+            OPENED[name] = same
+        return OPENED[name]
 
     yield device
-    for each in opened.values():
-        Device.close(each)
+    close_devices()
 
 
 @pytest.fixture(autouse=True)
@@ -234,18 +266,16 @@ def renderer(devices):
     from elvis import Renderer
     from elvis.renderer.adapters import ADVICE, adapters
 
-    made = {}
-
     def make(name):
         if name == "vulkan" and not any(adapter.kind == "vulkan" for adapter in adapters()):
             if os.environ.get("CI"):
                 pytest.fail(f"no Vulkan device: {ADVICE}")
             pytest.skip(f"no Vulkan device: {ADVICE}")
-        if name not in made:
+        if name not in RENDERERS:
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr("elvis.renderer.rendering.Device", devices)
-                made[name] = Renderer(name)
-        return made[name]
+                RENDERERS[name] = Renderer(name)
+        return RENDERERS[name]
 
     return make
 
