@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import read, vortex_cores
+from elvis import integrate, read, vortex_cores
 from elvis.core.mesh import NON_CONFORMING
 from elvis.plugins.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
@@ -475,3 +475,16 @@ def test_faces_between_elements_that_do_not_match_are_drawn_as_inner_ones(tmp_pa
     counts = {word: sum(map(len, faces.select([word]))) for word in ("all", "inner", NON_CONFORMING)}
     # outside are 5 large faces and 4 + 4 * 4 small ones; inside 1 + 4 that don't match, and 12 from both sides
     assert counts == {"all": 25, "inner": 5 + 24, NON_CONFORMING: 5}
+
+
+def test_sides_of_a_sharp_element_are_no_doubtful_interface(tmp_path, run_elvis):
+    """The sides around a corner of 15 degrees, of which one lies on two sides of other elements."""
+    tip, far, high = np.zeros(3), np.array([2.0, 0, 0]), np.array([2.0, 2 * np.tan(np.radians(15)), 0])
+    top = high + np.array([-1.0, 1.0, 0])
+    middle = high / 2
+    triangles = [(tip, far, high), (tip, middle, top), (middle, high, top)]
+    path = write_gmsh(tmp_path / "sharp.msh", [(2, np.array([triangle])) for triangle in triangles])
+    assert "may lie on" not in run_elvis("integrate", path, "--over", "all", "--field", "1")
+    outline = sum(np.linalg.norm(b - a) for a, b in ((tip, far), (far, high), (high, top), (top, tip)))
+    dataset = read(path)
+    assert integrate(dataset, "1", "all")[-1].value == pytest.approx(outline, rel=1e-12)

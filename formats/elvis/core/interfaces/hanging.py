@@ -178,6 +178,8 @@ class _Search:
         is_on = nearest.inside & (nearest.distance <= self._rounding)
         near = nearest.inside & (nearest.distance <= NEAR * size)
         near &= ~self.named[side[point]] & ~self.named[other]
+        # at a sharp corner two sides of one element are near each other
+        near &= self.sides.element[side[point]] != self.sides.element[other]
         kept = np.flatnonzero(is_on | near)
         kept = kept[self._are_facing(points[point[kept]], side[point[kept]], nearest.points[kept], other[kept])]
         kept = kept[self._joined(side[point[kept]], other[kept], is_on[kept])]

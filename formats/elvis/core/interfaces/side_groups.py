@@ -14,6 +14,7 @@ from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
 from elvis.core.geometry import Assembly, GeometryBlock, mapping
 from elvis.core.polynomials.expansion import values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
 
 #: a side whose area, or length, is less than this part of what its size allows is collapsed
 COLLAPSED = 1e-12
@@ -31,6 +32,7 @@ class SideGroup:
     coefficients  (n, 3, m) of the map of each element
     local         the element's vertices around the side
     entity        (n,) rows of the sides in the mesh
+    element       (n,) ids of the elements
     patches       the sides as polynomials on the domains of `surface_patches`
     """
 
@@ -38,6 +40,7 @@ class SideGroup:
     coefficients: Floats
     local: tuple[int, ...]
     entity: Ints
+    element: Ints
     patches: SurfacePatches
 
     def __len__(self) -> int:
@@ -94,6 +97,7 @@ class SideSet:
 
     group, row  (n,) the group of each side, and its row there
     entity      (n,) rows of the sides in the mesh
+    element     (n,) a number for the element of each side
     degree      the greatest of the map along a side
     """
 
@@ -103,6 +107,9 @@ class SideSet:
         self.group = np.repeat(np.arange(len(groups)), counts)
         self.row = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
         self.entity = np.concatenate([np.empty(0, np.int64), *(group.entity for group in groups)])
+        kinds = [tuple(Shape).index(group.expansion.shape) for group in groups]
+        numbers = [group.element * len(Shape) + kind for group, kind in zip(groups, kinds, strict=True)]
+        self.element = np.concatenate([np.empty(0, np.int64), *numbers])
         self.degree = max((group.degree for group in groups), default=1)
 
     def __len__(self) -> int:
@@ -192,7 +199,7 @@ def _groups_of(dataset: Dataset, block: GeometryBlock | Assembly, wanted: Bools)
         faces = side_coefficients(block.expansion, coefficients, local)
         count = np.arange(len(rows))
         patches = SurfacePatches(len(local), faces, count, np.full(len(rows), WHOLE[len(local)]))
-        yield SideGroup(block.expansion, coefficients, local, entity, patches)
+        yield SideGroup(block.expansion, coefficients, local, entity, block.element_ids[rows], patches)
 
 
 def lattice(corners: int, count: int) -> Floats:
