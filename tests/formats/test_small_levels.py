@@ -9,7 +9,7 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
-from elvis.core.testing import grid
+from elvis.core.testing import grid, with_field
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 #: rounding of a true value
@@ -64,6 +64,19 @@ def test_planes_of_any_direction(shape, seed):
     area = integrate(dataset, "area", over=level)[0]
     volume = integrate(dataset, "volume", clip=f"outside:{level}")[0]
     tolerance = 1e-14 / np.prod(normal)  # of the closed forms, whose terms cancel
+    assert abs(area.value - corner(normal, height, 2) * np.linalg.norm(normal)) <= area.error + tolerance
+    assert abs(volume.value - corner(normal, height, 3)) <= volume.error + tolerance
+
+
+@pytest.mark.parametrize("normal", [(0.3, 0.7, 0.9), (1.0, 0.2, 0.25)])
+def test_planes_through_the_apexes_of_pyramids(normal):
+    """Six pyramids meet at the middle of the cube, where the map of each is singular."""
+    height = 0.5 * sum(normal)
+    dataset = with_field(grid(Shape.PYRAMID, 1), lambda points: points[:, 0], 3)
+    level = f"{normal[0]}*u + {normal[1]}*y + {normal[2]}*z={height!r}"
+    area = integrate(dataset, "1", over=level, error=1e-3)[0]
+    volume = integrate(dataset, "1", clip=f"outside:{level}", error=1e-3)[0]
+    tolerance = 1e-13 / np.prod(normal)
     assert abs(area.value - corner(normal, height, 2) * np.linalg.norm(normal)) <= area.error + tolerance
     assert abs(volume.value - corner(normal, height, 3)) <= volume.error + tolerance
 
