@@ -26,6 +26,8 @@ _AS_GOOD = 0.5
 _NEW = 2.0
 #: points in boxes that are known which cost as much as bounds on a box that a surface cuts
 _BOUNDS_ON_LEVELS = 64
+#: points on elements that take as long as halving such a box, its halves and their bounds
+_NEW_LEVEL_BOX = 512
 #: further points that take as long as one call of a rule, on elements and on boxes that a surface cuts
 CALL, CALL_ON_LEVELS = 4096, 1500
 #: the greatest score of a box, of which many add up to a number
@@ -247,7 +249,7 @@ class Bounded(Group):
     @property
     def cost(self) -> int:
         """Points that it takes to improve a box, about; bounds on levels take as long as many."""
-        return int(2 * self._cost_of_new)
+        return _NEW_LEVEL_BOX if isinstance(self.boxes, LevelBoxes) else int(2 * self._cost_of_new)
 
     @property
     def _cost_of_new(self) -> float:
