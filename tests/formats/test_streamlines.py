@@ -299,6 +299,22 @@ def test_a_step_is_believed_only_where_its_dense_output_follows_the_velocity(mon
     assert found[0][-1] == pytest.approx([0.5, 0.8, 0], abs=1e-10)
 
 
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+def test_the_first_step_is_as_wide_as_bounds_of_its_element_allow(shape, monkeypatch):
+    """Even if no step is found to err at all; steps that follow are judged by their errors."""
+    monkeypatch.setattr(Tracer, "_error", lambda self, active, taken: np.zeros(len(active)))
+    monkeypatch.setattr(Tracer, "_defect", lambda self, lines, taken, nets: np.zeros(len(lines)))
+    d = shape.dimension
+    mesh = curved(grid(shape, 1), ripple(0.05), 3)
+    seeds = 0.5 + 0.6 * (mesh.vertices[:, :d] - 0.5)
+    found = trace(data(mesh, of_dimension(ROTATION, d), 5), seeds, duration=9.0, steps=1)
+    ends = found.offsets[1:] - 1
+    times, firsts = found.time[ends], found.points[found.offsets[:-1]]
+    expected = [turned(first, time) for first, time in zip(firsts, times, strict=True)]
+    assert times.max() > 1e-3
+    assert found.points[ends][:, :2] == pytest.approx(np.array(expected)[:, :2], abs=1e-11)
+
+
 def test_rest_focus_circle_and_limits():
     square = grid(Shape.QUADRILATERAL, 1)
     still = trace(data(square, dict.fromkeys("uv", constant(0))), [[0.3, 0.3], [7, 7]])

@@ -120,6 +120,10 @@ class HostVelocity(Velocity):
         """As if no element were: nothing is known of the map but its values."""
         return False
 
+    def component_fields(self, number: int) -> None:
+        """None: nothing is known of fields but their values."""
+        return
+
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates."""
         found = np.empty((len(points), 3))

@@ -91,6 +91,10 @@ class MovingVelocity(Velocity):
             )
         self._steps = tuple(zip(*own, strict=True))
 
+    def component_fields(self, number: int) -> None:
+        """None: the coefficients change in time."""
+        return
+
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """At points (n, D + 1): as in `Velocity`, and how fast the clock goes."""
         still = super().motion(patch, row, points)

@@ -22,6 +22,7 @@ from elvis.core.streamlines.dop853 import DEGREE, Step, step
 from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.entries import ALONG, taking_up
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
+from elvis.core.streamlines.first_steps import first_widths
 from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
@@ -69,13 +70,15 @@ class Tracer:
         count = len(patch)
         self.patch, self.row = patch.copy(), row.copy()
         self.state = np.column_stack([reference, np.zeros(count)])
-        self.time, self._width = np.zeros(count), np.full(count, np.nan)
+        self.time, self._width = np.zeros(count), np.zeros(count)
         self.end = np.where(patch < 0, End.OUTSIDE, End.GOING).astype(np.int64)
         self._slope = np.zeros_like(self.state)
         self._steps, self._turns = np.zeros((2, count), np.int64)
         self._orientation = np.zeros(count)
         self._jacobians = np.zeros((count, 3, reference.shape[1] - self.velocity.clocks))
-        self._enter(np.flatnonzero(patch >= 0))
+        inside = np.flatnonzero(patch >= 0)
+        motion = self._enter(inside)
+        self._width[inside] = first_widths(self.velocity, patch[inside], row[inside], motion, self.limits.tolerance)
 
     def resume(self, lines: Ints, velocity: Velocity, clock: Floats, duration: float) -> None:
         """Go on with lines (k,) that have come to their duration, in another velocity on the same elements.
@@ -108,12 +111,13 @@ class Tracer:
     def _slopes(self, motion: Motion) -> Floats:
         return np.column_stack([self.sign * motion.reference, motion.speed])
 
-    def _enter(self, lines: Ints) -> None:
-        """Take in what moves where lines now are; those end that meet no number, rest or an inverted element."""
+    def _enter(self, lines: Ints) -> Motion:
+        """What moves where lines now are; those end that meet no number, rest or an inverted element."""
         motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
         self._slope[lines], self._jacobians[lines] = self._slopes(motion), motion.jacobians
         self._end_slow(lines, motion)
         self._orientation[lines] = self._orientations(motion.jacobians)
+        return motion
 
     def _end_slow(self, lines: Ints, motion: Motion) -> None:
         """End the lines that move no more."""
@@ -130,7 +134,7 @@ class Tracer:
 
     def _advance(self, active: Ints) -> Piece | None:
         """A step of each line, kept where its error is within the tolerance."""
-        width = self._first_width(active)
+        width = self._next_width(active)
         taken = step(lambda states: self._derivative(active, states), self.state[active], self._slope[active], width)
         error = self._error(active, taken)
         promising = np.flatnonzero(error <= 1)
@@ -150,12 +154,12 @@ class Tracer:
             return None
         return self._keep(active[kept], taken.part(kept), nets[accepted[promising]])
 
-    def _first_width(self, active: Ints) -> Floats:
-        """(k,) widths to be tried: what the last step suggests, within an element's reach and the duration."""
+    def _next_width(self, active: Ints) -> Floats:
+        """(k,) widths to be tried: what bounds or the last step suggest, within an element's reach and the duration."""
         speed = np.abs(self._slope[active, :-1]).max(axis=1)
         with np.errstate(divide="ignore"):
             reach = REACH / speed
-        width = np.fmin(self._width[active], reach)
+        width = np.minimum(self._width[active], reach)
         left = self.limits.duration - self.time[active]
         return np.asarray(np.minimum(width, left))
 

@@ -89,6 +89,10 @@ class Velocity:
         """Whether the map is affine in all elements of a patch."""
         return self._constant[number] is not None
 
+    def component_fields(self, number: int) -> tuple[int, ...] | None:
+        """The numbers of the fields that the components are in a patch, with one expansion; None where they aren't."""
+        return self._fields[number]
+
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """At reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
         count, d = len(points), points.shape[1] - self.clocks

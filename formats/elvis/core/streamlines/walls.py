@@ -109,6 +109,10 @@ class WallVelocity(Velocity):
         """As if no face were: their maps are those of elements."""
         return False
 
+    def component_fields(self, number: int) -> None:
+        """None: fields are those of elements."""
+        return
+
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """At reference points (n, 2) of faces: patches (n,) and rows in them (n,)."""
         found = Motion(np.zeros((len(points), 3)), np.empty((len(points), 2)), np.empty((len(points), 3, 2)))
