@@ -1,5 +1,6 @@
 """Errors of conversions are measured against the source's own functions where no fit has looked, and carried along."""
 
+import json
 import re
 
 import numpy as np
@@ -10,6 +11,7 @@ from elvis.converters.ngsolve_export import export
 from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.norms import quantity_norms
 from elvis.core.quantities import Expression
+from elvis.core.quantities.bounding import quantity_range
 from elvis.core.quantity_extrema import quantity_extrema
 from elvis.plugins.command import main
 
@@ -134,8 +136,17 @@ def test_probes_norms_and_extrema_state_the_error_of_the_conversion(ngsolve, flu
     assert greatest.bound - greatest.value >= found.errors[:, 1].max()
     assert least.value - least.bound >= found.errors[:, 1].max()
 
+    # ranges hold the source's values, too
+    known = quantity_range(dataset, Expression.of(dataset, "flux_x"))
+    assert min(known.upper - known.greatest, known.least - known.lower) >= 0.99 * stated(dataset, "flux_x")
+    with pytest.raises(SystemExit):
+        main(["info", "--json", *map(str, paths)])
+    told = {own["name"]: own["range"] for own in json.loads(capsys.readouterr().out)["fields"]}["flux_x"]
+    assert [told["lower"], told["upper"]] == pytest.approx([known.lower, known.upper], rel=1e-12)
+
     # one note in each command
-    commands = (["norms", "--json"], ["probe", "--json", "--point", "0,0,0"], ["info", "--extrema", "--json"])
+    picture = ["render", "--size", "16x16", "-o", str(tmp_path / "a.png")]
+    commands = (["norms", "--json"], ["probe", "--json", "--point", "0,0,0"], ["info", "--extrema", "--json"], picture)
     for command in commands:
         with pytest.raises(SystemExit) as status:
             main([*command, "--field", text, *map(str, paths)])

@@ -46,6 +46,10 @@ class ConversionErrors:
     def __bool__(self) -> bool:
         return bool(self.fields) or self.place.value > 0
 
+    def of_field(self, name: str) -> Loss:
+        """The error of a field, exact or not."""
+        return self.fields.get(name, Loss())
+
     def sentence(self) -> str:
         """How large the errors are."""
         named = [("coordinates", self.place)] if self.place.value else []

@@ -32,6 +32,10 @@ class Range:
     least: float
     greatest: float
 
+    def widened(self, radius: float) -> Range:
+        """The range whose ends hold for values that are off by a radius at most; itself where that is not known."""
+        return replace(self, lower=self.lower - radius, upper=self.upper + radius) if np.isfinite(radius) else self
+
 
 def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
     """The range over elements with ``coefficients`` (n, m); None where there are none.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import MAP_KEY, Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.tangents import determinants
@@ -64,7 +65,7 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
             "box": box(dataset, blocks),
             "jacobian": _jacobian([tally.signs for tally in tallies]),
         },
-        "fields": [_field(field, [tally.fields[field.name] for tally in tallies]) for field in dataset.solution],
+        "fields": [_field(dataset, field, [own.fields[field.name] for own in tallies]) for field in dataset.solution],
         "composites": [_composite(*pair) for pair in zip(mesh.composites, mesh.counts.composites, strict=True)],
         "domains": {str(id): list(composites) for id, composites in mesh.domains.items()},
         "metadata": dict(dataset.metadata),
@@ -253,13 +254,14 @@ def gauss_points(expansion: Expansion) -> Floats:
     return uncollapse(expansion.shape, eta)
 
 
-def _field(field: Field, every: Sequence[_Coefficients]) -> Facts:
+def _field(dataset: Dataset, field: Field, every: Sequence[_Coefficients]) -> Facts:
     """Size, orders and range of one field; elements with a coefficient that is not finite are counted apart.
 
-    field  of elements that may hold an end of the range
+    field  of elements that may hold an end of the range, which includes the error of its conversion
     every  of all elements
     """
     found = field_range(field.blocks)
+    found = found and found.widened(ConversionErrors.of(dataset.metadata).of_field(field.name).value)
     elements = [sum(own) for own in zip(*(own.elements for own in every), strict=True)]
     counts = dict.fromkeys((block.expansion for block in field.blocks), 0)
     for block, count in zip(field.blocks, elements, strict=True):

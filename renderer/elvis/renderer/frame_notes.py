@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression
+from elvis.core.quantities.conversion_radius import sentence
+from elvis.core.quantities.largest_radii import largest_radii
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of
 from elvis.scene import Faces, Isosurface, Scene
@@ -29,6 +32,15 @@ def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
     names = names_of(data)
     has_some = any(Expression.parse(text, names).has_rates for text in quantities(scene))
     return [data.rates.remark] if has_some else []
+
+
+def remarks_on_conversion(data: Dataset, scene: Scene) -> list[str]:
+    """A sentence on how far what the scene shows is from the source of converted data, where that lost something."""
+    if not ConversionErrors.of(data.metadata):
+        return []
+    shown = [Expression.of(data, text) for text in quantities(scene) if text]
+    found = sentence([each.text for each in shown], largest_radii(data, shown).tolist())
+    return [found] if found else []
 
 
 def _constants(frame: Frame) -> list[str]:

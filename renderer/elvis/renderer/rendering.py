@@ -36,7 +36,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
-from elvis.renderer.frame_notes import note, remarks_on_rates
+from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_rates
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
 from elvis.renderer.pixels import NOBODY
@@ -175,6 +175,7 @@ class Pictures:
         self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
         self._quantities, self._kind = (), None
         self._checked: tuple[str, float | None] | None = None
+        self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
@@ -206,15 +207,23 @@ class Pictures:
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
+        self._tell_conversion(data, scene)
         self._kind = self._kind or _kind(data, scene)
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
-        remarks = (*(data.remarks if isinstance(data, Dataset) else ()), *remarks_on_rates(data, scene))
+        told = (*data.remarks, *self._conversion[1]) if isinstance(data, Dataset) else ()
+        remarks = (*told, *remarks_on_rates(data, scene))
         if self._part is not None:
             data = self._of_ranks(self._part.timed(scene.time), scene)
         found = self._in_bricks(data, scene)
         if self._bricks is not None and isinstance(found, Dataset):
             remarks = tuple(dict.fromkeys((*remarks, *found.remarks)))
         return asked, scene, found, remarks
+
+    def _tell_conversion(self, data: Dataset | PluginData, scene: Scene) -> None:
+        """Note how far what is shown is from the source of converted data, once for the same quantities."""
+        shown = quantities(scene), scene.time
+        if isinstance(data, Dataset) and self._conversion[0] != shown:
+            self._conversion = shown, tuple(remarks_on_conversion(data, scene))
 
     def _opened(self) -> Renderer:
         """The renderer, whose device is opened when it is first asked for."""

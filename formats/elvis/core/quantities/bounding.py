@@ -20,6 +20,7 @@ from elvis.core.quantities.element_sides import SIDES, places_on_sides
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.intervals import Interval
+from elvis.core.quantities.largest_radii import largest_radii
 from elvis.core.quantities.tree import Node, negative
 from elvis.core.ranges import Range, deciding, field_range, finite_rows
 from elvis.core.shapes import Shape
@@ -39,7 +40,14 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
 
     ``least`` and ``greatest`` are values that are attained.  Ends are infinite where nothing is known: for expressions
     with poles or second derivatives, and for derivatives on surfaces in space and in quasi-3D data.
+    Ends of converted data include the error of the conversion, an estimate, where it is known.
     """
+    found = _own_range(dataset, expression)
+    return found and found.widened(float(largest_radii(dataset, [expression])[0]))
+
+
+def _own_range(dataset: Dataset, expression: Expression) -> Range | None:
+    """The range of a quantity of the data as they are."""
     if expression.is_field:
         return field_range(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
