@@ -90,6 +90,7 @@ class Elements:
         solver = Solver(self.patches, self._value)
         return Part(
             module=f"native_{shape.name.lower()}",
+            shape=None if self.series else shape,
             type=own.type,
             element_ids=frozen_ints(ids),
             boxes=maps.boxes,

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.shapes import Shape
 from elvis.plugins.volume import Enclosure
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.leaf_types import along_rays
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.nodes import series
+from elvis.renderer.passes.volume.simplex_bends import RADII, nodes, tetrahedron_bends
 from elvis.renderer.traversal import MORE
 
-#: long half axes of ellipses in elements' cubes that bends are known on, as many as in volume_enclose.slang
+#: long half axes of ellipses in elements' cubes that bends are known on, as many as in volume_enclose.slang; around
+#: tetrahedra there are distances in their place
 CUBE_AXES = (1.02, 1.08, 1.2, 1.45, 2.0, 3.0, 5.0, 9.0, 16.0)
 #: those of ellipses around parts of rays that are tried, as many as there: the first is the part itself
 LINE_AXES = (1.0, 1.3, 1.8, 2.8, 4.5, 8.0)
+#: of both (9, 2) the half axis, and the distance in which they are known
+ELLIPSES = np.column_stack([CUBE_AXES, np.full(len(CUBE_AXES), 1e300)])
+BALLS = np.column_stack([np.full(len(RADII), 1e150), RADII])
 #: numbers on the device together on the way
 _AT_ONCE = 1 << 22
 
@@ -40,32 +48,56 @@ class Bends:
         """The same but for what depends on the degree."""
         device, part = self._loaded.device, self._loaded.parts[number]
         enclosure = along_rays(part, self._loaded.quantity(number, quantity))
-        arrays = {"cube_axes": np.array(CUBE_AXES), "line_axes": np.array(LINE_AXES)}
-        found = {name: device.buffer(array) for name, array in arrays.items()}
+        found = {"line_axes": device.buffer(np.array(LINE_AXES))}
         found["leaf_errors"] = device.buffer(np.zeros(1) if enclosure is None else enclosure.errors())
-        found["bent"] = device.buffer(np.zeros(1) if enclosure is None else self._bent(number, quantity, enclosure))
-        return found
+        bent, rooms = np.zeros(1), ELLIPSES
+        if enclosure is not None:
+            around = self._around_tetrahedra(number, quantity, enclosure) if part.shape is Shape.TETRAHEDRON else None
+            bent, rooms = (self._in_cubes(number, quantity, enclosure), ELLIPSES) if around is None else (around, BALLS)
+        return {**found, "bent": device.buffer(bent), "cube_axes": device.buffer(rooms)}
 
-    def _bent(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats:
-        """(elements, leaves, ellipses, 2) of a part's quantity that is made of leaves."""
+    def _around_tetrahedra(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats | None:
+        """(elements, leaves, distances, 2) of a part's quantity; None where its leaves are not of a total degree."""
+        errors, degree = enclosure.errors(), enclosure.degree
+        leaves, parts = 3 + enclosure.fields, list[Floats]()
+        for first, values, _ in self._sampled(number, quantity, enclosure, nodes(degree), 0):
+            count = len(values) // ((leaves + 1) * (degree + 1) ** 3)
+            own = values.reshape(count, leaves + 1, -1)[:, :leaves].reshape(count, -1, leaves)
+            bent = tetrahedron_bends(own.swapaxes(1, 2), errors[first : first + count], degree)
+            if bent is None:
+                return None
+            parts.append(bent)
+        return np.concatenate(parts)
+
+    def _in_cubes(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats:
+        """(elements, leaves, ellipses, 2) of a part's quantity that is made of leaves, one after the other."""
+        places = series(enclosure.degree)[0]
+        sampled = self._sampled(number, quantity, enclosure, places, len(CUBE_AXES))
+        return np.concatenate([bent for _, _, bent in sampled])
+
+    def _sampled(
+        self, number: int, quantity: str | None, enclosure: Enclosure, places: Floats, ellipses: int
+    ) -> Iterator[tuple[int, Floats, Floats]]:
+        """For elements from one on what is known of a part's leaves at a lattice of places, and on some ellipses."""
         loaded, device, part = self._loaded, self._loaded.device, self._loaded.parts[number]
         kernel = device.kernel("volume_bends", part, quantity)
-        nodes, transform = series(enclosure.degree)
-        arrays = {"leaf_nodes": nodes, "leaf_chebyshev": transform, "grown": _grown(enclosure.degree)}
+        transform = series(enclosure.degree)[1]
+        arrays = {"leaf_nodes": places, "leaf_chebyshev": transform, "grown": _grown(enclosure.degree)}
         arrays["leaf_errors"] = enclosure.errors()
         buffers = {name: device.buffer(array) for name, array in arrays.items()} | loaded.bindings(number, quantity)
         leaves, terms = 3 + enclosure.fields, (enclosure.degree + 1) ** 3
         most = max(1, _AT_ONCE // ((leaves + 1) * terms))
-        size, found = 2 * leaves * len(CUBE_AXES), list[Floats]()
         for first in range(0, len(part), most):
             count = min(most, len(part) - first)
+            size = 2 * leaves * ellipses * count
             wanted = np.zeros(1, kernel.dtype("wanted"))
-            wanted["first"], wanted["count"], wanted["ellipses"] = first, count, len(CUBE_AXES)
-            own = {"wanted": device.buffer(wanted), "bent": device.empty(np.float64, count * size)}
+            wanted["first"], wanted["count"], wanted["ellipses"] = first, count, ellipses
+            own = {"wanted": device.buffer(wanted), "bent": device.empty(np.float64, max(1, size))}
             own["values"] = device.empty(np.float64, count * (leaves + 1) * terms)
             kernel(count, {**buffers, **own})
-            found.append(device.read(own["bent"], np.float64)[: count * size].copy())
-        return np.concatenate(found)
+            values = np.zeros(0) if ellipses else device.read(own["values"], np.float64)
+            bent = device.read(own["bent"], np.float64)[:size]
+            yield first, values[: count * (leaves + 1) * terms].copy(), bent.copy()
 
 
 @bounded_cache
