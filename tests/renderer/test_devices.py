@@ -121,7 +121,7 @@ def test_of_bound_buffers_as_much_is_reached_as_vulkan_tells():
 
 def test_the_cpu_is_offered_only_where_a_compiler_is_found(monkeypatch):
     monkeypatch.setattr(adapters, "_enumerate", lambda kind: [])
-    for compiler, expected in (("clang", ["cpu"]), ("g++", ["cpu"]), ("gcc", []), ("", [])):
+    for compiler, expected in (("clang", []), ("g++", ["cpu"]), ("gcc", []), ("", [])):
         monkeypatch.setattr(adapters, "which", lambda name, found=compiler: "/bin/" + name if name == found else None)
         assert [adapter.name for adapter in adapters.adapters()] == expected
 

@@ -28,8 +28,8 @@ SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
 #: what to install where slang's CPU target finds no compiler
-COMPILER_ADVICE = "install a C++ compiler (g++ or clang)"
-#: the variable of the environment that says how much Slang optimises kernels of Vulkan and CUDA, and what it may be
+COMPILER_ADVICE = "install a C++ compiler (g++)"
+#: the variable of the environment that says how much Slang optimises kernels, and what it may be
 OPTIMIZATION = "ELVIS_SLANG_OPTIMIZATION"
 LEVELS = ("none", "default", "high", "maximal")
 #: features that kernels use, as slangpy calls them -> in words
@@ -105,11 +105,14 @@ def adapters() -> list[Adapter]:
 
 
 def has_compiler() -> bool:
-    """Whether a compiler is where slang looks for those that its CPU target needs."""
+    """Whether a compiler is where slang looks for those that its CPU target needs.
+
+    Outside Windows slang takes what is called g++, which is clang on macOS; it doesn't recognize other names of clang.
+    """
     if sys.platform == "win32":
         installer = Path(os.environ.get("PROGRAMFILES(X86)", "")) / "Microsoft Visual Studio" / "Installer"
         return (installer / "vswhere.exe").is_file() or which("cl") is not None
-    return any(which(name) for name in ("g++", "clang"))
+    return which("g++") is not None
 
 
 def open_device(name: str) -> Choice[slangpy.Device]:
@@ -212,7 +215,6 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
 def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) -> slangpy.SlangSession:
     """A session of the Slang compiler for an open device, which finds modules in these folders.
 
-    C++ of the CPU target is always optimised: otherwise it runs longer than it compiles sooner.
     DeviceError where the environment asks for a level that there is not.
     """
     import slangpy
@@ -222,8 +224,7 @@ def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) 
         raise DeviceError(f"{OPTIMIZATION} is {level!r}: expected one of {', '.join(LEVELS)}")
     options = slangpy.SlangCompilerOptions()
     options.include_paths = [str(folder) for folder in folders]
-    if adapter.kind != "cpu":
-        options.optimization = slangpy.SlangOptimizationLevel[level]
+    options.optimization = slangpy.SlangOptimizationLevel[level]
     kept = kernel_cache().modules.place(slangpy.__version__, adapter.kind, level, *map(str, folders))
     try:
         return device.create_slang_session(options, cache_path=kept)

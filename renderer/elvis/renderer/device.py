@@ -19,6 +19,7 @@ from elvis.renderer.announcing import Announcement
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
+from elvis.renderer.kernel_failures import naming_what_fails
 from elvis.renderer.layouts import dtype_of
 from elvis.renderer.leaf_types import enclosure_of, leaves, leaves_along_rays
 from elvis.renderer.memory import CLOSED, Buffer, Pool
@@ -227,7 +228,8 @@ class Device:
         entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
         own = self._session.load_module_from_source(name, source)
         program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
-        return Kernel(self._device, program, self.watch, self.adapter)
+        with naming_what_fails(stage, self._folders, self.adapter):
+            return Kernel(self._device, program, self.watch, self.adapter)
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """What a kernel appends to the buffer ``name`` and counts in ``count``.
