@@ -121,3 +121,12 @@ def groups(root):
 def test_every_way_to_import_is_seen():
     source = "import elvis.plugins.x\nfrom elvis import renderer\nfrom elvis.reference.y import z\nimport numpy"
     assert list(imported_slices(ast.parse(source))) == [(1, "plugins"), (2, "renderer"), (3, "reference")]
+
+
+def test_scripts_from_before_find_their_names():
+    from elvis import formats, renderer
+
+    assert formats.read is elvis.read
+    assert renderer.Plane is elvis.Plane
+    with pytest.raises(AttributeError, match="no attribute 'render_all'"):
+        renderer.render_all  # noqa: B018

@@ -60,7 +60,7 @@ def test_every_file_of_the_areas_is_in_the_wheel(root, wheel, project_files):
     }
     assert not wanted - inside
     assert any(name.endswith(".slang") for name in wanted)
-    assert sum(name.endswith("py.typed") for name in wanted) == 8
+    assert sum(name.endswith("py.typed") for name in wanted) == 10
 
 
 def test_nothing_else_is_in_the_wheel(wheel):

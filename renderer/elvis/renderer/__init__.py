@@ -1,17 +1,23 @@
-"""The renderer: pictures of scenes that are exact to the pixel.  Programs use ``import elvis``."""
+"""The renderer: pictures of scenes that are exact to the pixel.
+
+Programs use ``import elvis``.  Its other names are found here too, for scripts that were written before it had them.
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
-
-from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from elvis.renderer.rendering import Renderer, render
 
 __all__ = ["Renderer", "render"]
 
-__getattr__ = lazy_names(__name__, {"elvis.renderer.rendering": ("Renderer", "render")})
+
+def __getattr__(name: str) -> object:
+    if name.startswith("__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("elvis"), name)
 
 
 def __dir__() -> list[str]:
