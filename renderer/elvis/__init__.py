@@ -9,14 +9,16 @@ The package has five roots in a checkout, one for each area, and one folder wher
 
 from __future__ import annotations
 
-from pkgutil import extend_path
-from typing import TYPE_CHECKING
+import os
+import sys
 
-__path__ = extend_path(__path__, __name__)
+# each command waits for this module: pkgutil.extend_path and typing would cost it most of its time
+__path__ = list(dict.fromkeys([*__path__, *filter(os.path.isdir, (os.path.join(path, "elvis") for path in sys.path))]))
 
 from elvis import api
 from elvis.core.lazy import lazy_names
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from elvis.api import *  # noqa: F403
 

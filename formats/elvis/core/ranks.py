@@ -13,6 +13,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from socket import gethostname
 from time import monotonic, sleep
 from typing import Any, Protocol, TypeVar
@@ -30,7 +31,7 @@ _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 #: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
-_PATIENCE_HERE = 60.0
+_PATIENCE_HERE = 5.0
 _PATIENCE_ELSEWHERE = 0.5
 #: tags of messages: what a rank has found; its last word; what all have found; how the run ended; from one to another
 _FOUND, _LAST, _ALL, _END, _DIRECT = 1, 2, 3, 4, 5
@@ -300,12 +301,21 @@ def number_of_process(environment: Mapping[str, str] = os.environ) -> int:
 
 
 def _is_running(process: int) -> bool:
-    """Whether there is a process of that number on this machine."""
+    """Whether there is a process of that number on this machine, and has not ended yet.
+
+    Where a starter looks for ended processes at its own end alone, they stay in the system's table until then.
+    """
     try:
         os.kill(process, 0)
     except OSError:
         return False
-    return True
+    try:
+        state = (
+            Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[0]
+        )
+    except (OSError, IndexError):
+        return True  # not on Linux
+    return state not in "ZX"
 
 
 def _is_open(number: int) -> bool:

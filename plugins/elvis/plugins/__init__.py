@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from elvis.core.lazy import lazy_names
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from elvis.plugins.data import read
 

@@ -6,10 +6,9 @@ This slice may import every other slice, and none imports it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from elvis.core.lazy import lazy_names
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from elvis.api.numbers import extrema
     from elvis.api.version import __version__
