@@ -98,7 +98,7 @@ def serve(tree: Path, quick: bool) -> None:
 
 
 def drawings(renderer: Any, quick: bool) -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
-    """By the name of a scene, what loads its data, and what draws it."""
+    """Two functions for each scene, by its name: one loads the data, the other draws."""
     from cases import FIELD, cut, standard
     from shown import DELTA
 

@@ -27,9 +27,9 @@ TETRAHEDRA, HEXAHEDRA, QUADRILATERALS, FEW = 6, 4, 12, 2
 class Everyday:
     """An integral.
 
-    make   its data
-    over   its target
-    clip   the surface whose inside is left out
+    make   makes the data
+    over   the target, as `integrate` names it
+    clip   the surface that clips the elements; its inside is left out
     """
 
     make: Callable[[], Dataset]
@@ -38,7 +38,7 @@ class Everyday:
     clip: str | None = None
 
     def value(self) -> float:
-        """What it amounts to."""
+        """The value of the integral."""
         return float(integrate(self.make(), self.field, self.over, error=ERROR, clip=self.clip)[0].value)
 
 

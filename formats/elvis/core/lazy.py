@@ -22,3 +22,14 @@ def lazy_names(package: str, modules: Mapping[str, tuple[str, ...]]) -> Callable
         return getattr(import_module(homes[name]), name)
 
     return attribute
+
+
+def names_of_elvis(package: str) -> Callable[[str], object]:
+    """The ``__getattr__`` of a package that finds all names of ``import elvis``, for scripts older than that."""
+
+    def attribute(name: str) -> object:
+        if name.startswith("__"):
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module("elvis"), name)
+
+    return attribute

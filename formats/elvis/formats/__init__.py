@@ -5,8 +5,9 @@ Programs use ``import elvis``.  Its other names are found here too, for scripts 
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from elvis.core.lazy import names_of_elvis
 
 if TYPE_CHECKING:
     from elvis.core.errors import FormatError
@@ -15,10 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["FormatError", "write"]
 
 
-def __getattr__(name: str) -> object:
-    if name.startswith("__"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("elvis"), name)
+__getattr__ = names_of_elvis(__name__)
 
 
 def __dir__() -> list[str]:

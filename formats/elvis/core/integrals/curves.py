@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -69,13 +70,23 @@ class Curve:
 
     def parameters(self, count: int) -> tuple[Floats, Floats]:
         """Parameters (n,) at even steps of length, both ends included, and the length (n,) up to each."""
+        ends, lengths = self._lengths
+        wanted = np.linspace(0.0, lengths[-1], count)
+        return self._at_lengths(wanted, ends, lengths), wanted
+
+    @property
+    def length(self) -> float:
+        """Length of the whole curve."""
+        return float(self._lengths[1][-1])
+
+    @cached_property
+    def _lengths(self) -> tuple[Floats, Floats]:
+        """Parameters (n,) of the ends of intervals, and the length (n,) up to each."""
         ends = np.linspace(0.0, self.parts, self.parts * self.intervals + 1)
         nodes, weights = gauss(_POINTS)
         t = ends[:-1, None] + np.diff(ends)[:, None] * (1 + nodes) / 2
         speed = np.linalg.norm(self.at(t.reshape(-1))[1], axis=1).reshape(t.shape)
-        lengths = np.concatenate([[0.0], np.cumsum(speed @ weights * np.diff(ends) / 2)])
-        wanted = np.linspace(0.0, lengths[-1], count)
-        return self._at_lengths(wanted, ends, lengths), wanted
+        return ends, np.concatenate([[0.0], np.cumsum(speed @ weights * np.diff(ends) / 2)])
 
     def _at_lengths(self, wanted: Floats, ends: Floats, lengths: Floats) -> Floats:
         """(n,) where the lengths wanted are, by steps of Newton's method inside of intervals."""

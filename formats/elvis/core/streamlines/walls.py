@@ -77,13 +77,13 @@ def corners_of(dataset: Dataset, piece: Piece) -> Ints:
 
 
 def facet_slope(piece: Piece) -> Floats:
-    """(3,) the reference gradient of the height over a side, which is 0 on it and 1 at the far end of the element."""
+    """(d,) the reference gradient of the height over a side, which is 0 on it and 1 at the far end of the element."""
     assert piece.number is not None
     return np.asarray(Sides.of(piece.patch.shape).normals[piece.number])
 
 
 def outward(piece: Piece, jacobians: Floats) -> Floats:
-    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, 3) of the elements there."""
+    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, D) of the elements there."""
     with np.errstate(all="ignore"):
         gradients = tangents.duals(jacobians) @ facet_slope(piece)
         return np.asarray(-gradients / np.linalg.norm(gradients, axis=1, keepdims=True))

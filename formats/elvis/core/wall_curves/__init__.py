@@ -8,6 +8,6 @@ wall_curve      the curves of a name, their lengths, and the values of quantitie
 
 from __future__ import annotations
 
-from elvis.core.wall_curves.wall_curve import WallCurve, on_walls, wall_curves
+from elvis.core.wall_curves.wall_curve import WallCurve, is_wall_curve, on_walls, wall_curves
 
-__all__ = ["WallCurve", "on_walls", "wall_curves"]
+__all__ = ["WallCurve", "is_wall_curve", "on_walls", "wall_curves"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,12 +21,12 @@ from elvis.core.files.columns import Columns
 from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.targets import Places
-from elvis.core.mapping import pointwise, tangents
+from elvis.core.mapping import pointwise
 from elvis.core.mapping.inverse import Status
-from elvis.core.mapping.margins import facets
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression, taken_name
+from elvis.core.streamlines.walls import outward
 from elvis.core.wall_curves.chains import chains, places_by_number, without_doubles
 from elvis.core.wall_curves.plane_sections import Section, section
 from elvis.core.wall_curves.wall_segments import Segments, Straight
@@ -97,7 +98,7 @@ class WallCurve:
     is_closed: bool
     plane: tuple[Floats, Floats] | None = None
 
-    @property
+    @cached_property
     def curve(self) -> Curve:
         """The curve in the world; its parameter is the number of a segment plus the place in it."""
         return Curve(self.name, len(self.row), self._at, _INTERVALS)
@@ -144,7 +145,7 @@ class WallCurve:
     @property
     def length(self) -> float:
         """Length of the curve."""
-        return float(self.curve.parameters(2)[1][-1])
+        return self.curve.length
 
     def taken(self, order: Ints) -> WallCurve:
         """The segments in another order."""
@@ -162,24 +163,12 @@ class WallCurve:
         element, values = np.empty(count, np.int64), np.empty((count, len(evaluator.expressions)))
         for here, piece, rows, xi, _ in self._placed(t):
             reference = piece.places(xi)
-            normals[here] = _normals(piece, pointwise.jacobians(piece.patch, rows, reference))
+            normals[here] = outward(piece, pointwise.jacobians(piece.patch, rows, reference))
             places = ElementPoints(piece.patch, rows, reference, normals[here])
             points[here], element[here] = places.positions, piece.patch.element_ids[rows]
             for column, own in enumerate(evaluator.values_at(evaluator.expressions, places)):
                 values[here, column] = own
         return WallPoints(np.full(count, number), lengths, points, normals, element, values)
-
-
-def _normals(piece: Piece, jacobians: Floats) -> Floats:
-    """(n, 3) unit normals of sides, out of their elements, from Jacobians (n, 3, D) of the elements there."""
-    shape = piece.patch.shape
-    assert piece.number is not None
-    local = (shape.edges if shape.dimension == 2 else shape.faces)[piece.number]
-    slopes, offsets = facets(shape)
-    heights = np.abs(shape.vertices[list(local)] @ slopes.T + offsets).max(axis=0)
-    gradients = tangents.duals(jacobians)[:, :, : shape.dimension] @ slopes[heights.argmin()]
-    with np.errstate(all="ignore"):
-        return np.asarray(-gradients / np.linalg.norm(gradients, axis=1, keepdims=True))
 
 
 def is_wall_curve(name: str) -> bool:

@@ -185,13 +185,14 @@ def probe(
     where there are several, x/c and the normal.
     """
     is_grid = grid is not None or box is not None
-    is_wall = along is not None and along.startswith(("boundary:", "section:"))
+    is_wall = along is not None and _is_on_walls(along)
     _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
     if plot is not None and ((times is None) == (along is None) or every):
         raise click.UsageError(
             "expected --plot with --times or --along, and without --all", click.get_current_context()
         )
-    look = _look(plot, along, is_wall, chord, Look(abscissa, reverse, overlay))
+    look = Look(abscissa, reverse, overlay)
+    _check_look(look, plot is not None and along is not None, is_wall or chord is None)
     if is_grid or is_wall or points == "-":
         if is_idle(ranks):
             return
@@ -240,45 +241,53 @@ def _along(source: Source, name: str, counts: tuple[int, ...] | None, asked: Ask
 
     if source.dataset is None:
         raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} may be a --line")
-    if counts and len(counts) > 1:
-        raise click.BadParameter(
-            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
-        )
+    count = _count_along(counts)
     curve = Curve.parse(source.dataset, name)
     if curve is None:
         raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
-    places, lengths = curve.evenly(counts[0] if counts else _ALONG)
+    places, lengths = curve.evenly(count)
     found = _columns(source, places, asked)
     return places, {"length": lengths[found["point"]], **found}
 
 
-def _look(plot: Path | None, along: str | None, is_wall: bool, chord: tuple[Triple, Triple] | None, look: Look) -> Look:
-    """The look of the plot; usage error for options that have nothing to act on."""
+def _is_on_walls(along: str) -> bool:
+    """Whether the name of a curve means one on a boundary."""
+    from elvis.core.wall_curves import is_wall_curve
+
+    return is_wall_curve(along)
+
+
+def _check_look(look: Look, is_plotted: bool, may_have_chord: bool) -> None:
+    """Usage error for options that have nothing to act on."""
     context = click.get_current_context()
-    if look != Look() and (plot is None or along is None):
+    if look != Look() and not is_plotted:
         raise click.UsageError("expected --x, --reverse and --overlay with --plot and --along", context)
-    if chord is not None and not is_wall:
+    if not may_have_chord:
         raise click.UsageError("expected --chord with --along boundary:NAME or section:NAME:plane:P:N", context)
-    return look
+
+
+def _count_along(counts: tuple[int, ...] | None) -> int:
+    """How many points a curve has."""
+    if counts and len(counts) > 1:
+        raise click.BadParameter(
+            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
+        )
+    return counts[0] if counts else _ALONG
 
 
 def _on_walls(
     source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked, chord: tuple[Triple, Triple] | None
 ) -> tuple[Floats, Columns]:
     """Points (n, 3) of the curves on a boundary, and the table there."""
+    import numpy as np
+
     from elvis.core.wall_curves import on_walls
 
     if source.dataset is None:
         raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} is on none")
     if asked.every or asked.clip:
         raise click.UsageError("expected --along on a boundary without --all and --clip", click.get_current_context())
-    if counts and len(counts) > 1:
-        raise click.BadParameter(
-            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
-        )
-    columns = on_walls(source.dataset, name, _wanted(source, asked.texts), counts[0] if counts else _ALONG, chord)
-    import numpy as np
-
+    columns = on_walls(source.dataset, name, _wanted(source, asked.texts), _count_along(counts), chord)
     return np.column_stack([np.asarray(columns[axis]) for axis in "xyz"]), columns
 
 
