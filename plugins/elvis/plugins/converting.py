@@ -195,8 +195,8 @@ def _attempt(orders: ChosenOrders, settings: Settings, before: _Attempt | None =
     if before is not None and before.orders.plan.mesh is not orders.plan.mesh:
         before = None
     mesh = _mesh(orders, before)
-    projected = _project(sampler, mesh, orders, settings, before.fitted if before else ())
-    blocks, fitted, straight = projected.blocks, projected.fields, projected.findings
+    found = projected(sampler, mesh, orders, settings, before.fitted if before else ())
+    blocks, fitted, straight = found.blocks, found.fields, found.findings
 
     # where the mesh file can't hold the map, it travels as fields
     has_map = settings.geometry == "map" or (settings.geometry == "auto" and straight.exceeding)
@@ -322,8 +322,8 @@ def _curve(sampler: Sampler, plan: Topology) -> Mesh:
     return with_curves(replace(plan.mesh, space=space), skins, lines)
 
 
-def _project(
-    sampler: Sampler, mesh: Mesh, orders: ChosenOrders, settings: Settings, before: Sequence[FieldFit]
+def projected(
+    sampler: Sampler, mesh: Mesh, orders: ChosenOrders, settings: Settings, before: Sequence[FieldFit] = ()
 ) -> Projection:
     """The fields on the blocks, parted by order where that is chosen by element, and how far off all is."""
     blocks = [block for block in orders.plan.blocks if len(block)]

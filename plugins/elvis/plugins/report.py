@@ -66,6 +66,12 @@ class Measure:
         """``exact`` or ``projected``."""
         return "exact" if self.is_exact else "projected"
 
+    def sentence(self) -> str:
+        """How a field that was added holds its quantity."""
+        if self.is_exact:
+            return f"{self.name}: exact at order {self.order}"
+        return f"{self.name}: projected at order {self.order}, off by up to {self.relative:.2g} of its range"
+
     def facts(self) -> dict[str, Any]:
         """For JSON; None for a number beyond those of 64 bits."""
         facts = {
@@ -213,7 +219,8 @@ class RecordedReport:
             facts = json.loads(metadata[REPORT])
             rows = [_row_of("coordinates", facts["geometry"])]
             rows += [_row_of(name, own) for name, own in facts.get("fields", {}).items()]
-            heading = f"converted from {', '.join(map(str, facts['files']))} ({facts['converter']})"
+            files = ", ".join(map(str, facts["files"]))
+            heading = f"converted from {files} ({facts['converter']})" if files else f"projected: {facts['converter']}"
             listed = [f"{name} elements, kept as they are: {facts[name]}" for name in LISTED if name in facts]
             notes = [str(note) for name in ("notes", "warnings") for note in facts.get(name, [])]
         except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):

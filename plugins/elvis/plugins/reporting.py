@@ -42,7 +42,7 @@ def report_of(
         _of_coordinates(source, plan, findings),
         straight.deviation,
         has_map,
-        tuple(_of_fields(fitted, findings.fields, source)),
+        tuple(measures_of_fields(fitted, findings.fields, source)),
         listed,
         (*source.notes, *_notes(source, plan, fitted)),
         (*source.warnings, *source.declared.check(source), *plan.notes),
@@ -57,7 +57,7 @@ def _of_coordinates(source: Converter, plan: Topology, findings: Findings) -> Me
     return _measure("coordinates", order, findings.coordinates, diagonal, magnitude, source)
 
 
-def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], source: Converter) -> Iterator[Measure]:
+def measures_of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], source: Converter) -> Iterator[Measure]:
     """How far off the fields are; where one has several planes, the worst of their coefficients."""
     pairs = zip(fitted, tallies, strict=True)
     for name, group in groupby(pairs, lambda pair: pair[0].field.name):
@@ -65,6 +65,7 @@ def _of_fields(fitted: Sequence[FieldFit], tallies: Sequence[Tally], source: Con
         tally = joint(found)
         spread = max(0.0, tally.high - tally.low)
         magnitude = max(abs(tally.low), abs(tally.high)) if np.isfinite(spread) else 0.0
+        magnitude = max([magnitude, *(each.terms for each in found)])
         order = max((n for each in planes for n in each.modes), default=1) - 1
         is_continuous = all(each.is_continuous for each in planes)
         yield _measure(name, order, tally, spread, magnitude, source, is_continuous)

@@ -10,6 +10,7 @@ from elvis.core.lazy import lazy_names
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from elvis.api.dataset_files import write
     from elvis.api.numbers import extrema
     from elvis.api.version import __version__
     from elvis.converters.blueprint import from_blueprint
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import TracedLines, trace
     from elvis.core.wall_points import wall_points
-    from elvis.formats.writing import write
+    from elvis.plugins.added_quantities import with_quantity
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.data import read
     from elvis.plugins.series.paths import pathlines, streaklines
@@ -138,11 +139,13 @@ __all__ = [
     "view",
     "vortex_cores",
     "wall_points",
+    "with_quantity",
     "write",
 ]
 
 #: full name of a module -> the public names that it defines
 NAMES = {
+    "elvis.api.dataset_files": ("write",),
     "elvis.api.numbers": ("extrema",),
     "elvis.api.version": ("__version__",),
     "elvis.converters.blueprint": ("from_blueprint",),
@@ -201,7 +204,7 @@ NAMES = {
         "trace",
     ),
     "elvis.core.wall_points": ("wall_points",),
-    "elvis.formats.writing": ("write",),
+    "elvis.plugins.added_quantities": ("with_quantity",),
     "elvis.plugins.arrays": ("from_arrays",),
     "elvis.plugins.data": ("read",),
     "elvis.plugins.series.paths": (

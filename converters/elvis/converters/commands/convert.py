@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import between_option, time_option
+from elvis.converters.commands.field_options import field_options
+from elvis.core.arguments import between_option, other_option, time_option
 from elvis.core.moments import Moment
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.plugins.chosen_fields import ChosenFields
     from elvis.plugins.conversion import Converter, Option
     from elvis.plugins.converting import Conversion
     from elvis.plugins.discovery import Candidate
@@ -26,6 +28,8 @@ Examples:
   elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest order on each element that is as good
   elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
+  elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
+  elvis convert a.xml a.fld --other b=b.xml,b.fld --add "du=u-b:u" --fields u -o du.fld
   elvis convert --list
 """
 
@@ -80,16 +84,28 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--output",
     "-o",
     type=FILE,
-    help="The mesh file to write, .xml; fields go next to it, .fld.  [default: the name of the first of FILES, here]",
+    help="The mesh file to write, .xml; fields go next to it, .fld.  Of native FILES also a field file alone, .fld.  "
+    "[default: the name of the first of FILES, here]",
 )
 @click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
 @click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
+@field_options
+@other_option
 @time_option
 @between_option
-@click.option("--order", type=int, help="Order of every field; with --tolerance the highest.  [default: the source's]")
-@click.option("--tolerance", type=float, help="Choose the order by element: the lowest with a smaller relative error.")
+@click.option(
+    "--order",
+    type=int,
+    help="Order of every field, with --add of the added ones; with --tolerance the highest.  [default: the source's]",
+)
+@click.option(
+    "--tolerance",
+    type=float,
+    help="Choose the order by element: the lowest with a smaller relative error; with --add for added fields that are "
+    "not polynomials, by default 1e-6.",
+)
 @click.option(
     "--geometry",
     type=click.Choice(["auto", "curves", "map"]),
@@ -133,6 +149,9 @@ def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **opt
 
     Every converted quantity is compared with the solver's own at points that no fit has seen: the report says, for the
     geometry and each field, whether it arrived exactly, to rounding, or with which error and where.
+
+    With --add the report tells the same of quantities: exact where a quantity is a polynomial on each element, else
+    projected within --tolerance.  Fields and meshes of native FILES stay as they are then.
     """
     if show_list:
         _print_list()
@@ -141,8 +160,8 @@ def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **opt
     if not files:
         raise click.UsageError("expected FILES to convert", context)
     place = _place(files, output)
-    if place.suffix not in (".xml", ".gz"):
-        raise click.BadParameter(f"expected a name ending in .xml, found {place}", context, param_hint="'-o'")
+    if place.suffix not in (".xml", ".gz", ".fld"):
+        raise click.BadParameter(f"expected a name ending in .xml or .fld, found {place}", context, param_hint="'-o'")
     _convert(files, place, **options)
 
 
@@ -168,8 +187,7 @@ def _convert(
     from elvis.core.terminal import print_json
 
     _check_places(output, kind, files, overwrite)
-    conversion = _converted(files, **options)
-    report = conversion.report
+    dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
     if as_json:
         print_json(report.facts())
     else:
@@ -178,7 +196,7 @@ def _convert(
     if beyond:
         found = f"{beyond[0].relative:.3g} in {beyond[0].name}"
         raise ElvisError(f"{output}: not written: expected errors up to {max_error:g}, found {found}")
-    _write(conversion.dataset, output, kind, overwrite, as_json)
+    _write(dataset, output, kind, overwrite, as_json)
 
 
 def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: bool) -> None:
@@ -188,6 +206,9 @@ def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: b
     from elvis.formats.reading import named_files
     from elvis.formats.writing import companions
 
+    if output.suffix == ".fld":
+        check_places([output], [*files, *named_files(files)], overwrite)
+        return
     others = companions(output)[: 2 if kind == "hdf5" else 1]
     check_places([output, *others], [*files, *named_files(files)], overwrite)
     for other in others:
@@ -205,6 +226,12 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
     from elvis.core.terminal import say, stage
     from elvis.formats.writing import companions, write
 
+    if output.suffix == ".fld":
+        with stage(f"writing {output.name}"):
+            write(dataset, field_path=output, field_format="hdf5" if kind == "hdf5" else "xml")
+        if not is_silent:
+            say(f"\nwrote {output}")
+        return
     fields, data = companions(output)
     stale = [fields] if fields.exists() and not dataset.fields else []
     if data.exists() and kind != "hdf5" and output.exists():
@@ -221,6 +248,77 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
         written = write(dataset, output, outputs=outputs, **formats)
     if not is_silent:
         say(f"\nwrote {' and '.join(map(str, written))}")
+
+
+def _results(
+    files: tuple[Path, ...],
+    is_of_fields: bool,
+    added: tuple[str, ...],
+    renames: tuple[str, ...],
+    others: tuple[str, ...],
+    **options: Any,
+) -> tuple[Dataset, Report]:
+    """The data to write, and the errors of what was converted and added; fields alone only of native files."""
+    from elvis.core.errors import ElvisError
+    from elvis.formats.reading import is_native
+    from elvis.plugins.chosen_fields import ChosenFields
+
+    if not (added or renames or others or is_of_fields):
+        conversion = _converted(files, **options)
+        return conversion.dataset, conversion.report
+    fields = options.pop("fields")
+    wanted = None if fields is None else tuple(part.strip() for part in fields.split(","))
+    order, tolerance = options.pop("order"), options.pop("tolerance")
+    chosen = ChosenFields(added, renames, wanted, order, tolerance)
+    if (order is not None or tolerance is not None) and not added:
+        raise ElvisError("--order and --tolerance: expected quantities that --add names, found none")
+    if all(map(is_native, files)) and _is_plain(options):
+        return _with_fields(files, chosen, others, options, is_of_fields)
+    if is_of_fields:
+        raise ElvisError("-o: expected a name ending in .xml, as the mesh is converted, found one ending in .fld")
+    return _converted_with_fields(files, chosen, others, options)
+
+
+def _is_plain(options: dict[str, Any]) -> bool:
+    """Whether no option asks for a conversion of a mesh."""
+    settings: dict[str, object] = {"name": None, "plugin": None, "pairs": {}, "geometry": "auto", "pyramids": "exact"}
+    own = {key: value for key, value in options.items() if key.startswith("converter_") and value is not None}
+    return not own and all(options[key] == value for key, value in settings.items())
+
+
+def _with_fields(
+    files: tuple[Path, ...],
+    chosen: ChosenFields,
+    others: tuple[str, ...],
+    options: dict[str, Any],
+    is_of_fields: bool,
+) -> tuple[Dataset, Report]:
+    """Native data with further fields, whose own mesh and coefficients stay."""
+    from elvis.core.terminal import note
+    from elvis.plugins.added_quantities import report_of_quantities
+    from elvis.plugins.chosen_fields import orders_that_are_cut
+    from elvis.plugins.data import Reading, dataset_of
+
+    moment = Moment(time=options["time"], between=options["between"])
+    dataset = dataset_of(files, Reading(moment=moment, others=others))
+    for remark in dataset.remarks:
+        note(remark)
+    found, measures = chosen.of(dataset)
+    for sentence in orders_that_are_cut(found) if is_of_fields else ():
+        note(sentence)
+    return found, report_of_quantities(found, measures, files)
+
+
+def _converted_with_fields(
+    files: tuple[Path, ...], chosen: ChosenFields, others: tuple[str, ...], options: dict[str, Any]
+) -> tuple[Dataset, Report]:
+    """Converted data with further fields."""
+    from elvis.plugins.data import Reading
+    from elvis.plugins.others import Others
+
+    conversion = _converted(files, fields=None, order=None, tolerance=None, **options)
+    dataset, measures = chosen.of(Others(Reading(others=others)).beside(conversion.dataset))
+    return dataset, chosen.reported(conversion.report, measures)
 
 
 def _converted(

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import between_option, cache_option, overwrite_option, reader_option, step_option, time_option
+from elvis.converters.commands.field_options import field_options
+from elvis.core.arguments import (
+    between_option,
+    cache_option,
+    other_option,
+    overwrite_option,
+    reader_option,
+    step_option,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from elvis.plugins.exporting import Loss
@@ -17,6 +26,7 @@ EPILOG = """\b
 Examples:
   elvis export wing.xml wing.fld -o wing.vtu              Lagrange cells, for ParaView
   elvis export wing.xml wing.fld -o wing.msh --fields p   for Gmsh
+  elvis export wing.xml wing.fld -o cp.vtu --add "Cp=2*(p-1)" --add q_criterion
 """
 
 FILE = click.Path(path_type=Path)
@@ -33,6 +43,11 @@ _ROUNDING = 1e-11
     "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
+@field_options
+@click.option(
+    "--tolerance", type=float, default=1e-6, show_default=True, help="Error of added quantities that no order holds."
+)
+@other_option
 @reader_option
 @step_option
 @time_option
@@ -45,6 +60,10 @@ def export(
     order: int | None,
     max_error: float | None,
     as_json: bool,
+    added: tuple[str, ...],
+    renames: tuple[str, ...],
+    tolerance: float,
+    others: tuple[str, ...],
     reader: tuple[str, ...],
     step: int | None,
     time: float | None,
@@ -63,6 +82,7 @@ def export(
     from elvis.core.files.output import check_places
     from elvis.core.moments import Moment
     from elvis.core.terminal import note
+    from elvis.plugins.chosen_fields import ChosenFields
     from elvis.plugins.data import Reading, dataset_of, pairs
     from elvis.plugins.exporting import GROUP, exporter
     from elvis.plugins.registry import plugins
@@ -73,9 +93,16 @@ def export(
             f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
         )
     check_places([output], data, overwrite)
-    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache, Moment(step, time, between)))
+    options = pairs(reader)
+    fields = options.pop("fields", None) if added else None
+    wanted = None if fields is None else tuple(map(str.strip, fields.split(",")))
+    chosen = ChosenFields(added, renames, wanted, tolerance=tolerance)
+    dataset = dataset_of(data, Reading(None, options, not no_cache, Moment(step, time, between), others))
     for remark in dataset.remarks:
         note(remark)
+    dataset, measures = chosen.of(dataset)
+    for measure in measures:
+        note(measure.sentence())
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
     for sentence in exporter(output.suffix[1:])(dataset, None, order, output, report):
         note(f"{output.name}: {sentence}")

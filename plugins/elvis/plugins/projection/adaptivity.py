@@ -25,7 +25,7 @@ _INSIDE = 24
 _SHARE = 0.4
 
 #: orders tried beyond those of the source, for fields that no order holds
-_BEYOND = 6
+ORDERS_BEYOND = 6
 
 
 def adapt(
@@ -131,7 +131,7 @@ def _last_order(block: NativeBlock, field: SourceField) -> int:
     """The order at which nothing is gained any more."""
     order = field.order_on(block.number) or 0
     held = field.is_polynomial and is_contained(block.source, order, order, block.is_ortho, block.is_collapsed)
-    return max(1, order if held else order + _BEYOND)
+    return max(1, order if held else order + ORDERS_BEYOND)
 
 
 def errors_of(sampler: Sampler, block: NativeBlock, field: SourceField) -> Floats:

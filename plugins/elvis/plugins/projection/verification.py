@@ -56,6 +56,7 @@ class Tally:
     bound    and ids of the elements where the difference is ``beyond`` it
     leaders  (k,) ids of the elements with the largest differences, and these (k,)
     slope    the largest derivative of the difference in space, as far as it was looked for
+    terms    the magnitude of what values are added up from, where that is known: rounding is a share of it
     """
 
     worst: float = 0.0
@@ -68,6 +69,7 @@ class Tally:
     beyond: list[Ints] = field(default_factory=list)
     leaders: tuple[Ints, Floats] = (np.empty(0, np.int64), np.empty(0))
     slope: float = 0.0
+    terms: float = 0.0
 
     def add(self, ids: Ints, differences: Floats, weights: Floats, values: Floats) -> None:
         """Take in differences (k, n) with weights (k, i), of which the first i points count in the integral."""

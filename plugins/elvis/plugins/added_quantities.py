@@ -1,0 +1,348 @@
+"""Quantities as fields: expressions of a dataset, projected on its own elements, with measured errors.
+
+On an element whose map is affine a polynomial of fields, coordinates and derivatives is a polynomial of known degree;
+on a curved one this holds without derivatives.  There the projection is exact.  Elsewhere each element gets the lowest
+order whose error, at points that no fit has seen, is within a tolerance.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.conversion_errors import REPORT
+from elvis.core.dataset import MAP_FIELDS, Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression_nets import degree_on
+from elvis.core.quantities.tree import Node, fold, whole_exponent
+from elvis.core.shapes import Shape
+from elvis.plugins.common_blocks import on_common_blocks
+from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.converting import Settings, projected
+from elvis.plugins.projection.adaptivity import ORDERS_BEYOND
+from elvis.plugins.projection.choosing import ChosenOrders
+from elvis.plugins.projection.fitting import FieldFit
+from elvis.plugins.projection.measuring import measure
+from elvis.plugins.projection.projecting import Projection
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.verification import Maps, Tally
+from elvis.plugins.report import Measure, RecordedReport, Report
+from elvis.plugins.reporting import measures_of_fields
+
+#: the error, as a share of the quantity's range, at which no order is added to what is not a polynomial
+TOLERANCE = 1e-6
+
+#: the error of a map that stays as it is
+EXACT_MAP = Measure("coordinates", 1, 0.0, 0.0, 0.0, 0.0, 0.0, -1, is_exact=True)
+
+#: the highest order that is tried for what is not a polynomial
+_HIGHEST_ORDER = 16
+#: modes that an element may have then: those of a hexahedron of order 8
+_MOST_MODES = 729
+#: elements whose maps are looked at together
+_AT_ONCE = 1 << 12
+
+
+@dataclass(frozen=True, eq=False)
+class AddedQuantities:
+    """A dataset with further fields, and how far each of these is from its quantity."""
+
+    dataset: Dataset
+    measures: tuple[Measure, ...]
+
+
+def with_quantity(dataset: Dataset, quantity: str, order: int | None = None, tolerance: float = TOLERANCE) -> Dataset:
+    """The dataset with a quantity as a further field, projected on each element.
+
+    quantity   ``NAME=EXPRESSION``, or a predefined quantity, whose name the field gets
+    order      polynomial degree of the field, 1 to 30; by default the degree that holds the quantity where it is a
+               polynomial, else the lowest one on each element within ``tolerance``
+    tolerance  largest error, at points that no fit has seen, as a share of the quantity's range
+
+    Coefficients of other fields stay as they are.  Errors beyond rounding are kept in the metadata, as those of a
+    conversion: every command takes them into account.
+
+    Raises ElvisError for a text that is no quantity, a name that a field has already, values that are not finite, and
+    data with Fourier directions.
+
+    >>> ds = elvis.with_quantity(ds, "Cp=2*(p-1)")  # doctest: +SKIP
+    >>> elvis.write(ds, "cp.fld")  # doctest: +SKIP
+    """
+    return add_quantities(dataset, [quantity], order, tolerance).dataset
+
+
+def add_quantities(
+    dataset: Dataset, quantities: Sequence[str], order: int | None = None, tolerance: float = TOLERANCE
+) -> AddedQuantities:
+    """The dataset with several quantities, which are all made of its own fields (see `with_quantity`)."""
+    named = parse_quantities(dataset, quantities)
+    source = QuantitySource(dataset, named)
+    passes = [_Pass(source, fields, settings) for fields, settings in _settings(source, order, tolerance) if fields]
+    pairs = [pair for own in passes for pair in zip(own.projection.fields, own.projection.findings.fields, strict=True)]
+    in_order = [pair for name in named for pair in pairs if pair[0].field.name == name]
+    _check_finite(in_order)
+    for fit, tally in in_order:
+        tally.terms = source.terms_of(fit.field.name)
+    fitted, tallies = [fit for fit, _ in in_order], [tally for _, tally in in_order]
+    measures = tuple(measures_of_fields(fitted, tallies, source))
+    fields = [Field(own.name, _blocks(passes, own.name), own.is_continuous) for own in measures]
+    whole = on_common_blocks(replace(dataset, fields=(*dataset.fields, *fields)))
+    return AddedQuantities(replace(whole, metadata=_with_errors(whole, measures)), measures)
+
+
+def parse_quantities(dataset: Dataset, texts: Sequence[str]) -> dict[str, Expression]:
+    """Expressions by the names of their fields; ElvisError for names that are taken, and what has no values inside."""
+    names, found = Names.of(dataset), dict[str, Expression]()
+    taken = {field.name for field in dataset.fields} | set(MAP_FIELDS)
+    for text in texts:
+        name, expression = _parsed(text, names)
+        if name in taken or name in found:
+            raise ElvisError(f"there is a field {name!r} already; give the quantity another name, as in {name}2=…")
+        sides = sorted(set(expression.attributes) & set(SIDES))
+        if sides:
+            raise ElvisError(f"{name}: expected a quantity with values inside elements, found one on faces only")
+        found[name] = expression
+    return found
+
+
+def _parsed(text: str, names: Names) -> tuple[str, Expression]:
+    """The name and the expression that ``NAME=EXPRESSION`` says, or a name alone."""
+    name, sign, quantity = (part.strip() for part in text.partition("="))
+    if not name.isidentifier() or (sign and not quantity):
+        raise ElvisError(f"expected NAME=EXPRESSION, such as Cp=2*(p-1), or a predefined quantity, found {text!r}")
+    return name, Expression.parse(quantity if sign else name, names)
+
+
+class QuantitySource(Converter):
+    """Expressions of a dataset as the fields of a source that has the dataset's mesh.
+
+    degrees  of each quantity on each block; None where it is not known to be a polynomial
+    """
+
+    format = "quantities of fields"
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """No files."""
+        return False
+
+    def __init__(self, dataset: Dataset, named: Mapping[str, Expression]) -> None:
+        self.dataset, self.named, self.mesh = dataset, dict(named), dataset.mesh
+        self._evaluator = Evaluator(dataset, list(named.values()))
+        if any(patch.homogeneous for patch in self._evaluator.patches):
+            raise ElvisError("expected data without Fourier directions, in which products of fields have more waves")
+        self._parts = [part for patch in self._evaluator.patches for part in _split(patch)]
+        self.blocks = [self._block(number) for number in range(len(self._parts))]
+        self.degrees = {name: [self._degree(own, i) for i in range(len(self.blocks))] for name, own in named.items()}
+        self.fields = [self._field(name) for name in named]
+        self._last: tuple[Elements, Floats, Lattice] | None = None
+        self.errors = {name: self._radius(own) for name, own in named.items()} if self._evaluator.errors else {}
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The map of the dataset."""
+        return self._places(block, points).positions.reshape(len(block), len(points), 3)
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The values of the expression."""
+        values = next(iter(self._evaluator.values_at([self.named[field.name]], self._places(block, points))))
+        return np.broadcast_to(values, len(block) * len(points)).reshape(len(block), len(points))
+
+    def _places(self, block: Elements, points: Floats) -> Lattice:
+        """The points in each element; those of the last question are kept, as quantities are sampled in turn."""
+        if self._last is None or self._last[0] is not block or self._last[1] is not points:
+            patch, rows, _ = self._parts[block.key]
+            self._last = block, points, Lattice(patch, rows[block.rows], points)
+        return self._last[2]
+
+    def _block(self, number: int) -> Elements:
+        patch, rows, _ = self._parts[number]
+        fields = [expansion for expansion in patch.fields if expansion is not None]
+        is_polynomial = bool(fields) and fields[0].bases[-1] is Basis.ORTHO_PYR_C
+        pyramid = PyramidSpace.POLYNOMIAL if is_polynomial else PyramidSpace.NATIVE
+        order, ids = max(patch.geometry.modes) - 1, patch.element_ids[rows]
+        return Elements(patch.shape, len(rows), order, ids=ids, pyramid=pyramid, key=number)
+
+    def _degree(self, expression: Expression, number: int) -> int | None:
+        """The degree on a block; on pyramids, whose spaces hold no products, of linear combinations alone."""
+        patch, _, is_affine = self._parts[number]
+        if patch.shape is Shape.PYRAMID:
+            if expression.degree(lambda node: None if node.op == "attribute" or node.axes else 1) not in (0, 1):
+                return None
+            return self._leaf_degree(expression, patch)
+        return degree_on(expression, self._evaluator, patch, is_affine)
+
+    def _leaf_degree(self, expression: Expression, patch: Patch) -> int:
+        """The highest degree of a field in an expression, and of the map where coordinates are in it."""
+        own = [patch.fields[self._evaluator.names.index(name)] for name in expression.fields]
+        if any(node.op == "coordinate" for node in expression.leaves):
+            own.append(patch.geometry)
+        return max((max(expansion.modes) - 1 for expansion in own if expansion is not None), default=1)
+
+    def _field(self, name: str) -> SourceField:
+        """A quantity on the blocks that have its fields, at its degree there or the one from which a search starts."""
+        expression = self.named[name]
+        orders = [self._order(expression, number, degree) for number, degree in enumerate(self.degrees[name])]
+        return SourceField(name, orders, _is_continuous(expression, self.dataset), False, name)
+
+    def _order(self, expression: Expression, number: int, degree: int | None) -> int | None:
+        patch = self._parts[number][0]
+        if any(patch.fields[self._evaluator.names.index(name)] is None for name in expression.fields):
+            return None
+        if degree is not None:
+            return degree
+        # the search ends some orders beyond, where elements have no more modes than are affordable
+        start = self._leaf_degree(expression, patch)
+        last = min(start + ORDERS_BEYOND, _HIGHEST_ORDER)
+        while last > start and mode_count(modified(patch.shape, (last + 1,) * patch.shape.dimension)) > _MOST_MODES:
+            last -= 1
+        return max(1, last - ORDERS_BEYOND)
+
+    def terms_of(self, name: str) -> float:
+        """A bound of what a polynomial is added up from, of which rounding is a share; 0 for other quantities.
+
+        Derivatives of order k are added up from terms as large as a field's coefficients times the k-th power of the
+        gradients of reference coordinates.
+        """
+        if None in self.degrees[name]:
+            return 0.0
+        return max(self._terms(self.named[name], patch, rows) for patch, rows, _ in self._parts)
+
+    def _terms(self, expression: Expression, patch: Patch, rows: Ints) -> float:
+        middle = Lattice(patch, rows, patch.shape.vertices.mean(axis=0, keepdims=True))
+        steepest = float(np.nan_to_num(np.abs(middle.duals), posinf=0.0).max())
+
+        def leaf(node: Node) -> float:
+            if node.op == "number":
+                return abs(node.value)
+            if node.op == "coordinate":
+                return float(np.abs(patch.geometry_coefficients[rows]).max())
+            if node.op == "attribute":
+                return 0.0
+            own = patch.coefficients[self._evaluator.names.index(node.name)]
+            return 0.0 if own is None else float(np.abs(own[rows]).max()) * steepest ** len(node.axes)
+
+        return fold(expression.root, leaf, _term)
+
+    def _radius(self, expression: Expression) -> tuple[float, float]:
+        """How far an expression is from that of the data before their conversion, at vertices and middles."""
+        worst = 0.0
+        for patch, rows, _ in self._parts:
+            points = np.concatenate([patch.shape.vertices, patch.shape.vertices.mean(axis=0, keepdims=True)])
+            radii = self._evaluator.radius_at(expression, Lattice(patch, rows, points))
+            worst = max(worst, float(np.max(radii, initial=0.0)))
+        return worst, np.inf if worst else 0.0
+
+
+def _term(node: Node, parts: list[float]) -> float:
+    """The magnitude of an operation in a polynomial from those of its operands."""
+    if node.op in ("+", "-"):
+        return sum(parts)
+    if node.op == "*":
+        return parts[0] * parts[1]
+    if node.op == "/":
+        return parts[0] / (parts[1] or 1.0)
+    exponent = whole_exponent(node)
+    return max(parts) if exponent is None else parts[0] ** exponent
+
+
+def _split(patch: Patch) -> list[tuple[Patch, Ints, bool]]:
+    """A patch, rows of it, and whether the maps of these are affine."""
+    every = np.arange(len(patch))
+    parts = [every[first : first + _AT_ONCE] for first in range(0, len(patch), _AT_ONCE)]
+    affine: Bools = np.concatenate([Piece(patch, own, patch.shape).is_affine for own in parts])
+    return [(patch, every[own], is_affine) for own, is_affine in ((affine, True), (~affine, False)) if own.any()]
+
+
+def _is_continuous(expression: Expression, dataset: Dataset) -> bool:
+    """Whether a quantity has one value where elements meet: it is made of coordinates and continuous fields."""
+    if expression.attributes or expression.order:
+        return False
+    return all(dataset.field(name).continuous for name in expression.fields)
+
+
+def _settings(source: QuantitySource, order: int | None, tolerance: float) -> list[tuple[list[SourceField], Settings]]:
+    """Fields, each on some blocks, and how they are projected there: exactly, or within the tolerance."""
+    if order is not None:
+        return [(list(source.fields), Settings(order=order))]
+    exact, others = list[SourceField](), list[SourceField]()
+    for field in source.fields:
+        is_known = [degree is not None for degree in source.degrees[field.name]]
+        for fields, wanted in ((exact, True), (others, False)):
+            orders = [field.order_on(i) if own is wanted else None for i, own in enumerate(is_known)]
+            if any(each is not None for each in orders):
+                fields.append(replace(field, order=orders, is_polynomial=wanted))
+    return [(exact, Settings()), (others, Settings(tolerance=tolerance, order=None))]
+
+
+class _Pass:
+    """The projection of some fields with some settings."""
+
+    def __init__(self, source: QuantitySource, fields: Sequence[SourceField], settings: Settings) -> None:
+        sampler, maps = Sampler(source), Maps(source.dataset)
+        held = [any(own.is_on(i) for own in fields) for i in range(len(source.blocks))]
+        orders = ChosenOrders.of(source, fields, False)
+        plan = replace(orders.plan, blocks=tuple(own for own in orders.plan.blocks if held[own.number]))
+        found: Projection = projected(sampler, source.dataset.mesh, replace(orders, plan=plan), settings)
+        first = None if source.dataset.map_names else found.findings
+        findings = measure(sampler, maps, found.blocks, found.fields, first)
+        self.projection = replace(found, findings=findings)
+
+
+def _check_finite(pairs: Sequence[tuple[FieldFit, Tally]]) -> None:
+    """ElvisError for a quantity that has no finite value somewhere."""
+    for fit, tally in pairs:
+        ids = np.unique(np.concatenate([np.empty(0, np.int64), *tally.broken]))
+        if len(ids):
+            few = ", ".join(map(str, ids[:4].tolist())) + (", …" if len(ids) > 4 else "")
+            raise ElvisError(f"{fit.field.name}: expected finite values, found others in {len(ids)} elements: {few}")
+
+
+def _blocks(passes: Sequence[_Pass], name: str) -> tuple[Block, ...]:
+    """The blocks of a field from all projections."""
+    found = []
+    for own in passes:
+        for fit in own.projection.fields:
+            for block, modes, coefficients in zip(own.projection.blocks, fit.modes, fit.coefficients, strict=True):
+                if fit.field.name == name and modes:
+                    values = frozen_floats(coefficients)
+                    found.append(Block(block.expansion(modes), frozen_ints(block.ids), values))
+    return tuple(found)
+
+
+def _with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, str]:
+    """The metadata, in which errors of projections stand next to those of a conversion."""
+    if REPORT not in dataset.metadata and all(own.is_exact for own in measures):
+        return dataset.metadata
+    facts = recorded_facts(dataset.metadata)
+    facts["fields"] = {**facts["fields"], **{own.name: own.facts() for own in measures}}
+    return {**dataset.metadata, REPORT: json.dumps(facts, allow_nan=False)}
+
+
+def recorded_facts(metadata: Mapping[str, str]) -> dict[str, Any]:
+    """The facts of a recorded conversion; those of data that are their own source where there is none."""
+    recorded = RecordedReport.of(metadata)
+    if recorded is None:
+        return {"converter": QuantitySource.format, "files": [], "geometry": EXACT_MAP.facts(), "fields": {}}
+    return {"fields": {}, **recorded.facts}
+
+
+def report_of_quantities(dataset: Dataset, measures: Sequence[Measure], files: Sequence[Path]) -> Report:
+    """The report of quantities that became fields of a dataset, whose mesh stays as it is."""
+    counts = {shape.label.lower(): len(entities) for shape, entities in dataset.mesh.elements.items()}
+    names = tuple(file.name for file in files)
+    return Report(QuantitySource.format, names, counts, EXACT_MAP, (0.0, -1), False, tuple(measures), {})

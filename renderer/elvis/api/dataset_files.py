@@ -1,0 +1,44 @@
+"""Files of datasets, by the suffix of their name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.formats.writing import write as write_native
+from elvis.plugins.exporting import GROUP, exporter
+from elvis.plugins.registry import plugins
+
+
+def write(
+    dataset: Dataset, path: str | Path | None = None, field_path: str | Path | None = None, **options: Any
+) -> tuple[Path, ...]:
+    """Write a dataset; returns the files written, of which none is touched unless all can be written whole.
+
+    path        ``.fld`` for the fields alone; ``.vtu`` or ``.msh`` for VTK's or Gmsh's cells; any other name is the
+                XML file of the mesh, next to which the fields go under the suffix ``.fld``
+    field_path  another name for the file of the fields; without ``path`` only these are written
+    options     ``mesh_format``, "compressed", "text" or "hdf5"; ``field_format``, "xml" or "hdf5"; ``order`` of the
+                cells of VTK and Gmsh, by default the lowest that holds map and fields
+
+    Raises ElvisError where a file can't be written, or a format can't hold the dataset.
+
+    >>> elvis.write(ds, "wing.xml")  # doctest: +SKIP
+    (PosixPath('wing.xml'), PosixPath('wing.fld'))
+    """
+    suffix = "" if path is None else Path(path).suffix
+    if suffix[1:] in plugins(GROUP):
+        return _export(dataset, Path(str(path)), field_path, **options)
+    if suffix == ".fld" and field_path is None:
+        return write_native(dataset, field_path=path, **options)
+    return write_native(dataset, path, field_path, **options)
+
+
+def _export(dataset: Dataset, path: Path, field_path: object, order: int | None = None, **rest: object) -> tuple[Path]:
+    """Write the cells of another program."""
+    if field_path is not None or rest:
+        raise ElvisError(f"{path}: expected no other file and no format, found {', '.join(rest) or field_path}")
+    exporter(path.suffix[1:])(dataset, None, order, path, lambda losses: None)
+    return (path,)
