@@ -289,6 +289,8 @@ def test_a_series_of_parts(tmp_path):
     series = open_series(listed, cache=False)
     assert series.times.tolist() == [0.0, 0.25]
     assert np.isclose(values_found(series.at(0.125), "u", places)[0], 0.5 + linear(places)[0])
+    listed.write_text(json.dumps({"file-series-version": "1.0", "files": [names[0]] * 100}))
+    assert check(Vtk, [listed]).report.elements == {"tetrahedron": 2}
     (tmp_path / "s1p1.vtu").unlink()
     with pytest.raises(FormatError, match=r"expected a VTK file s1p1\.vtu next to it, found none"):
         Vtk([index])

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from elvis import ElvisError
+from elvis import read as open_data
 from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.files.archives import names_in
 from elvis.core.files.plain import leading
@@ -103,3 +104,21 @@ def test_links_to_plain_files_are_followed(tmp_path):
     (tmp_path / "points.csv").write_text("1 2 3\n")
     (tmp_path / "link.csv").symlink_to(Path("points.csv"))
     assert points_in_table(tmp_path / "link.csv").tolist() == [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize(
+    ("action", "name", "start"),
+    [
+        (open_data, "a.vtu.series", '{"file-series-version": "1.0", "files": '),
+        (open_data, "a.mfem_root", '{"dsets": '),
+        (lambda path: open_files([path]), "a.json", '{"format": "elvis-nurbs", "x": '),
+    ],
+)
+def test_lists_that_are_nested_too_deeply_are_refused(tmp_path, action, name, start):
+    (tmp_path / name).write_text(start + "[" * 100_000 + "]" * 100_000 + "}")
+    with pytest.raises(ElvisError, match=f"{name}: expected JSON, found lists or tables that are nested too deeply"):
+        action(tmp_path / name)
+
+
+def test_messages_that_quote_several_lines_are_one():
+    assert str(ElvisError("a: expected b, found c\n  d\r\n e")) == "a: expected b, found c d e"

@@ -103,6 +103,7 @@ def subjects(folder, readers):
         cgns: ("cgns",),
         trixi: ("trixi",),
         horses: ("horses",),
+        exodus: ("exodus",),
         bridges: BRIDGES,
         vtx: ("vtx",),
         others: ("scene toml", "scene yaml", "scene json", "palette", "triangles", "points", "record", "messages"),
@@ -287,6 +288,23 @@ def horses(folder):
     values = [(c, ([x[:, [0] * 5]], [x[:, [0] * 5]])) for c, x in zip(counts, places, strict=True)]
     path = writing.write_horses(folder / "two.hsol", 9, 1, values, [0.5, 1.5])
     yield Subject("horses", (mesh, path, zones), ("converted",))
+
+
+def exodus(folder):
+    """Pieces of a run of two processes in both containers, with values at nodes and on elements of one block."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+    from exodus_writer import ExodusBlock, unit_cubes, write_classic, write_hdf5
+
+    for name, write in (("classic", write_classic), ("hdf5", write_hdf5)):
+        paths = []
+        for rank, sides in enumerate(({"inflow": [(1, 4)]}, {"outflow": [(2, 2)]})):
+            places, nodes = unit_cubes(2, 2 * rank)
+            blocks = [ExodusBlock("fluid", "HEX8", nodes[:1]), ExodusBlock("solid", "HEX8", nodes[1:])]
+            numbers = {"node_num_map": 8 * rank + 1 + np.arange(len(places))}
+            nodal, on_elements = {"u": places @ [1.0, 2, 3]}, {"c": {2: [0.5]}}
+            path = folder / f"{name}.e.2.{rank}"
+            paths.append(write(path, blocks, places, sides, nodal, on_elements, numbers, 0.5))
+        yield Subject("exodus", tuple(paths), ("converted",))
 
 
 def bridges(folder):

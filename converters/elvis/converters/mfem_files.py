@@ -6,7 +6,6 @@ and the ranges are checked before it reads.  Layout: MFEM documentation, mesh fo
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from itertools import islice
@@ -17,7 +16,7 @@ import numpy as np
 from elvis.converters.inputs import is_count
 from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import content, leading
+from elvis.core.files.plain import content, json_content, leading
 from elvis.plugins.conversion import DOUBLE, EIGHT_DIGITS
 
 #: number of vertices, and dimension, by the number of a geometry
@@ -62,13 +61,14 @@ def is_root(path: Path) -> bool:
 
 def read_root(path: Path) -> tuple[float | None, list[Path]]:
     """Time and files, of the mesh and of functions, that an index names; FormatError where it names none."""
+    table = json_content(path)
     try:
-        main = json.loads(content(path))["dsets"]["main"]
+        main = table["dsets"]["main"]
         names = [main["mesh"]["path"], *(field["path"] for field in main["fields"].values())]
         count, time = int(main["domains"]), main.get("time")
         found = [member for name in names for member in _members(path, str(name), count)]
         return None if time is None else float(time), found
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise FormatError(f"expected an index of MFEM's mesh and functions, found none: {error}", file=path) from error
 
 

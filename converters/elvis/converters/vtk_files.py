@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import mmap
 import re
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.vtk_hdf import files_of, is_vtkhdf, other_type, read_vtkhdf
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import check_plain, content, leading, unpacked_limit
+from elvis.core.files.plain import check_plain, content, json_content, leading, unpacked_limit
 from elvis.core.moments import checked_step
 from elvis.plugins.recognition import found_instead
 
@@ -129,7 +128,7 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
     size = _checked_size(every)
     grids: list[Grid] = []
     with _Reader(size) as reader:
-        for part, when in [(part, when) for path, when in files for part in _parts(path)]:
+        for part, when in dict.fromkeys((part, when) for path, when in files for part in _parts(path)):
             found = [Grid(str(part), **own) for own in reader.grids(part, step)]
             for grid in found:
                 grid.time = grid.time if when is None else when
@@ -247,7 +246,7 @@ def files_by_time(path: Path) -> dict[float, list[str]]:
     found: dict[float, list[str]] = {}
     try:
         if _SERIES.match(leading(path, _START)):
-            entries = [(entry["time"], entry["name"]) for entry in json.loads(content(path))["files"]]
+            entries = [(entry["time"], entry["name"]) for entry in json_content(path)["files"]]
         else:
             listed = ElementTree.parse(path).iter("DataSet")
             entries = [(entry.get("timestep", 0), entry.attrib["file"]) for entry in listed]

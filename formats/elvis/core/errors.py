@@ -8,11 +8,11 @@ from pathlib import Path
 class ElvisError(Exception):
     """Anything that stops a command for a reason that a user can act on; the message is one sentence.
 
-    A message that quotes long texts keeps its beginning and its end.
+    A message that quotes texts is one line; of long ones it keeps the beginning and the end.
     """
 
     def __init__(self, *args: object) -> None:
-        super().__init__(*(_shortened(each, _LONGEST_OF_ALL) if isinstance(each, str) else each for each in args))
+        super().__init__(*(_in_a_line(each, _LONGEST_OF_ALL) if isinstance(each, str) else each for each in args))
 
 
 def fault_sentence(error: Exception) -> str:
@@ -30,12 +30,11 @@ _LONGEST_OF_ALL = 1900
 class FormatError(ElvisError):
     """A file that does not hold what its format promises.
 
-    The message reads ``file: place: expected …, found …``; parts that are unknown are left out.  Whatever words of the
-    file it quotes, it is one line, and has an end.
+    The message reads ``file: place: expected …, found …``; parts that are unknown are left out.
     """
 
     def __init__(self, message: str, *, file: str | Path | None = None, place: str | None = None) -> None:
-        self.message, self.file, self.place = _in_a_line(message), file, place and _in_a_line(place)
+        self.message, self.file, self.place = _in_a_line(message, _LONGEST), file, place and _in_a_line(place, _LONGEST)
         super().__init__(": ".join(str(part) for part in (file, self.place, self.message) if part))
 
     def within(self, file: str | Path | None = None, place: str | None = None) -> FormatError:
@@ -43,12 +42,8 @@ class FormatError(ElvisError):
         return FormatError(self.message, file=self.file or file, place=self.place or place)
 
 
-def _in_a_line(text: str) -> str:
-    """The text without ends of lines; of a long one the beginning and the end."""
-    return _shortened(" ".join(part.strip() for part in text.splitlines()), _LONGEST)
-
-
-def _shortened(text: str, longest: int) -> str:
-    """The text; of one that is longer than that, the beginning and the end."""
+def _in_a_line(text: str, longest: int) -> str:
+    """The text without ends of lines; of one that is longer than ``longest``, the beginning and the end."""
+    line = " ".join(part.strip() for part in text.splitlines())
     half = longest // 2
-    return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"
+    return line if len(line) <= longest else f"{line[:half]} … {line[-half:]}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 from elvis.core.errors import FormatError
 
@@ -54,6 +56,16 @@ def content(path: str | Path) -> bytes:
         return Path(path).read_bytes()
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def json_content(path: str | Path) -> Any:
+    """What a plain file in JSON holds; FormatError where it holds something else."""
+    try:
+        return json.loads(content(path))
+    except RecursionError:
+        raise FormatError("expected JSON, found lists or tables that are nested too deeply", file=path) from None
+    except ValueError as error:
+        raise FormatError(f"expected JSON, found something else ({error})", file=path) from error
 
 
 def unpacked_limit(packed: int, whole: int | None = None) -> int:

@@ -14,7 +14,6 @@ patches, numbered from 0, and sides.  Patches meet where corners of their elemen
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import content, leading
+from elvis.core.files.plain import json_content, leading
 from elvis.plugins.faces import vertices_at
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector
 from elvis.plugins.nurbs.mesh import side_elements
@@ -75,10 +74,7 @@ def is_own(path: Path) -> bool:
 
 def read_own(path: Path) -> OwnMesh:
     """The patches of a file; FormatError where it breaks a rule of the form."""
-    try:
-        table = json.loads(content(path))
-    except ValueError as error:
-        raise FormatError(f"expected JSON, found something else ({error})", file=path) from error
+    table = json_content(path)
     try:
         return _Reader().mesh(table)
     except FormatError as error:
