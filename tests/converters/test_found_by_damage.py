@@ -8,8 +8,10 @@ from contextlib import suppress
 import h5py
 import numpy as np
 import pytest
+from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
 
 from elvis.converters.cgns import Cgns
+from elvis.converters.exodus import Exodus
 from elvis.converters.gmf_files import KEYWORDS, GmfFile
 from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_binary import check
@@ -259,3 +261,21 @@ def test_gmsh_schemes_of_no_polynomials(solvers, tmp_path, monkeypatch):
     (tmp_path / "a.msh").write_bytes(raw.replace(b"\n2 1 1 \n", b"\n2 1 1.5 \n"))
     with pytest.raises(FormatError, match="expected a scheme of polynomials for a "):
         Gmsh([tmp_path / "a.msh"])
+
+
+@pytest.mark.parametrize("dimension", ["num_el_blk", "num_side_sets"])
+def test_exodus_files_of_more_blocks_or_sets_than_bytes(tmp_path, dimension):
+    path = cubes_in_blocks(tmp_path / "a.e", write_hdf5, [1])
+    with h5py.File(path, "r+") as file:
+        del file[dimension]
+        file.create_dataset(dimension, (10**12,), ">f4", chunks=(1000,)).make_scale(dimension)
+    with pytest.raises(FormatError, match=f"{dimension}: expected at most [0-9]+, as its bytes hold, found 10000"):
+        Exodus([path])
+
+
+def test_exodus_pieces_of_different_dimensions(tmp_path):
+    places, nodes = unit_cubes(1)
+    solid = write_classic(tmp_path / "a.e.2.0", [ExodusBlock("solid", "HEX8", nodes)], places)
+    plane = write_classic(tmp_path / "a.e.2.1", [ExodusBlock("plane", "QUAD4", nodes[:, :4])], places[:, :2])
+    with pytest.raises(FormatError, match=r"a\.e\.2\.1: expected 3 coordinates as in the first, found 2"):
+        Exodus([solid, plane])

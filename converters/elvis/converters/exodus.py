@@ -150,7 +150,7 @@ class Exodus(NodalConverter):
         counts: dict[str, int] = {}
         for piece in self._pieces:
             label = _labels(piece.file, "ss", "sides")
-            for number in range(1, piece.file.size("num_side_sets") + 1):
+            for number in piece.file.numbers("num_side_sets"):
                 if is_empty(piece.file, f"elem_ss{number}", f"num_side_ss{number}"):
                     continue
                 elements, sides = piece.sides(number)

@@ -146,6 +146,14 @@ class Variables:
         """The length of a dimension; 0 if the file doesn't define it."""
         return self._container.sizes.get(dimension, 0)
 
+    def numbers(self, dimension: str) -> range:
+        """The numbers, from 1, of the blocks or sets that a dimension counts; FormatError for more than can be here."""
+        count, most = self.size(dimension), self.path.stat().st_size
+        if count > most:
+            expected = f"at most {most}, as its bytes hold"
+            raise FormatError(f"expected {expected}, found {count}", file=self.path, place=dimension)
+        return range(1, count + 1)
+
     def at(self, name: str, *index: int) -> Any:
         """A variable, or a part of it at first indices; FormatError where there is none or it can't be read."""
         if name not in self:

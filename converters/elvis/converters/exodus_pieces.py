@@ -56,7 +56,7 @@ class ExodusPiece:
 
     def file_blocks(self) -> list[int]:
         """The numbers of the blocks that have elements."""
-        numbers = range(1, self.file.size("num_el_blk") + 1)
+        numbers = self.file.numbers("num_el_blk")
         return [i for i in numbers if not is_empty(self.file, f"connect{i}", f"num_el_in_blk{i}")]
 
     def ids(self, name: str) -> Ints | None:
@@ -122,6 +122,10 @@ def number_nodes(pieces: Sequence[ExodusPiece]) -> None:
     """Number nodes over several files, by the numbers that these state or else by place; mark copies of elements."""
     if len(pieces) == 1:
         return
+    for piece in pieces[1:]:
+        expected, found = (own.places.shape[1] for own in (pieces[0], piece))
+        if found != expected:
+            raise FormatError(f"expected {expected} coordinates as in the first, found {found}", file=piece.file.path)
     stated = [piece.ids("node_num_map") for piece in pieces]
     numbers = [own for own in stated if own is not None]
     if len(numbers) < len(pieces) or not _are_shared(numbers, [piece.places for piece in pieces]):
