@@ -17,6 +17,13 @@ integration      all of it in one call
 
 from __future__ import annotations
 
-from elvis.core.integrals.integration import ERROR, Integral, Integrals, comes_apart, evaluated, integrate
+from elvis.core.lazy import lazy_names
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from elvis.core.integrals.integration import ERROR, Integral, Integrals, comes_apart, evaluated, integrate
 
 __all__ = ["ERROR", "Integral", "Integrals", "comes_apart", "evaluated", "integrate"]
+
+# what draws needs pieces of elements, not what integrates over them
+__getattr__ = lazy_names(__name__, {"elvis.core.integrals.integration": tuple(__all__)})
