@@ -127,9 +127,15 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item in chosen]
 
 
-def pytest_collection_finish():
+def pytest_collection():
     """Thousands of tests and their modules stay until the end: the garbage collector needn't look at them each time."""
+    gc.disable()
+
+
+def pytest_collection_finish():
+    """Nor afterwards."""
     gc.freeze()
+    gc.enable()
 
 
 def sample(name, family):
@@ -202,14 +208,41 @@ OPENED, RENDERERS = {}, {}
 MOST_RESIDENT = 1 << 30
 
 
+#: bytes of compiled kernels that tests keep, and of the modules that these are compiled of
+MOST_KERNELS = 96 << 20
+
+
+def keep_kernels(folder):
+    """Keep the kernels that tests compile in their own processes in a folder with room for all of them.
+
+    In the user's cache, where there is room for those of some scenes, the thousand kernels of all tests would push each
+    other out, and every command that tests start would copy them.
+    """
+    from elvis.core.files.keeping import cache_folder
+    from elvis.renderer import compiled_modules, kernel_cache
+
+    users = cache_folder("kernels")
+
+    def place(name):
+        # tests of the cache have one of their own
+        return folder / name if users and cache_folder("kernels") == users else cache_folder(name)
+
+    kernel_cache.cache_folder = place
+    kernel_cache.MOST_BYTES = compiled_modules.MOST_BYTES = MOST_KERNELS
+
+
 def close_devices():
-    """Close what is open."""
+    """Close what is open, and the cache: the next one has what other workers have compiled meanwhile."""
+    from elvis.renderer import kernel_cache
     from elvis.renderer.device import Device
 
     RENDERERS.clear()
     for device in dict.fromkeys(OPENED.values()):
         Device.close(device)
     OPENED.clear()
+    for own in kernel_cache._caches.values():
+        own.close()
+    kernel_cache._caches.clear()
 
 
 def resident():
@@ -235,6 +268,8 @@ def devices():
     """``devices(name)`` in place of ``Device(name)``: each is opened once and stays open, so that slang, which no cache
     spares the work, links a kernel once for all tests that run in this process."""
     from elvis.renderer.device import Device
+
+    keep_kernels(CACHE / "slang")
 
     class Kept(Device):
         def close(self):
