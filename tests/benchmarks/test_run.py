@@ -44,7 +44,7 @@ def quick(tmp_path_factory):
     return smoke(tmp_path_factory.mktemp("benchmarks") / "some.json", *LOOKED_AT)
 
 
-@pytest.mark.sampled(least=len(OTHERS) // 7, free=("part",))
+@pytest.mark.sampled(free=("part",))
 @pytest.mark.parametrize("part", OTHERS)
 def test_a_part_prints_its_tables(part, tmp_path):
     smoke(tmp_path / "part.json", part)

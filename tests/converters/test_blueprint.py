@@ -264,6 +264,7 @@ def bad_node(number):
     return node
 
 
+@pytest.mark.sampled(least=2, free=("start",))
 @pytest.mark.parametrize("start", range(4))
 def test_damaged_meshes_are_read_or_refused_with_a_sentence(start):
     sentences = []

@@ -79,6 +79,7 @@ def box(sizes, way, low=0.0, high=1.0, order=None):
     return structured("Zone", points, conditions(*(way(sizes, name) for name in NAMES[: 2 * len(sizes)])))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("sizes", [SIZES, (3, 3, 3), (4, 5)])
 def test_conditions_lie_on_their_sides(tmp_path, way, sizes):

@@ -1,4 +1,4 @@
-"""Every shape and order is opened by Gmsh and by VTK, with our values and places between the nodes.
+"""Files of every shape are opened by Gmsh and by VTK, with our values and places between the nodes.
 
 Each program works in a process of its own, for what it can't hold crashes it or ends in a message of its own.
 """
@@ -23,6 +23,8 @@ SHAPES = [
     Shape.HEXAHEDRON,
 ]
 
+#: the numbering of nodes goes from one shell of an element to the next: orders to 5 have all kinds of nodes
+ORDERS = (1, 2, 3, 4, 5, 9)
 #: shapes for which collapsed hexahedra stand from order 3 on: areas of their sides take long
 COLLAPSED = (Shape.PYRAMID, Shape.PRISM)
 
@@ -76,10 +78,10 @@ for text in sys.argv[1:]:
 
 @pytest.mark.parametrize(("suffix", "program", "package"), [("msh", GMSH, "gmsh"), ("vtu", VTK, "vtk")])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_programs_open_every_order_with_our_values(tmp_path, shape, suffix, program, package):
+def test_programs_open_files_with_our_values(tmp_path, shape, suffix, program, package):
     pytest.importorskip(package)
     texts = []
-    for order in range(1, 10):
+    for order in ORDERS:
         data = with_field(grid(shape, 1), lambda p, order=order: 1 + p[:, 0] ** order, order + 1)
         losses = []
         path = tmp_path / f"{order}.{suffix}"
@@ -90,9 +92,9 @@ def test_programs_open_every_order_with_our_values(tmp_path, shape, suffix, prog
     assert not found.returncode, found.stderr
     lines = [line.split() for line in found.stdout.splitlines()]
     elements = len(data.mesh.domain_ids())
-    assert [int(line[0]) for line in lines] == [elements] * 9
+    assert [int(line[0]) for line in lines] == [elements] * len(ORDERS)
     # Gmsh has few digits at its highest orders
-    assert max(float(line[1]) for line in lines[:6]) < 1e-10
+    assert max(float(line[1]) for line in lines[:-1]) < 1e-10
     assert max(float(line[1]) for line in lines) < 1e-6
 
 

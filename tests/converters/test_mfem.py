@@ -118,6 +118,7 @@ def agree(files, made, name, points=5, tolerance=1e-10):
 BASES = {"legendre": 0, "lobatto": 1, "positive": 2}
 
 
+@pytest.mark.sampled(least=12)
 @pytest.mark.parametrize("mesh", ["tinyzoo-3d", "star-mixed-p2", "inline-segment", "square-disc-p3", "toroid-wedge"])
 @pytest.mark.parametrize(("family", "order"), [("H1", 1), ("H1", 3), ("H1Pos", 3), ("L2", 0), ("L2", 3)])
 def test_spaces_of_every_shape(tmp_path, mesh, family, order):
@@ -155,6 +156,7 @@ def test_vectors_in_both_orders(tmp_path, by_vector):
         assert np.abs(found - wanted).max() < 1e-11
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("family", ["RT", "ND"])
 @pytest.mark.parametrize(("mesh", "is_exact"), [("escher", True), ("fichera", True), ("escher-p2", False)])
 def test_vector_spaces_by_components(tmp_path, family, mesh, is_exact):
@@ -345,6 +347,7 @@ def cut(folder, mesh, count):
         own.Save(str(folder / f"u.{number:06d}"), 17)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("form", [parted, cut])
 @pytest.mark.parametrize("name", ["fichera-mixed-p2", "escher-p2", "star-mixed-p2", "inline-hex"])
 def test_pieces_of_parallel_runs_are_one(tmp_path, near, form, name):

@@ -101,6 +101,7 @@ def random(space, seed=4):
     return field
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("name", MESHES)
 def test_what_a_session_exports_arrives(tmp_path, name, bent):

@@ -60,14 +60,14 @@ def test_polynomials_in_time_cost_no_digits(shape, between, tmp_path):
     angle = (lambda t: t + t**2) if between == "linear" else (lambda t: t - t**2 / 2 + 3 * t**4 / 4)
     series = moving(tmp_path, bent(shape), dict(list(turning(rate).items())[:d]))
     seed = np.array([0.62, 0.55, 0.31])[:d]
-    found = pathlines(series, [seed], start=0.2, duration=1.5, between=between, fields=["u", "t*x"])
+    found = pathlines(series, [seed], start=0.2, duration=0.7, between=between, fields=["u", "t*x"])
     assert found.counts() == {"duration": 1}
-    assert (found.time[0], found.time[-1]) == pytest.approx((0.2, 1.7), abs=1e-15)
+    assert (found.time[0], found.time[-1]) == pytest.approx((0.2, 0.9), abs=1e-15)
     truth = turned(seed, angle(found.time) - angle(0.2))
     assert np.abs(found.points[:, :d] - truth).max() < 3e-11
     assert np.abs(found.values["u"] - rate(found.time) * (0.5 - truth[:, 1])).max() < 1e-9
     assert np.abs(found.values["t*x"] - found.time * truth[:, 0]).max() < 1e-10
-    back = pathlines(series, [found[0][-1, :d]], start=1.7, duration=1.5, direction="backward", between=between)
+    back = pathlines(series, [found[0][-1, :d]], start=0.9, duration=0.7, direction="backward", between=between)
     assert np.abs(back[0][-1, :d] - seed).max() < 3e-11
     assert back.time[-1] == pytest.approx(0.2, abs=1e-14)
 
@@ -212,7 +212,7 @@ def test_the_command(tmp_path, elvis):
     files = [tmp_path / "mesh.xml", *(tmp_path / f"run_{number}.chk" for number in range(len(TIMES)))]
     seeds = ["--seeds", "point:0.62,0.55", "--field", "u"]
     elvis(
-        "trace", *files, "--kind", "pathlines", *seeds, "--time", "0.2", "--duration", "1.5", "-o", tmp_path / "p.npz"
+        "trace", *files, "--kind", "pathlines", *seeds, "--time", "0.2", "--duration", "0.7", "-o", tmp_path / "p.npz"
     )
     with np.load(tmp_path / "p.npz") as found:
         angle = found["time"] + found["time"] ** 2 - 0.24

@@ -48,6 +48,7 @@ def own_metadata(dataset):
     return {key: text for key, text in dataset.metadata.items() if key not in (CONVERTED, REPORT, "Time")}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("form", NATIVE_FORMS)
 @pytest.mark.parametrize("name", SMALL_FILES)
 def test_native_files_keep_all(name, form, tmp_path):
@@ -64,6 +65,7 @@ def test_native_files_keep_all(name, form, tmp_path):
         assert sections(paths[0]).keys() == {"CONDITIONS", "FORCING"}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("suffix", ["msh", "vtu"])
 @pytest.mark.parametrize("name", SMALL_FILES)
 def test_exports_keep_or_name_what_they_leave_out(name, suffix, tmp_path):

@@ -28,6 +28,7 @@ def exodus_parts(folder, write, ranges, total, has_map=True, name="run.e", time=
     return paths
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("write", [write_classic, write_hdf5])
 @pytest.mark.parametrize("has_map", [True, False])
 @pytest.mark.parametrize("ranges", [[(0, 1), (1, 2)], [(0, 2), (2, 3), (3, 5)], [(0, 3), (2, 5), (4, 6)]])

@@ -30,6 +30,9 @@ SAMPLE = {
     "waves": (1,),
     "probes": (0, 1, 2, 3, 5),
 }
+#: all of them on the device that people use; of each family one on the other, where that takes few seconds
+PICTURES = [("vulkan", name, number) for name, numbers in SAMPLE.items() for number in numbers]
+PICTURES += [("reference", name, numbers[0]) for name, numbers in SAMPLE.items() if name != "volumes: kinks"]
 #: families without a picture, which don't differ between devices
 NUMBERS = {"lines": (1, 6), "differences": (0, 2)}
 
@@ -49,10 +52,9 @@ def gallery():
         one.close()
 
 
-@pytest.mark.parametrize(("family", "number"), [(name, n) for name, numbers in SAMPLE.items() for n in numbers])
-@pytest.mark.parametrize("device", ["vulkan", "reference"])
+@pytest.mark.parametrize(("device", "family", "number"), PICTURES)
 def test_nothing_certain_is_wrong(gallery, device, family, number):
-    found = gallery(device).count(case_of(family, SEED, number, (60, 50) if device == "vulkan" else (36, 30)))
+    found = gallery(device).count(case_of(family, SEED, number, (44, 36) if device == "vulkan" else (36, 30)))
     assert not found.first
     assert found.wrong == found.failed == 0
     assert found.pixels > 100

@@ -43,6 +43,7 @@ def seen(gallery, kind, far, height, size, up=(0.0, 0.0, 1.0)):
         return frame, 3 + first(np.where(touching, np.nan, down)), touching
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", SILHOUETTES)
 @pytest.mark.parametrize(
     ("far", "height"), [*((0.0, 10.0**n) for n in (-3, -8, -10, -12, -14)), *((2.0**20, 10.0**n) for n in (-3, -4, -8))]
@@ -61,6 +62,7 @@ def test_depths_of_faces_seen_edge_on_are_known_where_they_are_certain(gallery, 
         assert certain.sum() >= hit.sum() - 2 * 5
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", SILHOUETTES)
 @pytest.mark.parametrize(
     ("far", "height"), [*((0.0, 10.0**n) for n in (-9, -10, -12, -14)), *((2.0**20, 10.0**n) for n in (-3, -4, -8))]

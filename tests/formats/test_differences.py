@@ -210,6 +210,7 @@ def test_families_show_their_order(modes):
     assert list(found.columns()["elements"]) == [16, 64]
 
 
+@pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 def test_inverted_elements_hold_what_they_cover(shape):
     """The second mesh is a mirror image, with negative Jacobians: points inside, on borders and corners have values."""

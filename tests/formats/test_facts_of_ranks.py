@@ -148,6 +148,7 @@ def rounded():
     return Dataset(mesh, (Field("u", (replace(block, coefficients=ends),)),))
 
 
+@pytest.mark.sampled
 @pytest.mark.filterwarnings("ignore:invalid value")  # of numbers that are not finite
 @pytest.mark.parametrize("many", [3, 1 << 12])
 @pytest.mark.parametrize(

@@ -85,6 +85,7 @@ def same(text, other, names, density):
     return np.allclose(first, second, rtol=1e-14)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "fields", [GAS, PLAIN, ("u", "v", "w", "rho", "p", "T"), ("velocity_x", "velocity_y"), ("vx",)]
 )

@@ -45,6 +45,7 @@ def folded_between_samples():
     return Dataset(mesh, tuple(fields), metadata={"GeometryMap": "map_x,map_y,map_z"})
 
 
+@pytest.mark.sampled(least=12)
 @pytest.mark.parametrize("nodes", [2, 3, 5])
 @pytest.mark.parametrize("size", [0.05, 0.25, 0.6])
 @pytest.mark.parametrize("shape", SHAPES)
@@ -101,10 +102,10 @@ def test_integrals_take_the_jacobian_or_its_absolute_value():
     data = folded_between_samples()
     signed = ((1 - PLACE) ** 3 + (1 + PLACE) ** 3) / 3 - 2 * HALF**2
     absolute = signed + 2 * (4 / 3) * HALF**3
-    with_sign, without = integrate(data, "1", jacobian="signed"), integrate(data, "1")
+    with_sign, without = integrate(data, "1", jacobian="signed"), integrate(data, "1", error=1e-2)
     assert with_sign[0].exact
     assert abs(with_sign.value - 4 * signed) <= with_sign[0].error < 1e-12
-    assert abs(without.value - 4 * absolute) <= without[0].error < 1e-3
+    assert abs(without.value - 4 * absolute) <= without[0].error < 3e-2
     root = integrate(data, "sqrt(2+y)", jacobian="signed")
     assert abs(root.value - 2 * signed * (3**1.5 - 1) * 2 / 3) <= root[0].error < 1e-5
     with pytest.raises(ElvisError, match="divide the integrals"):

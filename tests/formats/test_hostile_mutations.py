@@ -16,7 +16,7 @@ from elvis.core.patch import patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.formats.reading import read
 
-ROUNDS = 60
+ROUNDS = 24
 SECONDS_EACH = 10.0
 XML_CASES = ["chan3d_tet", "prismhex_wss", "gen_pyr_curved", "quad4", "chan3dh1d", "naca_h1d_line", "scale_compressed"]
 XML_CASES += ["triquad_h1d", "hex_chk", "line_1d", "gen_quadface_2d"]

@@ -284,9 +284,7 @@ def files(bent, tmp_path_factory):
         ("norms", "--json"),
         ("probe", "--line", "0,0,0:1,1,1", "-n", "5", "--all"),
         ("integrate", "--field", "1"),
-        ("info", "--json", "--field", "d(u,x)/(2+u)"),
         ("info", "--extrema"),
-        ("info", "--quantities"),
     ],
     ids=lambda words: " ".join(words[:2]),
 )

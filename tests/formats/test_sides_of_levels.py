@@ -11,6 +11,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
+PLANES = Shape.of_dimension(2)
 POINTS = np.random.default_rng(7).uniform(0.001, 0.999, (20000, 3))
 #: five standard deviations of a mean of that many values of size one half
 NOISE = 5 * 0.5 / np.sqrt(len(POINTS))
@@ -78,7 +79,9 @@ def level(dataset, text):
 @pytest.mark.parametrize("own", ["u", "w", "s", "d(u,x)", "-d(u,x)"])
 @pytest.mark.parametrize("form", [*OF_ONE, *OF_SEVERAL])
 def test_clips_leave_the_side_on_which_the_expression_is_less(form, own):
-    shape = SHAPES[(len(form) + len(own)) % len(SHAPES)]
+    # in solids quotients of derivatives and coordinates take seconds each
+    shapes = PLANES if "x" in form and "d(" in own else SHAPES
+    shape = shapes[(len(form) + len(own)) % len(shapes)]
     dataset, text = gas(shape), form.replace("f", f"({own})")
     every, value = level(dataset, text)
     measure = "area" if shape.dimension == 2 else "volume"

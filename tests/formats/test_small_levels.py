@@ -21,6 +21,7 @@ def is_covered(found, truth):
     return abs(found.value - truth) <= found.error + ROUNDING * abs(truth)
 
 
+@pytest.mark.sampled(least=2, free=("distance",))
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-7])
 def test_two_sheets_near_to_each_other(distance):
     """The planes z = 0.5 +- distance / 2: sheets that rounding can't tell apart are in the error as a whole."""
@@ -34,6 +35,7 @@ def test_two_sheets_near_to_each_other(distance):
         assert between.error < 0.2 * distance
 
 
+@pytest.mark.sampled(least=2, free=("radius",))
 @pytest.mark.parametrize("radius", [0.05, 0.02, 0.01, 0.003, 0.001])
 def test_small_spheres_about_an_edge_of_tetrahedra(radius):
     """Several tetrahedra share the edge through the centre, and each has a part of the sphere with many ends."""

@@ -43,6 +43,7 @@ def volume():
     return with_fields(MESHES["volume"]())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mesh", list(MESHES))
 @pytest.mark.parametrize("form", ["compressed", "text", "hdf5"])
 def test_written_files_keep_all_rules(mesh, form, tmp_path, monkeypatch):

@@ -52,6 +52,7 @@ def borrowed(dataset, parts, texts=QUANTITIES):
     return played(len(parts), lambda ranks: borrowing(portions(dataset, parts)[ranks.rank], texts, ranks))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("cut", range(3))
 @pytest.mark.parametrize("name", MESHES)
 def test_surfaces_and_jumps_are_those_of_the_whole(name, cut):

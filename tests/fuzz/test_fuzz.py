@@ -42,7 +42,7 @@ READERS += ("live blueprint", "live ngsolve", "live mfem")
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):
-    done = run("--small", "--cases", "300", "--seed", "14", "--only", OWN, "--keep", str(tmp_path))
+    done = run("--small", "--cases", "120", "--seed", "14", "--only", OWN, "--keep", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -1,4 +1,5 @@
 import ast
+import gc
 import shutil
 import subprocess
 from importlib import import_module
@@ -29,7 +30,18 @@ def project_files(root):
 def modules(root):
     """Path -> syntax tree of every Python module of the areas."""
     paths = [path for area in AREAS for path in sorted((root / area).rglob("*.py"))]
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    # the garbage collector would look at a million nodes again and again
+    gc.disable()
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    gc.freeze()
+    gc.enable()
+    return trees
+
+
+@pytest.fixture(scope="session")
+def nodes(modules):
+    """Path -> all nodes of the syntax tree of every module of the areas, listed once for all tests."""
+    return {path: list(ast.walk(tree)) for path, tree in modules.items()}
 
 
 @pytest.fixture(scope="session")

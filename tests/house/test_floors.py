@@ -24,9 +24,9 @@ BELOW = {
 MODULE = re.compile(r"elvis(\.\w+)+")
 
 
-def imported_slices(tree):
+def imported_slices(nodes):
     """Pairs of line and slice, for every import of the namespace in a module, wherever it stands."""
-    for node in ast.walk(tree):
+    for node in nodes:
         names = []
         if isinstance(node, ast.ImportFrom) and node.level == 0:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
@@ -43,22 +43,22 @@ def slice_of(path):
     return {"__main__.py": "plugins", "__init__.py": "api"}.get(path.parts[2], path.parts[2])
 
 
-def test_imports_go_down(root, modules):
+def test_imports_go_down(root, nodes):
     wrong = []
-    for path, tree in modules.items():
+    for path, own_nodes in nodes.items():
         own = slice_of(path.relative_to(root))
-        for line, other in imported_slices(tree):
+        for line, other in imported_slices(own_nodes):
             if other not in {own, *BELOW[own]}:
                 wrong.append(f"{path.relative_to(root)}:{line}: {own} imports {other or 'elvis itself'}")
     assert not wrong
 
 
-def test_imports_across_areas_are_absolute(root, modules):
-    depth = {path: len(path.relative_to(root).parts) - 3 for path in modules}
+def test_imports_across_areas_are_absolute(root, nodes):
+    depth = {path: len(path.relative_to(root).parts) - 3 for path in nodes}
     wrong = [
         f"{path.relative_to(root)}:{node.lineno}"
-        for path, tree in modules.items()
-        for node in ast.walk(tree)
+        for path, own_nodes in nodes.items()
+        for node in own_nodes
         if isinstance(node, ast.ImportFrom) and node.level > depth[path]
     ]
     assert not wrong
@@ -82,12 +82,12 @@ def test_the_api_is_one_table(modules, root):
         elvis.render_all  # noqa: B018
 
 
-def test_modules_that_are_named_in_text_are_below_too(root, modules):
+def test_modules_that_are_named_in_text_are_below_too(root, nodes):
     """What ``import_module``, ``lazy_names`` and their like are told."""
     wrong = []
-    for path, tree in modules.items():
+    for path, own_nodes in nodes.items():
         own = slice_of(path.relative_to(root))
-        for node in ast.walk(tree):
+        for node in own_nodes:
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and MODULE.fullmatch(node.value):
                 other = node.value.split(".")[1]
                 if other in BELOW and other not in {own, *BELOW[own]} and node.value not in groups(root):
@@ -95,12 +95,12 @@ def test_modules_that_are_named_in_text_are_below_too(root, modules):
     assert not wrong
 
 
-def test_no_command_is_handed_what_stands_above_it(root, modules):
+def test_no_command_is_handed_what_stands_above_it(root, nodes):
     """The object of click's context holds the settings of a run and nothing else; it is read where it is made."""
     readers = {
         path.relative_to(root).as_posix()
-        for path, tree in modules.items()
-        for node in ast.walk(tree)
+        for path, own_nodes in nodes.items()
+        for node in own_nodes
         if isinstance(node, ast.Attribute) and node.attr == "obj"
     }
     assert readers == {"plugins/elvis/plugins/running.py"}
@@ -120,7 +120,7 @@ def groups(root):
 
 def test_every_way_to_import_is_seen():
     source = "import elvis.plugins.x\nfrom elvis import renderer\nfrom elvis.reference.y import z\nimport numpy"
-    assert list(imported_slices(ast.parse(source))) == [(1, "plugins"), (2, "renderer"), (3, "reference")]
+    assert list(imported_slices(ast.walk(ast.parse(source)))) == [(1, "plugins"), (2, "renderer"), (3, "reference")]
 
 
 def test_scripts_from_before_find_their_names():

@@ -17,6 +17,10 @@ from page_blocks import PAGES, ROOT, blocks, commands
 OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray", "to_pandas": "pandas"}
 
 
+#: of lines that are followed, where a page doesn't say how long they are
+TOLERANCE, LENGTH = "1e-4", "0.2"
+#: options with which lines have a length already, or go through time
+IN_TIME = {"--length", "--duration", "--kind"}
 #: the pages with commands, but for the first, the README
 WITH_COMMANDS = [page for page in PAGES[1:] if commands(page)]
 WITH_PYTHON = [page for page in PAGES if blocks(ROOT, page, "python")]
@@ -41,16 +45,24 @@ def run_commands(page_folder, monkeypatch):
 
 def sooner(words):
     """The words of a command with options for less work."""
-    found = [f"{word};tolerance=1e-6" if is_followed(before, word) else word for before, word in pairwise(["", *words])]
+    found = [followed_sooner(word) if is_followed(before, word) else word for before, word in pairwise(["", *words])]
     if words[0] == "render":
         found += ["--size", "80x60", "--samples", "1"]
-    if words[0] == "compare" and "--field" in words:
-        found += ["--size", "40x30"]
+    if words[0] == "compare" and not any(word.endswith(".npz") for word in words):
+        found += ["--size", "24x18"]
     if words[0] == "trace" and "--cores" not in words:
-        found += ["--tolerance", "1e-6"]
+        found += ["--tolerance", TOLERANCE]
+        if not IN_TIME.intersection(words):
+            found += ["--length", LENGTH]
     if words[0] == "view":
         found += ["--no-browser", "--idle", "0.1"]
     return found
+
+
+def followed_sooner(seeds):
+    """Streamlines in a picture, short and rough ones; those through time are as long as their duration says."""
+    short = "" if "length=" in seeds or "since=" in seeds else f";length={LENGTH}"
+    return f"{seeds};tolerance={TOLERANCE}{short}"
 
 
 def is_followed(option, value):
@@ -62,13 +74,13 @@ def test_commands_of_the_readme_run(run_commands):
     run_commands("README.md")
 
 
-@pytest.mark.sampled(least=len(WITH_COMMANDS) // 4, free=("page",))
+@pytest.mark.sampled(least=len(WITH_COMMANDS) // 5, free=("page",))
 @pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands_run(page, run_commands):
     run_commands(page)
 
 
-@pytest.mark.sampled(least=len(WITH_PYTHON) // 2, free=("page",))
+@pytest.mark.sampled(least=len(WITH_PYTHON) // 3, free=("page",))
 @pytest.mark.parametrize("page", WITH_PYTHON)
 def test_python_examples_run(root, page, page_folder):
     """Those of one page follow one another; what needs a library that is not installed is left out."""

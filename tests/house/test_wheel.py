@@ -14,7 +14,6 @@ AGAINST_THE_WHEEL = (
     "tests/formats/test_points.py",
     "tests/plugins/test_registry.py",
     "tests/plugins/test_runtime_tutorial.py::test_the_command_that_the_page_shows_draws_the_case",
-    "tests/plugins/test_runtime_tutorial.py::test_it_is_found_once_it_is_installed",
 )
 
 

@@ -69,6 +69,7 @@ def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
     assert [measure.is_continuous for measure in conversion.report.fields] == [True, False]
 
 
+@pytest.mark.sampled(least=2, free=("seed",))
 @pytest.mark.parametrize("seed", range(4))
 def test_mixed_meshes_turned_and_numbered_at_random_arrive_exactly(seed):
     fields = {"u": AnalyticField(polynomial(3), 3, True)}
@@ -115,6 +116,7 @@ def test_traces_of_continuous_fields_are_equal_to_the_last_bit(seed, is_polynomi
             assert skins.largest_change(apart) == 0
 
 
+@pytest.mark.sampled(free=("seed",))
 @pytest.mark.parametrize("seed", range(3))
 def test_every_element_around_a_point_gives_the_same_value(seed):
     # independently of how traces were made: points on shared faces, found by search, seen from both sides
@@ -194,7 +196,9 @@ def test_maps_that_curves_cannot_hold_travel_as_fields(shape):
         return points + moved[..., None]
 
     fields = {"u": AnalyticField(polynomial(2), 2, True)}
-    warp, order = (bubble, 6) if shape is Shape.HEXAHEDRON else (bent(5), 5)
+    # the least orders that curves of edges and faces can't hold
+    maps = {Shape.HEXAHEDRON: (bubble, 6), Shape.PRISM: (bent(5), 5)}
+    warp, order = maps.get(shape, (bent(4), 4))
     source = Analytic(cells(shape), fields, warp, order, seed=3, pyramid=PyramidSpace.POLYNOMIAL)
     source.blocks = [replace(block, is_polynomial=shape is not Shape.HEXAHEDRON) for block in source.blocks]
     automatic, curves, always = (convert(source, Settings(geometry=g)) for g in ("auto", "curves", "map"))
@@ -236,6 +240,7 @@ def test_straight_meshes_get_no_curves():
     assert not len(conversion.dataset.mesh.face_curves)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mesh", [mixed_volume(), grid(Shape.TETRAHEDRON, 3), grid(Shape.QUADRILATERAL, 4)])
 @pytest.mark.parametrize("is_continuous", [True, False])
 def test_orders_by_element_keep_the_tolerance(mesh, is_continuous):
@@ -272,7 +277,7 @@ def test_the_announced_error_is_that_of_the_written_file(tmp_path):
     def warp(points):
         return points / (1 + 0.2 * points[..., :1])
 
-    source = Analytic(mixed_volume(), {"u": AnalyticField(wave, 3, True, False)}, warp, 4, seed=1)
+    source = Analytic(mixed_volume(), {"u": AnalyticField(wave, 2, True, False)}, warp, 3, seed=1)
     source.blocks = [replace(block, is_polynomial=False) for block in source.blocks]
     conversion = convert(source)
     again = read(*write(conversion.dataset, tmp_path / "case.xml"))

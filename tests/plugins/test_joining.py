@@ -80,6 +80,7 @@ def test_only_whole_names_of_declared_globals_change(scaled, tmp_path, declared)
         assert "scales_all * scales_of" in own
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
 @pytest.mark.parametrize("declared", DECLARED)
 def test_each_field_has_its_own_globals(scaled, renderer, device, declared):

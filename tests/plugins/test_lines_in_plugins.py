@@ -101,7 +101,7 @@ def test_neighbours_with_other_coordinates_on_the_side_that_they_share():
 def test_all_shapes_in_one_volume_and_seeds_on_sides():
     dataset = data(curved(mixed_volume(0), ripple(0.02), 3), {name: lambda p: np.ones(len(p)) for name in "uvw"})
     plugin = HostFlow(opened(dataset))
-    found, native = (trace(own, ["elements", "boundary:all:1"], length=0.4) for own in (plugin, dataset))
+    found, native = (trace(own, ["elements", "boundary:all:1"], length=0.15) for own in (plugin, dataset))
     assert len(found) == len(native)
     assert found.counts()["left"] == native.counts()["boundary"]
     order, other = (np.lexsort(np.round(own.points[own.offsets[:-1]], 8).T) for own in (found, native))

@@ -29,6 +29,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("size", [2, 30])
 @pytest.mark.parametrize("other", ["same", "renamed", "other"])
 def test_differences_in_parts_are_those_of_one_process(folder, other, size):

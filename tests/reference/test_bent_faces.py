@@ -37,7 +37,7 @@ def test_edges_that_turn_both_ways(shape, shown, degree):
         cubic = 0.8 * y * (1 - y) * (1 - 2 * y)
         return cubic if degree == 3 else cubic * (4 * y - 1) * (4 * y - 3)
 
-    x, y, found = seen(cube(shape, 1, shifted, degree + 1), (20, 20), shown)
+    x, y, found = seen(cube(shape, 1, shifted, degree + 1), (16, 16), shown)
     side = shifted(x, y)
     assert np.array_equal(found, (y > 0) & (y < 1) & (x > side) & (x < 1 + side))
 

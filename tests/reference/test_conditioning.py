@@ -47,6 +47,7 @@ FLAT = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
 @pytest.mark.parametrize("name", FLAT)
 def test_flat_and_touching_surfaces_are_ambiguous_hits(shape, name):

@@ -52,6 +52,7 @@ def distance(view, radii, height):
     return best
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize(("shape", "bent"), [(Shape.TETRAHEDRON, False), (Shape.PYRAMID, False), (Shape.PRISM, True)])
 def test_what_is_certain_is_right(shape, bent, camera):

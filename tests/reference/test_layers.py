@@ -57,6 +57,7 @@ def test_kinks_at_round_values_are_seen(shape, width):
     assert np.abs(frame.color + np.expm1(-0.5 * 2.3 * 3.0)).max() < 1e-8
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bend", [0.0, 0.05])
 @pytest.mark.parametrize("shape", SOLIDS, ids=lambda shape: shape.label)
 def test_colours_of_thin_layers(shape, bend):

@@ -235,6 +235,7 @@ def test_what_it_cannot_draw_is_said():
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Faces(style=Style(quantity="w")),)))
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_even_fog_takes_up_light_by_its_length(shape):
     """A constant density s over a chord L hides 1 - exp(-s L)."""
@@ -249,6 +250,7 @@ def test_even_fog_takes_up_light_by_its_length(shape):
     assert not frame.seen.any()
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
 def test_rays_may_begin_within_elements(shape):
     """The eye is in the cube: volume hides by the length from there on, and the surface behind it is not seen."""

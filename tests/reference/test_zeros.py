@@ -170,7 +170,7 @@ def test_double_zeros_of_what_cancels_are_not_missed(shape):
     data = with_field(grid(shape, 2), lambda x: (x[:, 0] - 0.375) ** 2, 4)
     middle = np.array([0.375, 0.4656, 0.4067])
     camera = Camera(tuple(middle - [-0.1319, 0.1136, 2.0294]), tuple(middle), height=0.0029)
-    frame = render(data, Scene("u", camera=camera, size=(40, 30), objects=(Isosurface((0.0,)),)))
+    frame = render(data, Scene("u", camera=camera, size=(24, 18), objects=(Isosurface((0.0,)),)))
     assert (frame.status == Status.AMBIGUOUS).all()
 
 

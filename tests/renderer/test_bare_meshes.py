@@ -15,6 +15,7 @@ from elvis.scene.bare_mesh import COLOR, REMARK
 SMALL = {"device": "vulkan", "size": (60, 45)}
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize(
     "shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON]
 )

@@ -18,6 +18,7 @@ def ids(shapes):
     return shapes.label
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS, ids=ids)
 def test_a_plane_along_faces(draw, linear, shape):
     """The plane lies in faces, pixels on edges and vertices of a grid: full coverage, and always the same elements."""
@@ -51,6 +52,7 @@ def test_a_plane_along_the_boundary(draw, linear, axis, side):
     assert np.abs(frame.field - frame.position @ [1.0, 2.0, -3.0])[frame.seen].max() < 1e-13
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("z", [0.5, 0.25, 1.0])
 @pytest.mark.parametrize("case_name", ["gen_allelem_n4", "hex_c0"])
 def test_faces_of_shared_cubes(same_on, shared, case_name, z):

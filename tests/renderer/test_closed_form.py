@@ -93,6 +93,7 @@ def check(frame, mesh, straightened):
     assert np.abs(frame.field[frame.seen] - expected).max() <= 1e-11 * np.ptp(expected)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("view", VIEWS)
 def test_bent_volumes(draw, device, view):

@@ -56,15 +56,14 @@ def test_modules_are_read_in_place_of_their_sources(compose, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in kept(tmp_path).values()} == written
 
 
-@pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else", "another", "no checksum"])
+@pytest.mark.parametrize("damage", ["one bit", "empty", "another", "no checksum"])
 def test_damaged_modules_are_made_again(compose, tmp_path, damage):
     compose()
     file = kept(tmp_path)["compose"]
     whole = file.read_bytes()
     flipped = bytearray(whole)
     flipped[len(whole) // 2] ^= 4
-    wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": riff(1000)}
-    file.write_bytes(wrong.get(damage, whole))
+    file.write_bytes({"one bit": bytes(flipped), "empty": b""}.get(damage, whole))
     if damage == "another":
         for suffix in (".slang-module", ".sha256"):
             shutil.copyfile(kept(tmp_path)["dispatch"].with_suffix(suffix), file.with_suffix(suffix))

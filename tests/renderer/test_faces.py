@@ -79,7 +79,7 @@ def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
         drawn.faces.boundaries["top"] = block.entity[np.isin(block.local, top)]
     folded = 0
     for camera in cameras((0.0, 0.1, 0.2), 6.0, 3.0):
-        view = View.through(camera, (150, 120))
+        view = View.through(camera, (74, 60))
         truth = roots_on_paraboloid(view)
         first = drawn.draw(view, ["top"])
         second = drawn.draw(view, ["top"], beyond=first.depth)
@@ -96,7 +96,7 @@ def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
             np.bincount(hits["pixel"], minlength=view.count)[certain], np.isfinite(truth[certain]).sum(1)
         )
         folded += np.isfinite(truth[:, 1]).sum()
-    assert folded > 1000
+    assert folded > 250
 
 
 def check_buffer(view, buffer, found):

@@ -102,6 +102,7 @@ def first_of_union(parts):
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("shape", ["arrow", "cone"])
 def test_pixels_show_the_cone_and_the_cylinder(draw, steady, shape, camera):

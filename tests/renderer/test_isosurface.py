@@ -19,8 +19,8 @@ from elvis.scene.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)
-#: of eight pictures, with a quarter of a million pixels in all
-WIDE = (190, 165)
+#: of eight pictures, with seventy thousand pixels in all
+WIDE = (100, 86)
 PARALLEL = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 VIEWS = {"parallel": PARALLEL, "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=40.0)}
 

@@ -95,6 +95,7 @@ def check(hits, depth, inside):
     assert np.array_equal(np.isnan(hits.uncertainty), ~hit)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", FLAT)
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_flat_and_touching_surfaces_are_ambiguous(iso, shape, name):

@@ -14,7 +14,7 @@ from elvis.renderer.pixels import NOBODY
 from elvis.scene import unit
 from elvis.scene.view import View
 
-SIZE, COUNT = (28, 22), 150
+SIZE, COUNT = (28, 22), 90
 
 
 @pytest.fixture(scope="module")

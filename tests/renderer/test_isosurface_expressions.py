@@ -19,7 +19,7 @@ from elvis.scene.view import View
 
 CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
 #: samples of a ray, between these depths
-COUNT, DEPTHS = 300, (0.9, 3.4)
+COUNT, DEPTHS = 150, (0.9, 3.4)
 
 
 def flow(shape, cells=1, bent=True, modes=4):
@@ -140,6 +140,7 @@ def test_expressions_of_coordinates_alone_are_proved(iso):
     assert np.abs(places[:, 0] - np.arcsin(0.3)).max() < 1e-12
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
 def test_values_at_nodes_are_those_of_the_quantity(renderer, shape):
     """Sums over series of elements, one direction after the other, are what samples are: on a random part of each."""

@@ -16,7 +16,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
 from elvis.scene.view import View
 
-COUNT = 160
+COUNT = 90
 VIEW = View.through(Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.5), fov=32), (32, 26))
 
 

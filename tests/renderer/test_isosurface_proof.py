@@ -19,7 +19,7 @@ SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (24, 20)
 CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
 #: samples of a ray, between these depths
-COUNT, DEPTHS = 240, (0.9, 3.4)
+COUNT, DEPTHS = 120, (0.9, 3.4)
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +53,7 @@ def random_field(shape, seed):
     return Dataset(dataset.mesh, (replace(field, blocks=blocks),))
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
     """Hits lie on the level; nowhere before them, nor on rays called misses, does an element's field cross it."""

@@ -116,7 +116,7 @@ def test_the_noise_belongs_to_cells_and_has_the_variance_that_is_said():
     assert _covariance()[0] == pytest.approx(1 / 27, rel=1e-12)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_means_along_lines_have_the_same_contrast_however_long_they_are(angle):
     view = View.through(CAMERAS["parallel"], (1500, 1500))
     x, y = np.meshgrid(np.arange(10.0, 1490.0, 9.13), np.arange(10.0, 1490.0, 5.37))
@@ -308,7 +308,7 @@ def assert_alike(frame, truth):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_the_reference_draws_the_same(draw, solid, name, camera):
     shown = replace(OBJECTS[name], style=grey(length=20.0))
-    scene = {"field": "u", "objects": (shown,), "camera": CAMERAS[camera], "size": (76, 56)}
+    scene = {"field": "u", "objects": (shown,), "camera": CAMERAS[camera], "size": (64, 48)}
     assert_alike(*(draw(solid, device, **scene) for device in ("vulkan", "reference")))
 
 

@@ -332,6 +332,7 @@ def test_mesh_lines_of_bent_volumes(cut):
     assert difference[inner].max() < CLOSE
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
 def test_lines_don_t_depend_on_the_elements_turns_and_orders(cut, shape):
     mesh = grid(shape, 2)

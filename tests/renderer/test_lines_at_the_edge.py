@@ -33,6 +33,7 @@ def beyond(side, place, away):
     return camera, np.abs(columns * direction[0] + rows * direction[1] - line)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("kind", ["contours", "mesh_lines"])
 def test_lines_beyond_the_edge_cover_pixels_within_their_width(draw, surface, kind):

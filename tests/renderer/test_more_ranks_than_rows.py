@@ -13,15 +13,17 @@ from elvis.core.testing.meshes import grid
 from elvis.core.testing.played_ranks import played
 from elvis.renderer.parts import RankPart, what_matters
 from elvis.renderer.rendering import Pictures
-from elvis.scene import CutSurface, Faces, MeshLines, Plane, Scene, Style, Transfer, VolumeRendering
+from elvis.scene import Camera, CutSurface, Faces, MeshLines, Plane, Scene, Style, Transfer, VolumeRendering
 
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
+#: what is fitted to the data takes a glance at them in each of the ranks: that of the other scenes alone
+GIVEN = Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
 SCENES = {
     "plane": Scene(plane=TILTED),
     "faces and a plane": Scene(
         objects=(Faces(("all",), Style(opacity=0.4, mesh_lines=MeshLines())), CutSurface(TILTED))
     ),
-    "volume": Scene(objects=(VolumeRendering(Transfer((0.0, 1.0), (0.0, 3.0))),), camera="iso"),
+    "volume": Scene(objects=(VolumeRendering(Transfer((0.0, 1.0), (0.0, 3.0))),), camera=GIVEN),
 }
 
 

@@ -57,6 +57,7 @@ def test_nothing_but_nan_is_a_picture_too(draw, linear, tmp_path):
     frame.save(tmp_path / "nan.png")
 
 
+@pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.label)
 def test_mirrored_elements_are_drawn(same_on, linear, shape):
     mesh = curved(grid(shape, 2), ripple(0.04, seed=2), 3)
@@ -79,6 +80,7 @@ def test_a_folded_element_shows_only_what_is_in_it(draw, linear):
     assert frame.counts()["failed"] == 0
 
 
+@pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.label)
 def test_elements_in_one_place_do_not_mix(draw, shape):
     """Where elements coincide every pixel shows one of them, the same one each time, with its own field."""

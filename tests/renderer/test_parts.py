@@ -155,15 +155,15 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
 @pytest.mark.sampled(least=4, free=("name",))
 @pytest.mark.parametrize("name", [*(name for name in SCENES if name != "plane"), "clipped volume"])
 def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monkeypatch):
-    """To the last bit, of one, two and nine bands of rows; a plane alone is drawn in another way."""
+    """To the last bit, of two and six bands of rows; a plane alone is drawn in another way."""
     ball = Clip(Sphere((0.5, 0.5, 0.6), 0.3))
     volume = (*SCENES["volume"].objects, CutSurface(UPRIGHT, Style(opacity=0.5)))
     scene = SCENES.get(name, Scene(objects=volume, clip=(ball,), camera=GIVEN))
-    scene = replace(scene, field="u", size=(48, 36), samples=1 + (name == "clipped"), stats="counts.json")
+    scene = replace(scene, field="u", size=(32, 24), samples=1 + (name == "clipped"), stats="counts.json")
     drawn = renderer("vulkan")
     expected = written(drawn, bent, scene, tmp_path)
-    for rows in (36, 20, 4):
-        monkeypatch.setattr(rendering, "BAND", 48 * rows)
+    for rows in (14, 4):
+        monkeypatch.setattr(rendering, "BAND", 32 * rows)
         assert written(drawn, bent, scene, tmp_path) == expected
 
 
@@ -216,7 +216,7 @@ OF_RANKS = SCENES | {
 @pytest.mark.parametrize("name", OF_RANKS)
 def test_pictures_of_ranks_are_those_of_one_process(bent, name, cut, tmp_path):
     """Of two, three and eight ranks, whose parts are compact, at random or like combs."""
-    scene = replace(OF_RANKS[name], field="u", size=(48, 150), stats="counts.json")
+    scene = replace(OF_RANKS[name], field="u", size=(24, 150), stats="counts.json")
     expected = by_one_process(bent, scene, tmp_path)
     assert by_ranks(bent, scene, cuts(bent)[cut], tmp_path)[0] == expected
 

@@ -33,8 +33,8 @@ def views(dataset):
     camera = Camera(tuple(eye), tuple(middle + 0.01 * size), (0.1, 1.0, 0.2), fov=40.0)
     straight = None if flat else Plane(tuple(middle + 0.01 * (high - low)), (0.1, 0.2, 1.0))
     tilted = None if flat else Plane(tuple(middle), (1.0, -0.9, 1.1))
-    yield {"plane": straight, "size": (51, 41)}
-    yield {"plane": tilted, "size": (52, 39), "camera": camera}
+    yield {"plane": straight, "size": (40, 33)}
+    yield {"plane": tilted, "size": (42, 31), "camera": camera}
 
 
 def test_same_pixels(case, shared, same_on, liveliest):

@@ -60,6 +60,7 @@ def sheared(points):
     return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_chords_of_curved_elements(integrate, shape):
     view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), SIZE)
@@ -132,6 +133,7 @@ def test_inverted_elements_are_drawn(integrate):
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_curved_elements_turned_inside_out_have_the_same_chords(integrate, shape):
     """The mirror image of a bent mesh, seen in the mirror: all its Jacobians are negative."""
@@ -154,13 +156,14 @@ def test_curved_elements_beside_the_picture_send_no_light(integrate):
     assert not light.lost.any()
 
 
+@pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_integrals_in_curved_elements_converge_with_the_error_asked_for(integrate, shape):
     """Heights s become z = 1.3 s - 0.3 s^2, so that s bends along the ray; density and red are 3 s, seen from above."""
     mesh = curved(grid(shape, 2), lambda p: p + np.outer(0.3 * p[:, 2] * (1 - p[:, 2]), [0, 0, 1]), 3)
     data = with_field(mesh, lambda p: (1.3 - np.sqrt(1.69 - 1.2 * np.clip(p[:, 2], 0, 1))) / 0.6, 4)
     ramp = Transfer((0.0, 1.0), (0.0, 3.0), ((0, 0, 0), (1, 0, 0)))
-    view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (4, 4))
+    view = View.through(Camera((0.47, 0.53, 5.0), (0.47, 0.53, 0.0), (0.0, 1.0, 0.0), height=0.9), (3, 3))
     nodes, weights = np.polynomial.legendre.leggauss(40)
     s = (nodes + 1) / 2
     passed = 3 * (0.65 * (1 - s**2) - 0.2 * (1 - s**3))
@@ -196,11 +199,11 @@ def test_light_of_a_ramp_in_closed_form(integrate):
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_the_error_asked_for_is_kept_across_breakpoints(integrate, shape):
-    """A thin bright shell in a wavy field, against the same with an error ten thousand times smaller."""
+    """A thin bright shell in a wavy field, against the same with an error a hundred times smaller."""
     data = with_field(curved(grid(shape, 2), sheared, 3), lambda p: ((p - 0.5) ** 2).sum(axis=1), 4)
     shell = Transfer((0.08, 0.1, 0.11, 0.14), (0.0, 60.0, 5.0, 0.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)))
-    view = View.through(VIEWS["perspective"], (20, 16))
-    fine = integrate(data, view, shell, error=1e-7)
+    view = View.through(VIEWS["perspective"], (11, 9))
+    fine = integrate(data, view, shell, error=1e-6)
     assert fine.alpha.max() > 0.5
     for error in (1e-2, 1e-4):
         light = integrate(data, view, shell, error=error)
