@@ -9,7 +9,7 @@ from elvis import sample
 from elvis.converters.mfem import Mfem
 from elvis.core.errors import FormatError
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import convert
+from elvis.plugins.converting import Settings, convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 mfem = pytest.importorskip("mfem.ser")
@@ -399,8 +399,10 @@ def test_streams_hold_what_their_files_hold(solvers, tmp_path, name, field):
     path = tmp_path / "case.saved"
     path.write_text(f"solution\n{stream(solvers, name, field)}keys RRj\nwindow_title 'case'\n")
     assert Mfem.opens([path])
-    found = convert(Mfem([path]))
-    wanted = convert(Mfem([solvers / "mfem" / f"{name}.mesh", solvers / "mfem" / f"{name}.{field}.gf"]))
+    settings = Settings(order=1, geometry="curves")
+    found = convert(Mfem([path]), settings)
+    whole = [solvers / "mfem" / f"{name}.{suffix}" for suffix in ("mesh", f"{field}.gf")]
+    wanted = convert(Mfem(whole), settings)
     assert np.array_equal(found.dataset.mesh.vertices, wanted.dataset.mesh.vertices)
     for one, other in zip(found.dataset.fields, wanted.dataset.fields, strict=True):
         assert one.name == other.name.replace(field, "solution", 1)
