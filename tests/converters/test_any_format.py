@@ -39,6 +39,7 @@ def files(request, solvers):
     return [solvers / name for name in FORMATS[request.param]]
 
 
+@pytest.mark.sampled(least=5, free=("files",))
 def test_read_and_commands_tell_the_same(files, elvis, elvis_json, capsys, tmp_path):
     dataset = read(*files)
     (remark,) = dataset.remarks

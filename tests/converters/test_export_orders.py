@@ -98,6 +98,7 @@ def test_programs_open_files_with_our_values(tmp_path, shape, suffix, program, p
     assert max(float(line[1]) for line in lines) < 1e-6
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("shape", "order"),
     [(shape, order) for shape in SHAPES for order in (1, 2, 4) if order < 3 or shape not in COLLAPSED],

@@ -142,6 +142,7 @@ def test_cells_with_a_fixed_number_of_nodes(tmp_path, kind):
         assert np.abs(values_found(done.dataset, "u", x) - linear(x)).max() < 1e-11
 
 
+@pytest.mark.sampled(least=18)
 @pytest.mark.parametrize("order", [1, 2, 4])
 @pytest.mark.parametrize("kind", sorted({**LAGRANGE, **BEZIER}))
 def test_cells_of_any_order(tmp_path, kind, order):
@@ -201,6 +202,7 @@ def test_cells_whose_degree_depends_on_the_direction(tmp_path, kind, degrees):
     assert all(field.is_exact for field in done.report.fields)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 @pytest.mark.parametrize("kind", [69, 70, 71, 72, 73])
 def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
@@ -369,6 +371,7 @@ def test_gauss_nodes_show_by_the_gaps_between_cells(tmp_path, kind, order):
     assert integrate(dataset, "1").value == pytest.approx(3, abs=1e-12)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("family", ["equispaced", "gll", "gauss"])
 @pytest.mark.parametrize("order", [4, 5, 7])
 def test_where_all_edges_are_bent_the_smoothest_map_shows_the_nodes(tmp_path, family, order):

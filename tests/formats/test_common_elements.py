@@ -40,6 +40,7 @@ def renumbered(dataset):
     return replace(dataset, mesh=mesh, fields=tuple(fields))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bend", [None, ripple(0.03)], ids=["straight", "curved"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_turned_and_renumbered_elements_are_found(seed, bend):

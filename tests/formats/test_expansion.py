@@ -117,6 +117,7 @@ COUNTS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "modes"), ANISOTROPIC)
 @pytest.mark.parametrize("family", [MODIFIED, ORTHO])
 def test_modes_come_in_the_order_of_the_format(shape, modes, family):
@@ -138,6 +139,7 @@ def test_anisotropic_counts_follow_the_formulas(p, q):
     assert mode_count(Expansion(Shape.PRISM, MODIFIED[Shape.PRISM], (p, 3, q))) == 3 * triangle
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "modes"), ANISOTROPIC)
 @pytest.mark.parametrize("family", [MODIFIED, ORTHO])
 def test_functions_do_not_depend_on_the_number_of_modes(shape, modes, family):
@@ -237,6 +239,7 @@ def total_degree(shape, n, points):
 POLYNOMIAL = [(shape, bases) for shape, bases in EVERY if not set(bases) & set(FOURIER)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "bases"), POLYNOMIAL)
 @pytest.mark.parametrize("n", [2, 4, 6])
 def test_polynomials_of_the_space_are_represented(shape, bases, n):

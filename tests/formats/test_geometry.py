@@ -153,6 +153,7 @@ def test_edges_run_through_their_nodes(line, n):
                 np.testing.assert_allclose(world, warp(straight), rtol=0, atol=1e-13)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("line", "triangle", "digits"),
     [

@@ -217,6 +217,7 @@ def test_squares_are_the_norms_of_the_solver(nektar):
         assert integrate(dataset, f"{name}^2").value == pytest.approx(norm.l2**2, rel=1e-12, abs=1e-20)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("text", "truth"),
     [

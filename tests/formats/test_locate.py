@@ -240,6 +240,7 @@ def spoilt(vertices, how, rng):
     return frozen_floats(vertices)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("how", ["coincident", "tangled", "thin", "a point", "nan", "inf", "-1e300", "1e160"])
 @pytest.mark.parametrize("seed", range(4))
 def test_spoilt_meshes_give_right_answers_or_none(how, seed):

@@ -25,6 +25,7 @@ def test_labels_go_both_ways_and_number_as_in_binary_files():
         PointsType.from_label("Nonsense")
 
 
+@pytest.mark.sampled(least=40)
 @pytest.mark.parametrize("family", LINE)
 @pytest.mark.parametrize("count", range(3, 21))
 def test_nodes_ascend_in_the_interval(family, count):

@@ -32,6 +32,7 @@ COUNTS = [1, 2, 3, 4, 5, 8, 13, 20, 27, 40]
 CASES = [(rule, n) for rule in RULES for n in COUNTS if n >= RULES[rule][0]]
 
 
+@pytest.mark.sampled(least=40)
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
 @pytest.mark.parametrize(("rule", "count"), CASES)
 def test_rules_integrate_what_they_claim(rule, count, a, b):
@@ -44,6 +45,7 @@ def test_rules_integrate_what_they_claim(rule, count, a, b):
     assert (weights > 0).all()
 
 
+@pytest.mark.sampled(least=40)
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
 @pytest.mark.parametrize(("rule", "count"), CASES)
 def test_nodes_ascend_and_hold_the_ends_they_claim(rule, count, a, b):

@@ -364,6 +364,7 @@ BOUNDED = (
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", MESHES)
 @pytest.mark.parametrize("text", BOUNDED)
 def test_ranges_hold_every_value_and_are_close_to_what_is_attained(kind, text):

@@ -49,6 +49,7 @@ def test_every_shape_is_here():
     assert {shape for shape, _ in EVERY_MAP} == set(Shape)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
 def test_samples_never_contradict_bounds_and_statuses(shape, nodes):
     dataset = tangled(shape, nodes)
@@ -70,6 +71,7 @@ def test_some_of_those_elements_are_tangled():
         assert set(status.tolist()) == {ValidityStatus.NOT_POSITIVE, ValidityStatus.POSITIVE}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
 def test_least_values_are_attained_where_they_are_said_to_be(shape, nodes):
     dataset = tangled(shape, nodes)
@@ -87,6 +89,7 @@ def test_least_values_are_attained_where_they_are_said_to_be(shape, nodes):
             assert found.world[row] == pytest.approx(world[0], abs=1e-13)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
 def test_listed_elements_and_all_together_are_tight(shape, nodes):
     found = validity(tangled(shape, nodes))

@@ -116,6 +116,7 @@ def test_debug_by_the_environment(elvis):
     assert "Traceback" not in elvis("fail", "bug", env={"ELVIS_DEBUG": "0"}).stderr
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("name", "reason"), [("raises", "licence"), ("absent", "no_such_module"), ("text", "not a click")]
 )

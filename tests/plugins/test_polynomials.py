@@ -56,6 +56,7 @@ def texts(shape):
 CASES = [(shape, text) for shape in Shape if shape is not Shape.SEGMENT for text in texts(shape)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "text"), CASES)
 def test_nets_are_the_expressions(shape, text):
     dataset = data(shape)

@@ -34,6 +34,7 @@ def scene_of(name, **options):
     return Scene("u", camera=CAMERA, size=(30, 20), **own, **options)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize("samples", [1, 2])
 def test_pictures_that_take_too_long_are_given_up(data, name, samples):

@@ -104,6 +104,7 @@ def test_bent_volumes(draw, device, view):
     check(frame, mesh, straightened_volume)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("view", ["straight on", "perspective"])
 def test_bent_plane(draw, device, view):

@@ -103,6 +103,7 @@ def test_quasi_3d_data_have_walls_and_lids(drawer, nektar):
     assert np.isfinite(wall.depth).any()
 
 
+@pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", ["gen_allelem_n4", "gen_pipe_curved", "gen_tet_p8_nekg2", "sphere_manifold"])
 def test_real_meshes_are_closed(drawer, shared, name):
     dataset = shared(name)

@@ -66,6 +66,7 @@ def test_nothing_is_missed(same_on, linear, case_number):
     assert np.abs(frame.field[frame.seen] - expected).max() < 1e-11
 
 
+@pytest.mark.sampled(least=2, free=("case_number",))
 @pytest.mark.parametrize("case_number", range(len(BENT)))
 def test_probes_miss_nothing_either(renderer, linear, case_number):
     dataset, _ = picture(linear, *BENT[case_number])

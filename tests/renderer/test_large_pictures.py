@@ -50,6 +50,7 @@ def test_png_files_have_the_pixels(tmp_path, step, width):
         assert np.array_equal(np.asarray(image), pixels)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("plain", [False, True])
 @pytest.mark.parametrize("pixels", [1, 1000, 1 << 20])
 def test_large_pictures_have_the_pixels_of_small_ones(frame, tmp_path, monkeypatch, plain, pixels):

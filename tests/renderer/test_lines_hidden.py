@@ -40,6 +40,7 @@ def distance_of_line(view, height, slope=0.0):
     return np.abs(y - height - slope * x) / np.hypot(1.0, slope) / size
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("level", "slope"), [(1e-8, 0.0), (1e-8, 0.13), (1e-12, 0.13), (0.0, 0.0)])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_lines_closer_together_than_samples_have_no_gaps(cut, level, slope, sign):

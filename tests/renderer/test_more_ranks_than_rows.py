@@ -42,6 +42,7 @@ def noted(frame, folder):
     return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), counted
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("name", SCENES)
 def test_some_have_nothing(bent, name, whole, tmp_path):

@@ -34,6 +34,7 @@ def spoilt(dataset, value, elements):
     return replace(dataset, fields=(Field("u", tuple(blocks)),))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_not_a_number_has_its_own_colour(draw, linear, device, value):

@@ -66,6 +66,7 @@ def check_values(places, dataset, name, points, tolerance):
         assert wrong.max(initial=0) <= tolerance
 
 
+@pytest.mark.sampled(least=10, free=("case",))
 def test_shared_cases(case, shared, renderer, liveliest, tolerance):
     dataset = shared(case)
     name = liveliest(dataset)
@@ -78,6 +79,7 @@ def test_shared_cases(case, shared, renderer, liveliest, tolerance):
     check(device.probe(points), dataset, name, points, tolerance)
 
 
+@pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
 def test_curved_elements(linear, renderer, tolerance, shape):
     dataset = linear(curved(grid(shape, 2), ripple(0.12, seed=4), 5))

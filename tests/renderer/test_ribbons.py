@@ -64,6 +64,7 @@ def truth(times, radius):
     return np.array(ends)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("radius", [0.0, 0.3])
 @pytest.mark.parametrize("direction", ["forward", "backward"])
 def test_strips_turn_with_half_the_vorticity_along_the_line(screws, radius, direction):

@@ -37,6 +37,7 @@ def views(dataset):
     yield {"plane": tilted, "size": (42, 31), "camera": camera}
 
 
+@pytest.mark.sampled(least=14, free=("case",))
 def test_same_pixels(case, shared, same_on, liveliest):
     dataset = shared(case)
     if not drawable(dataset):
