@@ -329,6 +329,7 @@ MESHES = [
 ]
 
 
+@pytest.mark.sampled(least=6, free=("mesh",))
 @pytest.mark.parametrize("mesh", MESHES, ids=lambda mesh: mesh.__name__)
 def test_outer_boundary_has_no_inner_faces(elvis_json, tmp_path, mesh):
     files, wanted = mesh(tmp_path)

@@ -199,7 +199,7 @@ def frame_of(case, own, view, depth):
     return Frame(scene, view, np.full(rows, np.nan), element, nothing, status, {}, drawing)
 
 
-@pytest.mark.parametrize(("refutation", "count"), [(integrals.refutation, 60), (levels.refutation, 8)])
+@pytest.mark.parametrize(("refutation", "count"), [(integrals.refutation, 24), (levels.refutation, 8)])
 def test_no_stated_error_of_a_sample_is_less_than_the_true_one(monkeypatch, refutation, count):
     """Fewer points than users have: bounds hold wherever refinement ends."""
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 12)

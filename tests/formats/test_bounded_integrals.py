@@ -43,7 +43,7 @@ def bubble(points):
     return points + np.where(is_used, 0.12 * inner[:, None] * [1.0, -0.7, 0.4], 0.0)
 
 
-@pytest.mark.sampled(least=12)
+@pytest.mark.sampled(least=6)
 @pytest.mark.parametrize("text", CLOSED)
 @pytest.mark.parametrize("is_bent", [False, True])
 @pytest.mark.parametrize("order", [1, 3])

@@ -199,7 +199,7 @@ EXPRESSIONS = (
 @pytest.mark.parametrize(
     "case", ["bent", "not finite", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PYRAMID], ids=str
 )
-@pytest.mark.sampled(least=12)
+@pytest.mark.sampled(least=6)
 def test_extremes_of_expressions_of_parts_are_those_of_the_whole(case, text, many, monkeypatch):
     """As those of fields."""
     monkeypatch.setattr(quantity_extrema_module, "_MANY", many)

@@ -90,6 +90,7 @@ def test_python_examples_run(root, page, page_folder):
             exec(compile(source, f"{page} example {number}", "exec"), names)
 
 
+@pytest.mark.sampled(free=("path",))
 @pytest.mark.parametrize("path", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
 def test_notebooks_run(path, page_folder):
     """With small pictures, but for those of which numbers are shown."""

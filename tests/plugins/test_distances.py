@@ -135,6 +135,7 @@ def test_every_operation_is_tried():
     assert OPERATIONS.keys() == {**OPERATORS, **FUNCTIONS}.keys()
 
 
+@pytest.mark.sampled(least=10, free=("name",))
 @pytest.mark.parametrize("name", [name for name, texts in OPERATIONS.items() if texts])
 def test_bounds_of_operations_with_distances_hold_all_values(bent, file, name):
     """On each element of all shapes; where a value is not a number somewhere nothing is claimed of the rest."""

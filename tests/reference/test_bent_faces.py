@@ -26,7 +26,7 @@ def seen(data, size, shown, middle=0.503, height=1.2):
     return x, y, frame.status.ravel() > 0
 
 
-@pytest.mark.sampled(least=6)
+@pytest.mark.sampled
 @pytest.mark.parametrize("shape", SOLIDS, ids=lambda shape: shape.label)
 @pytest.mark.parametrize("shown", [Faces(), VolumeRendering(Transfer((0.0, 1.0), (1.0, 1.0)))], ids=["faces", "volume"])
 @pytest.mark.parametrize("degree", [3, 5])

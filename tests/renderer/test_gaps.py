@@ -57,6 +57,7 @@ def picture(linear, element, plane, camera, size=(60, 51)):
     return dataset, {"plane": plane, "camera": camera, "size": size}
 
 
+@pytest.mark.sampled(least=2, free=("case_number",))
 @pytest.mark.parametrize("case_number", range(len(BENT)))
 def test_nothing_is_missed(same_on, linear, case_number):
     dataset, scene = picture(linear, *BENT[case_number])

@@ -61,6 +61,7 @@ def bodies(files):
     }
 
 
+@pytest.mark.sampled(least=2, free=("body",))
 @pytest.mark.parametrize("body", ["inside of curved faces", "pyramids", "spikes", "open"])
 def test_nothing_certain_is_refuted_by_dense_samples(level, files, body):
     dataset, text, values = bodies(files)[body]

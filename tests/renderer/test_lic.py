@@ -320,6 +320,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", PICTURES)
 def test_the_reference_draws_the_same_of_other_scenes(draw, solid, name):
     scene = {"objects": (Faces(style=grey(length=16.0)),), "size": (64, 48), "camera": CAMERAS["perspective"]}

@@ -141,7 +141,7 @@ def written(renderer, dataset, scene, folder):
     return (folder / "a.png").read_bytes(), (folder / "a.npz").read_bytes(), told
 
 
-@pytest.mark.sampled(least=3, free=("name",))
+@pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path):
     scene = replace(SCENES[name], field="u", size=(96, 72))
@@ -152,7 +152,7 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
     assert expected[2][0]["certain"] > 200
 
 
-@pytest.mark.sampled(least=4, free=("name",))
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", [*(name for name in SCENES if name != "plane"), "clipped volume"])
 def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monkeypatch):
     """To the last bit, of two and six bands of rows; a plane alone is drawn in another way."""
@@ -211,7 +211,7 @@ OF_RANKS = SCENES | {
 }
 
 
-@pytest.mark.sampled(least=3, free=("name", "cut"))
+@pytest.mark.sampled(least=2, free=("name", "cut"))
 @pytest.mark.parametrize("cut", range(4))
 @pytest.mark.parametrize("name", OF_RANKS)
 def test_pictures_of_ranks_are_those_of_one_process(bent, name, cut, tmp_path):
@@ -335,6 +335,7 @@ NEXT = {
 }
 
 
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", NEXT)
 def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monkeypatch):
     monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)

@@ -94,6 +94,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", PICTURES)
 def test_pictures_of_a_moment(folder, name, tmp_path, parts_alone):
     kind, size, words, other = PICTURES[name]
@@ -139,6 +140,7 @@ PRINTED = {
 }
 
 
+@pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", PRINTED)
 def test_what_is_printed(folder, name, parts_alone, capsys):
     kind, *words = PRINTED[name]
