@@ -74,6 +74,10 @@ def test_an_order_that_is_given_is_taken_and_its_error_measured():
     assert 0.3 * found.measures[0].max < off <= found.measures[0].max
     finer = add_quantities(data, ["s=sqrt(p)"], tolerance=1e-9).measures[0]
     assert finer.relative < 1e-9
+    kink = add_quantities(data, ["k=abs(x-0.3)"])
+    assert kink.measures[0].relative > 1e-4
+    assert "is within the tolerance 1e-06" in kink.dataset.remarks[-1]
+    assert not add_quantities(data, ["s=sqrt(p)"]).dataset.remarks
 
 
 def test_coefficients_that_are_there_stay_and_one_section_holds_all(tmp_path):

@@ -102,7 +102,23 @@ def add_quantities(
     measures = tuple(measures_of_fields(fitted, tallies, source))
     fields = [Field(own.name, _blocks(passes, own.name), own.is_continuous) for own in measures]
     whole = on_common_blocks(replace(dataset, fields=(*dataset.fields, *fields)))
-    return AddedQuantities(replace(whole, metadata=_with_errors(whole, measures)), measures)
+    remarks = (
+        *whole.remarks,
+        *(_beyond(own, tolerance) for own in measures if order is None and _is_beyond(own, tolerance)),
+    )
+    return AddedQuantities(replace(whole, metadata=_with_errors(whole, measures), remarks=remarks), measures)
+
+
+def _is_beyond(measure: Measure, tolerance: float) -> bool:
+    """Whether a projection missed the tolerance, but for the margin with which errors are reported."""
+    return not measure.is_exact and not measure.is_within(2 * tolerance)
+
+
+def _beyond(measure: Measure, tolerance: float) -> str:
+    return (
+        f"{measure.name} is off by up to {measure.relative:.2g} of its range, in element {measure.element}: "
+        f"no order up to {measure.order} is within the tolerance {tolerance:g}"
+    )
 
 
 def parse_quantities(dataset: Dataset, texts: Sequence[str]) -> dict[str, Expression]:

@@ -304,7 +304,7 @@ def _with_fields(
     for remark in dataset.remarks:
         note(remark)
     found, measures = chosen.of(dataset)
-    for sentence in orders_that_are_cut(found) if is_of_fields else ():
+    for sentence in (*found.remarks[len(dataset.remarks) :], *(orders_that_are_cut(found) if is_of_fields else ())):
         note(sentence)
     return found, report_of_quantities(found, measures, files)
 
@@ -313,11 +313,15 @@ def _converted_with_fields(
     files: tuple[Path, ...], chosen: ChosenFields, others: tuple[str, ...], options: dict[str, Any]
 ) -> tuple[Dataset, Report]:
     """Converted data with further fields."""
+    from elvis.core.terminal import note
     from elvis.plugins.data import Reading
     from elvis.plugins.others import Others
 
     conversion = _converted(files, fields=None, order=None, tolerance=None, **options)
-    dataset, measures = chosen.of(Others(Reading(others=others)).beside(conversion.dataset))
+    source = Others(Reading(others=others)).beside(conversion.dataset)
+    dataset, measures = chosen.of(source)
+    for remark in dataset.remarks[len(source.remarks) :]:
+        note(remark)
     return dataset, chosen.reported(conversion.report, measures)
 
 

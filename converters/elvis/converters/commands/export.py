@@ -100,11 +100,11 @@ def export(
     dataset = dataset_of(data, Reading(None, options, not no_cache, Moment(step, time, between), others))
     for remark in dataset.remarks:
         note(remark)
-    dataset, measures = chosen.of(dataset)
-    for measure in measures:
-        note(measure.sentence())
+    found, measures = chosen.of(dataset)
+    for sentence in (*(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
+        note(sentence)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
-    for sentence in exporter(output.suffix[1:])(dataset, None, order, output, report):
+    for sentence in exporter(output.suffix[1:])(found, None, order, output, report):
         note(f"{output.name}: {sentence}")
 
 
