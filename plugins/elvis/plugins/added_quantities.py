@@ -121,8 +121,11 @@ def _beyond(measure: Measure, tolerance: float) -> str:
     )
 
 
-def parse_quantities(dataset: Dataset, texts: Sequence[str]) -> dict[str, Expression]:
-    """Expressions by the names of their fields; ElvisError for names that are taken, and what has no values inside."""
+def parse_quantities(dataset: Dataset, texts: Sequence[str], on_sides: bool = False) -> dict[str, Expression]:
+    """Expressions by the names of their fields; ElvisError for names that are taken, and what has no values inside.
+
+    on_sides  whether values are wanted on sides of elements, where quantities of walls have values too
+    """
     names, found = Names.of(dataset), dict[str, Expression]()
     taken = {field.name for field in dataset.fields} | set(MAP_FIELDS)
     for text in texts:
@@ -130,7 +133,7 @@ def parse_quantities(dataset: Dataset, texts: Sequence[str]) -> dict[str, Expres
         if name in taken or name in found:
             raise ElvisError(f"there is a field {name!r} already; give the quantity another name, as in {name}2=…")
         sides = sorted(set(expression.attributes) & set(SIDES))
-        if sides:
+        if sides and not on_sides:
             raise ElvisError(f"{name}: expected a quantity with values inside elements, found one on faces only")
         found[name] = expression
     return found

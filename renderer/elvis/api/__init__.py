@@ -31,9 +31,11 @@ if TYPE_CHECKING:
     from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import TracedLines, trace
+    from elvis.core.triangles import SurfaceTriangles, boundary_triangles, level_triangles
     from elvis.core.wall_points import wall_points
     from elvis.plugins.added_quantities import with_quantity
     from elvis.plugins.arrays import from_arrays
+    from elvis.plugins.boundary_data import boundary_data
     from elvis.plugins.data import read
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
@@ -106,6 +108,7 @@ __all__ = [
     "Streamlines",
     "Style",
     "Surface",
+    "SurfaceTriangles",
     "TracedLines",
     "Transfer",
     "TriangleMesh",
@@ -113,6 +116,8 @@ __all__ = [
     "VortexCores",
     "__version__",
     "average",
+    "boundary_data",
+    "boundary_triangles",
     "critical_points",
     "diff",
     "extrema",
@@ -121,6 +126,7 @@ __all__ = [
     "from_mfem",
     "from_ngsolve",
     "integrate",
+    "level_triangles",
     "line",
     "norms",
     "open_series",
@@ -203,9 +209,15 @@ NAMES = {
         "TracedLines",
         "trace",
     ),
+    "elvis.core.triangles": (
+        "SurfaceTriangles",
+        "boundary_triangles",
+        "level_triangles",
+    ),
     "elvis.core.wall_points": ("wall_points",),
     "elvis.plugins.added_quantities": ("with_quantity",),
     "elvis.plugins.arrays": ("from_arrays",),
+    "elvis.plugins.boundary_data": ("boundary_data",),
     "elvis.plugins.data": ("read",),
     "elvis.plugins.series.paths": (
         "pathlines",

@@ -87,16 +87,11 @@ def export(
     from elvis.plugins.exporting import GROUP, exporter
     from elvis.plugins.registry import plugins
 
-    suffixes = [f".{name}" for name in reversed(plugins(GROUP))]
-    if output.suffix not in suffixes:
-        raise click.BadParameter(
-            f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
-        )
+    _check_suffix(output, [f".{name}" for name in reversed(plugins(GROUP))])
     check_places([output], data, overwrite)
     options = pairs(reader)
     fields = options.pop("fields", None) if added else None
-    wanted = None if fields is None else tuple(map(str.strip, fields.split(",")))
-    chosen = ChosenFields(added, renames, wanted, tolerance=tolerance)
+    chosen = ChosenFields(added, renames, _names(fields), tolerance=tolerance)
     dataset = dataset_of(data, Reading(None, options, not no_cache, Moment(step, time, between), others))
     for remark in dataset.remarks:
         note(remark)
@@ -106,6 +101,18 @@ def export(
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
     for sentence in exporter(output.suffix[1:])(found, None, order, output, report):
         note(f"{output.name}: {sentence}")
+
+
+def _check_suffix(output: Path, suffixes: Sequence[str]) -> None:
+    if output.suffix not in suffixes:
+        raise click.BadParameter(
+            f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
+        )
+
+
+def _names(fields: str | None) -> tuple[str, ...] | None:
+    """Names with commas between them; None for all."""
+    return None if fields is None else tuple(map(str.strip, fields.split(",")))
 
 
 def _report(losses: Sequence[Loss], path: Path, bound: float | None, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""Polygonal lines with values at their points as VTK's PolyData files (.vtp), which ParaView opens.
+"""Polygonal lines and triangles with values at their points as VTK's PolyData files (.vtp), which ParaView opens.
 
 The XML form of VTK's file formats (https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html), version
 1.0: arrays in base64, each after its length in bytes.
@@ -27,19 +27,33 @@ def write_polylines(path: str | Path, points: Floats, offsets: Ints, at_points: 
 
     at_points, at_lines  arrays (m,), (m, 3) and (n,) by name, of floats or whole numbers
     """
+    cells = {"connectivity": np.arange(len(points)), "offsets": offsets[1:]}
+    _write(path, points, "Lines", cells, at_points, at_lines)
+
+
+def write_triangles(path: str | Path, points: Floats, triangles: Ints, at_points: Columns) -> None:
+    """Write triangles (m, 3) of points (n, 3).
+
+    at_points  arrays (n,) or (n, 3) by name, of floats or whole numbers
+    """
+    cells = {"connectivity": triangles.reshape(-1), "offsets": 3 * np.arange(1, len(triangles) + 1)}
+    _write(path, points, "Polys", cells, at_points, {})
+
+
+def _write(path: str | Path, points: Floats, kind: str, cells: Columns, at_points: Columns, at_cells: Columns) -> None:
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.writelines(f"{line}\n" for line in _lines(points, offsets, at_points, at_lines))
+        file.writelines(f"{line}\n" for line in _lines(points, kind, cells, at_points, at_cells))
 
 
-def _lines(points: Floats, offsets: Ints, at_points: Columns, at_lines: Columns) -> Iterator[str]:
+def _lines(points: Floats, kind: str, cells: Columns, at_points: Columns, at_cells: Columns) -> Iterator[str]:
     yield '<?xml version="1.0"?>'
     order = _ORDER[sys.byteorder]
     yield f'<VTKFile type="PolyData" version="1.0" byte_order="{order}" header_type="UInt64">'
-    yield f'<PolyData><Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" NumberOfLines="{len(offsets) - 1}">'
+    yield f'<PolyData><Piece NumberOfPoints="{len(points)}" NumberOfVerts="0" NumberOf{kind}="{len(cells["offsets"])}">'
     yield from _section("Points", {"points": points})
-    yield from _section("Lines", {"connectivity": np.arange(len(points)), "offsets": offsets[1:]})
+    yield from _section(kind, cells)
     yield from _section("PointData", at_points)
-    yield from _section("CellData", at_lines)
+    yield from _section("CellData", at_cells)
     yield "</Piece></PolyData></VTKFile>"
 
 

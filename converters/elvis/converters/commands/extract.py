@@ -1,0 +1,224 @@
+"""``elvis extract``: boundaries, cuts and isosurfaces as data for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elvis.core.arguments import (
+    between_option,
+    cache_option,
+    other_option,
+    overwrite_option,
+    reader_option,
+    step_option,
+    time_option,
+)
+from elvis.core.errors import ElvisError
+
+if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.core.triangles import SurfaceTriangles
+
+EPILOG = """\b
+Examples:
+  elvis extract wing.xml wing.fld --isosurface q_criterion=0.5 --field p -o vortex.ply
+  elvis extract wing.xml wing.fld --plane 0,0.5,0:0,1,0 --field p -o cut.vtp
+  elvis extract wing.xml wing.fld --cut sphere:0.5,0.5,0.5:0.3 --tolerance 1e-3 -o ball.stl
+  elvis extract wing.xml wing.fld --boundary all --field p -o skin.xml                  a native surface mesh, exact
+  elvis extract wing.xml wing.fld --boundary all --field "shear=wall_shear(mu=2e-4)" -o skin.vtu
+  elvis extract wing.xml --boundary all --clip plane:0,0.5,0:0,1,0 -o half.stl
+"""
+
+FILE = click.Path(path_type=Path)
+#: suffixes of surfaces with their own elements
+_MESHES = (".xml", ".vtu", ".msh")
+
+
+@click.command("extract", epilog=EPILOG, short_help="Write boundaries as data, cuts and isosurfaces as triangles.")
+@click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
+@click.option(
+    "--output",
+    "-o",
+    type=FILE,
+    required=True,
+    help="The file to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary also with its own elements, as "
+    ".xml (fields go next to it, .fld), .vtu or .msh.",
+)
+@click.option("--boundary", metavar="NAME", help="A boundary by name, or all outer faces: all.")
+@click.option("--plane", metavar="P:N", help="The plane through P with the normal N, as 0,0,0.5:0,0,1.")
+@click.option("--cut", metavar="SURFACE", help="Such as sphere:C:R, cylinder:P:A:R or a quantity, x*y=0.1.")
+@click.option("--isosurface", metavar="Q=V", help="Where the quantity Q has the value V.")
+@click.option(
+    "--field",
+    "quantities",
+    multiple=True,
+    metavar="[NAME=]EXPR",
+    help="A field or quantity that goes with the surface.  Repeatable.  [default: all fields]",
+)
+@click.option(
+    "--tolerance",
+    type=float,
+    help="Distance of triangles from the exact surface.  [default: 1/1000 of the size of the data]",
+)
+@click.option(
+    "--clip",
+    "clips",
+    multiple=True,
+    metavar="SURFACE",
+    help="Leave out of triangles what is inside of plane:P:N, sphere:C:R or cylinder:P:A:R; with outside: before it "
+    "what is outside.  Repeatable.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
+@reader_option
+@step_option
+@time_option
+@between_option
+@other_option
+@cache_option
+@overwrite_option
+def extract(
+    data: tuple[Path, ...],
+    output: Path,
+    reader: tuple[str, ...],
+    step: int | None,
+    time: float | None,
+    between: str,
+    others: tuple[str, ...],
+    no_cache: bool,
+    overwrite: bool,
+    **options: Any,
+) -> None:
+    """Write a surface of DATA: a boundary, a cut, or where a quantity has a value.
+
+    Triangles have their corners on the exact surface, and lie within --tolerance of it: by bounds of second derivatives
+    where the quantity is a polynomial on each element, else by an estimate.  They meet without gaps inside elements and
+    across elements on which the quantity is continuous.  A boundary with its own elements is exact: curved faces and
+    fields are those of the volume.  Quantities of the volume behind a boundary, such as wall_shear, are projected onto
+    it, and their errors printed.
+    """
+    from elvis.core.files.output import check_places
+    from elvis.core.moments import Moment
+    from elvis.core.terminal import note
+    from elvis.plugins.data import Reading, dataset_of, pairs
+
+    surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface")})
+    is_mesh = _check_output(output, surface, options)
+    check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], data, overwrite)
+    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others))
+    for remark in dataset.remarks:
+        note(remark)
+    if is_mesh:
+        _write_mesh(dataset, surface[1], output, options["quantities"], options["as_json"])
+    else:
+        _write_triangles(dataset, surface, output, **options)
+
+
+def _surface(named: dict[str, str | None]) -> tuple[str, str]:
+    """What is asked for, boundary or level, and its name."""
+    given = {key: text for key, text in named.items() if text is not None}
+    if len(given) != 1:
+        raise click.UsageError("expected one of --boundary, --plane, --cut and --isosurface")
+    ((kind, text),) = given.items()
+    if kind == "isosurface" and "=" not in text:
+        raise click.BadParameter(f"expected Q=V, such as p=0.5, found {text!r}", param_hint="'--isosurface'")
+    return kind, f"plane:{text}" if kind == "plane" else text
+
+
+def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any]) -> bool:
+    """Whether a boundary keeps its own elements; ElvisError where the output's name does not fit."""
+    from elvis.converters.triangle_export import SUFFIXES, check_name
+
+    if surface[0] == "boundary" and output.suffix in _MESHES:
+        if options["tolerance"] is not None or options["clips"]:
+            raise ElvisError(
+                f"{output}: --tolerance and --clip are for triangles, found a name ending in {output.suffix}"
+            )
+        return True
+    if output.suffix not in SUFFIXES:
+        known = (*SUFFIXES, *(_MESHES if surface[0] == "boundary" else ()))
+        raise click.BadParameter(f"expected a name ending in {', '.join(known)}, found {output}", param_hint="'-o'")
+    check_name(output)
+    return False
+
+
+def _named(dataset: Dataset, texts: tuple[str, ...]) -> dict[str, str]:
+    """Expressions by the names that they go by; all fields where none is asked for."""
+    found = dict[str, str]()
+    for text in texts or tuple(dataset):
+        name, sign, rest = (part.strip() for part in text.partition("="))
+        is_named = bool(sign) and name.isidentifier()
+        label = name if is_named else text
+        if label in found:
+            raise ElvisError(f"--field: expected each name once, found {label!r} again")
+        found[label] = rest if is_named else text
+    return found
+
+
+def _write_triangles(
+    dataset: Dataset,
+    surface: tuple[str, str],
+    output: Path,
+    quantities: tuple[str, ...],
+    tolerance: float | None,
+    clips: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Find the triangles and write them."""
+    from dataclasses import replace
+
+    from elvis.converters.triangle_export import export_triangles
+    from elvis.core.terminal import note, stage
+    from elvis.core.triangles import boundary_triangles, clipped, level_triangles
+    from elvis.core.triangles.surface_triangles import default_tolerance
+
+    named = _named(dataset, quantities)
+    find = boundary_triangles if surface[0] == "boundary" else level_triangles
+    with stage(f"triangles of {surface[1]}"):
+        found = find(dataset, surface[1], list(named.values()), tolerance)
+        for clip in clips:
+            found = clipped(found, dataset, clip, default_tolerance(dataset, tolerance))
+    found = replace(found, values={name: found.values[text] for name, text in named.items()})
+    for sentence in (*found.remarks, *export_triangles(found, output)):
+        note(sentence)
+    _tell(found, output, as_json)
+
+
+def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
+    """Print what was written."""
+    from elvis.core.terminal import print_json, say
+
+    if as_json:
+        facts = {"triangles": len(found.triangles), "points": len(found.points), "area": found.area}
+        print_json({**facts, "distance": found.distance, "is_bound": found.is_bound})
+        return
+    far = f"within {found.distance:.2g} of the surface" + ("" if found.is_bound else ", an estimate")
+    say(f"{output}: {len(found.triangles):,} triangles, {far}; area {found.area:.10g}")
+
+
+def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str, ...], as_json: bool) -> None:
+    """Write a boundary with its own elements."""
+    from elvis.core.terminal import note, print_json, print_table, say
+    from elvis.formats.writing import write
+    from elvis.plugins.boundary_data import convert_boundary
+    from elvis.plugins.exporting import exporter
+    from elvis.plugins.report import HEADERS
+
+    fields = [text for text in texts if text in dataset] if texts else None
+    quantities = [text for text in texts if text not in dataset]
+    conversion = convert_boundary(dataset, boundary, quantities, fields)
+    if as_json:
+        print_json(conversion.report.facts())
+    else:
+        print_table(HEADERS, conversion.report.rows())
+    for sentence in conversion.report.sentences():
+        note(sentence)
+    if output.suffix == ".xml":
+        write(conversion.dataset, output)
+    else:
+        for sentence in exporter(output.suffix[1:])(conversion.dataset, None, None, output, lambda losses: None):
+            note(f"{output.name}: {sentence}")
+    if not as_json:
+        say(f"\nwrote {output}")

@@ -1,0 +1,144 @@
+"""Triangles cut along a surface: what is left of those that it meets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.quantities.functions import function
+from elvis.core.quantities.tree import Node, fold, world_derivative
+from elvis.core.triangles.surface_triangles import SurfaceTriangles
+
+#: halvings of an edge in search of where the surface cuts it, and of edges that it is not straight along
+_HALVINGS, _DIVISIONS = 60, 24
+
+
+def clipped(surface: SurfaceTriangles, dataset: Dataset, clip: str, tolerance: float) -> SurfaceTriangles:
+    """What ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R`` leaves, after ``outside:`` the part outside of it.
+
+    Triangles near the surface are divided until it is straight in each to the tolerance.  Edges are cut where they meet
+    it, those of two triangles once, so no gap opens.  ElvisError for surfaces not made of coordinates alone, and where
+    nothing is left.
+    """
+    level = Level.clip(dataset, clip).expression
+    if any(leaf.op != "coordinate" for leaf in level.leaves):
+        raise ElvisError(f"--clip: expected plane:P:N, sphere:C:R or cylinder:P:A:R, found {clip!r}")
+    surface = _divided(surface, level.root, tolerance)
+    heights = _heights(level.root, surface.points)
+    inside = heights < 0
+    count = inside[surface.triangles].sum(axis=1)
+    kept = [surface.triangles[count == 3]]
+    cut = surface.triangles[(count > 0) & (count < 3)]
+    if len(cut):
+        surface, made = _cut(surface, level.root, inside, cut)
+        kept.append(made)
+    found = replace(surface, triangles=np.concatenate(kept))
+    if not len(found.triangles):
+        raise ElvisError(f"--clip {clip}: expected some of the surface to be left, found none")
+    return found.compacted()
+
+
+def _divided(surface: SurfaceTriangles, root: Node, tolerance: float) -> SurfaceTriangles:
+    """The surface with edges halved that the clip may meet, as long as it is not straight along them."""
+    gradient = [world_derivative(root, axis) for axis in range(3)]
+    for _ in range(_DIVISIONS):
+        edges, number = _edges(surface.triangles)
+        start, stop = (surface.points[edges[:, k]] for k in (0, 1))
+        middle, length = (start + stop) / 2, np.linalg.norm(stop - start, axis=1)
+        height = _heights(root, middle)
+        bend = np.abs(height - (_heights(root, start) + _heights(root, stop)) / 2)
+        slope = np.linalg.norm([_heights(own, middle) for own in gradient], axis=0)
+        is_near = np.abs(height) <= slope * length + 4 * bend
+        marked = is_near & (bend > tolerance * slope)
+        if not marked.any():
+            break
+        surface = _halved(surface, edges, number, marked)
+    return surface
+
+
+def _edges(triangles: Ints) -> tuple[Ints, Ints]:
+    """The edges (k, 2) of triangles, and the numbers (m, 3) of those from corner 0 to 1, 1 to 2 and 2 to 0."""
+    pairs = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges, number = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    return edges, number.reshape(-1, 3)
+
+
+def _halved(surface: SurfaceTriangles, edges: Ints, number: Ints, marked: Bools) -> SurfaceTriangles:
+    """The surface with marked edges (k,) halved: triangles become as many as they have marked edges, and one more."""
+    middles = np.full(len(edges), -1)
+    middles[marked] = len(surface.points) + np.arange(int(marked.sum()))
+    grown = _between(surface, edges[marked], np.full(int(marked.sum()), 0.5))
+    own, halves = surface.triangles, middles[number]
+    count = (halves >= 0).sum(axis=1)
+    made = [own[count == 0]]
+    for many in (1, 2, 3):
+        here = count == many
+        # turned so that marked edges come first
+        is_marked = halves[here] >= 0
+        first = np.where(is_marked[:, 0] & ~is_marked[:, 2], 0, np.where(is_marked[:, 1] & ~is_marked[:, 0], 1, 2))
+        turn = (first[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(own[here], turn, axis=1).T
+        x, y, z = np.take_along_axis(halves[here], turn, axis=1).T
+        parts = {
+            1: ((a, x, c), (x, b, c)),
+            2: ((x, b, y), (a, x, c), (x, y, c)),
+            3: ((a, x, z), (x, b, y), (z, y, c), (x, y, z)),
+        }
+        made += [np.stack(part, axis=1) for part in parts[many]]
+    return replace(grown, triangles=np.concatenate(made))
+
+
+def _heights(root: Node, points: Floats) -> Floats:
+    """(n,) values of an expression of coordinates."""
+
+    def leaf(node: Node) -> Floats | float:
+        return node.value if node.op == "number" else points[:, node.axes[0]]
+
+    return np.broadcast_to(fold(root, leaf, lambda node, parts: function(node).numpy(*parts)), len(points))
+
+
+def _cut(surface: SurfaceTriangles, root: Node, inside: Bools, cut: Ints) -> tuple[SurfaceTriangles, Ints]:
+    """The surface with points on cut edges, and the triangles (k, 3) of what is left of the triangles ``cut``."""
+    # the corner that lies on its own side comes first
+    own = inside[cut]
+    first = np.where(own.sum(axis=1) == 1, own.argmax(axis=1), (~own).argmax(axis=1))
+    a, b, c = (cut[np.arange(len(cut)), (first + k) % 3] for k in range(3))
+    edges = np.sort(np.concatenate([np.stack([a, b], axis=1), np.stack([a, c], axis=1)]), axis=1)
+    ends, number = np.unique(edges, axis=0, return_inverse=True)
+    on_b, on_c = len(surface.points) + number.reshape(2, -1)
+    grown = _with_points(surface, root, ends)
+
+    is_tip = inside[a]
+    tips = np.stack([a, on_b, on_c], axis=1)[is_tip]
+    stumps = [np.stack(own, axis=1)[~is_tip] for own in ((on_b, b, c), (on_b, c, on_c))]
+    return grown, np.concatenate([tips, *stumps])
+
+
+def _with_points(surface: SurfaceTriangles, root: Node, ends: Ints) -> SurfaceTriangles:
+    """The surface with a point on each edge from one of its points to another (k, 2), where the clip has its zero."""
+    start, stop = surface.points[ends[:, 0]], surface.points[ends[:, 1]]
+    low, high = np.zeros(len(ends)), np.ones(len(ends))
+    sign = _heights(root, start) < 0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        is_before = (_heights(root, start + middle[:, None] * (stop - start)) < 0) == sign
+        low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
+    return _between(surface, ends, (low + high) / 2)
+
+
+def _between(surface: SurfaceTriangles, ends: Ints, t: Floats) -> SurfaceTriangles:
+    """The surface with a point on each edge (k, 2), at a share t (k,) of the way."""
+
+    def extended(own: Floats) -> Floats:
+        weight = t.reshape(-1, *(1,) * (own.ndim - 1))
+        return np.concatenate([own, (1 - weight) * own[ends[:, 0]] + weight * own[ends[:, 1]]])
+
+    normals = extended(surface.normals)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    values = {name: extended(own) for name, own in surface.values.items()}
+    return replace(surface, points=extended(surface.points), normals=normals, values=values)

@@ -1,0 +1,326 @@
+"""Boxes that the surface q = 0 may meet, and how far its triangles may be from it there.
+
+The cells of `elvis.core.integrals.subcells` cover an element: images of the unit cube.  On a cell q and the map x are
+tensor polynomials with Bernstein nets.  A net of one sign proves that q has no zero in its box; nets of second
+differences bound second derivatives, and so what linear interpolation leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.errors import ElvisError
+from elvis.core.integrals.reference_cells import Piece
+from elvis.core.integrals.subcells import corners, subcell_map
+from elvis.core.mapping.orientation import chunks
+from elvis.core.patch import Patch
+from elvis.core.polynomials.bernstein import bernstein_space, line_tables
+from elvis.core.polynomials.boxnets import box_degrees, difference, halves, nets_through
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
+from elvis.core.shapes import Shape
+
+#: elements whose nets are held at a time, by the numbers in these
+_NUMBERS = 1 << 22
+#: degree of the polynomial that stands for what is none, as far as its size is estimated
+_DEGREE_OF_OTHERS = 8
+#: values below this share of the greatest coefficient are rounding
+ROUNDING = 1e-13
+#: second derivatives that are rounding, in parts of what they are made of
+_FLAT = 1e-12
+#: halvings after which numbers of boxes without a bound are compared, and the ratios that they have at points or lines
+_LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5
+#: boxes that are looked at together at most, and halvings of cells at most
+_MOST_BOXES, _MOST_HALVINGS = 1 << 17, 12
+#: elements of a block at most, and boxes that are halved at a time
+_ELEMENTS, _AT_ONCE = 128, 1 << 12
+#: how much larger than in the end numbers of boxes may seem at first
+_SLACK = 64
+
+
+@dataclass(frozen=True, eq=False)
+class CellBlock:
+    """Boxes of one of the cells of some elements of a patch.
+
+    patch   number of the patch
+    cell    number of the cell in the shape
+    splits  halvings in each direction before all directions are halved together
+    rows    (n,) of the patch
+    index   (n, 3) counts boxes of their size from the cell's corner
+    levels  (n, D, D, D) nets of q
+    maps    (n, 3, M, M, M) nets of the map
+    is_exact  whether q and the map are these polynomials
+    """
+
+    patch: int
+    shape: Shape
+    cell: int
+    splits: tuple[int, int, int]
+    rows: Ints
+    index: Ints
+    levels: Floats
+    maps: Floats
+    is_exact: bool
+
+    def take(self, chosen: Ints | Bools | slice) -> CellBlock:
+        """Some of the boxes."""
+        own = {name: getattr(self, name)[chosen] for name in ("rows", "index", "levels", "maps")}
+        return replace(self, **own)
+
+    def halved(self, axes: Sequence[int] = (0, 1, 2)) -> CellBlock:
+        """The halves of each box in some directions that may have a zero."""
+        rows, index, levels, maps = self.rows, self.index, self.levels, self.maps
+        for axis in axes:
+            step = np.eye(3, dtype=np.int64)[axis]
+            grown = index * (1 + step)
+            rows, index = np.tile(rows, 2), np.concatenate([grown, grown + step])
+            levels, maps = np.concatenate(halves(levels, axis)), np.concatenate(halves(maps, 1 + axis))
+        near = ~_has_one_sign(levels)
+        return replace(self, rows=rows[near], index=index[near], levels=levels[near], maps=maps[near])
+
+
+@dataclass(frozen=True, eq=False)
+class CellBoxes:
+    """Boxes of one cell of elements of a patch.
+
+    rows    (n,) of the patch
+    index   (n, 3) counts boxes of their size from the cell's corner
+    counts  (3,) boxes of a cell in each direction
+    bounds  (n,) how far triangles are from the surface there at most
+    """
+
+    patch: int
+    shape: Shape
+    cell: int
+    rows: Ints
+    index: Ints
+    counts: Ints
+    bounds: Floats
+
+
+def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
+    """Halvings of a cell in each direction that make it as fine as its neighbours.
+
+    Cells at the corners of simplices are half as long as their edges, those of prisms in their triangles.  Others are
+    as long as an edge, which matters in a mesh of several shapes.
+    """
+    if shape is Shape.PRISM:
+        return 0, 1, 0
+    return (int(is_mixed and len(corners(shape)) == 1),) * 3
+
+
+def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
+    """The cells of all elements in which q = 0 is not excluded at once; ElvisError where q is not finite somewhere."""
+    is_mixed = len({patch.shape for patch in evaluator.patches}) > 1
+    for number, patch in enumerate(evaluator.patches):
+        for rows, is_affine in _by_map(patch):
+            degree = degree_on(level, evaluator, patch, is_affine)
+            own = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS) if degree is None else degree
+            numbers = (max(1, own) + 1) ** 3 + 3 * (_map_degree(patch) + 1) ** 3
+            for some in chunks(len(rows), max(1, _NUMBERS // numbers)):
+                for block in _blocks_of(evaluator, level, number, rows[some], max(1, own), degree is not None):
+                    splits = first_halvings(patch.shape, is_mixed)
+                    yield replace(block, splits=splits).halved([axis for axis in range(3) if splits[axis]])
+
+
+def _by_map(patch: Patch) -> Iterator[tuple[Ints, bool]]:
+    """Rows of elements whose maps are affine, and of the others."""
+    every = np.arange(len(patch))
+    parts = [Piece(patch, every[some], patch.shape).is_affine for some in chunks(len(patch), 1 << 12)]
+    affine = np.concatenate([np.zeros(0, bool), *parts])
+    yield from ((rows, known) for rows, known in ((every[affine], True), (every[~affine], False)) if len(rows))
+
+
+def _highest(patch: Patch) -> int:
+    return max((max(own.modes) - 1 for own in patch.fields if own is not None), default=1)
+
+
+def _map_degree(patch: Patch) -> int:
+    return max(1, *box_degrees(bernstein_space(patch.geometry)))
+
+
+def _blocks_of(
+    evaluator: Evaluator, level: Expression, number: int, rows: Ints, degree: int, is_exact: bool
+) -> Iterator[CellBlock]:
+    """The cells of some elements of a patch."""
+    patch = evaluator.patches[number]
+    places, map_places = places_of(degree), places_of(_map_degree(patch))
+    for cell in range(len(corners(patch.shape))):
+        levels = NetsOf(level, evaluator, patch, places).on(rows, _in_cell(patch.shape, cell, places))
+        if not np.isfinite(levels).all():
+            bad = patch.element_ids[rows[~np.isfinite(levels).all(axis=(1, 2, 3))]][0]
+            raise ElvisError(f"{level.text}: expected finite values, found others in element {bad}")
+        near = ~_has_one_sign(levels)
+        lattice = _in_cell(patch.shape, cell, map_places)
+        world = evaluate(patch.geometry, patch.geometry_coefficients[rows[near]], lattice)
+        count = len(map_places)
+        maps = nets_through(world.reshape(-1, count**3), map_places, 3).reshape(-1, 3, count, count, count)
+        start = np.zeros((int(near.sum()), 3), np.int64)
+        whole = CellBlock(number, patch.shape, cell, (0, 0, 0), rows[near], start, levels[near], maps, is_exact)
+        yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
+
+
+def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
+    """(n^3, 3) reference points of the lattice of places (n,) each way in a cell."""
+    lattice = lattice_of(places, 3)
+    return subcell_map(shape, np.full(len(lattice), cell), lattice)[0]
+
+
+def _has_one_sign(nets: Floats) -> Bools:
+    """(n,) whether nets prove that there is no zero."""
+    flat = nets.reshape(len(nets), nets[0].size if len(nets) else 1)
+    band = ROUNDING * np.abs(flat).max(axis=1)
+    return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
+
+
+def boxes_at(block: CellBlock, depth: int) -> CellBoxes:
+    """The boxes of a depth that may have a zero; some at a time are halved, so that few nets are held."""
+    rows, indices, bounds = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)], [np.empty(0)]
+    waiting = [(block, 0)]
+    while waiting:
+        own, halvings = waiting.pop()
+        if halvings < depth:
+            waiting += [(own.take(some).halved(), halvings + 1) for some in chunks(len(own.rows), _AT_ONCE)]
+        elif len(own.rows):
+            rows.append(own.rows)
+            indices.append(own.index)
+            bounds.append(distance_bounds(own))
+    counts = 1 << (np.array(block.splits) + depth)
+    arrays = np.concatenate(rows), np.concatenate(indices), counts, np.concatenate(bounds)
+    return CellBoxes(block.patch, block.shape, block.cell, *arrays)
+
+
+def halvings_needed(block: CellBlock, tolerance: float) -> int:
+    """How many halvings of cells take triangles to a tolerance, wherever more of them help.
+
+    Boxes at points where the gradient or the Jacobian vanishes stay without a bound: those are as many after each
+    halving, or more, where others become fewer.  ElvisError where too many boxes are needed.
+    """
+    counts = list[int]()
+    for depth in range(_MOST_HALVINGS + 1):
+        if not len(block.rows):
+            return 0
+        bound = distance_bounds(block)
+        is_far = bound > tolerance
+        counts.append(int((is_far & ~_is_regular(block)).sum()))
+        if not is_far.any() or (counts[-1] == is_far.sum() and _stay(counts)):
+            return depth
+        # bounds fall with the square of the size of boxes, of which a surface has as many more
+        foreseen = float((bound[is_far & np.isfinite(bound)] / tolerance).sum())
+        if is_far.sum() * 8 > _MOST_BOXES or foreseen > _SLACK * _MOST_BOXES:
+            break
+        block = block.take(is_far).halved()
+    raise ElvisError(f"expected a tolerance that some millions of triangles reach, found {tolerance:g}")
+
+
+def _stay(counts: Sequence[int]) -> bool:
+    """Whether numbers of boxes without a bound, after each halving, are those at points or lines.
+
+    Boxes at a surface become four times as many, or fewer once slopes have bounds; at a point they stay as many, at a
+    line they become twice as many.
+    """
+    last = counts[-_LEVELS_ALIKE:]
+    ratios = [after / before for before, after in pairwise(last) if before]
+    return len(ratios) == _LEVELS_ALIKE - 1 and all(_LEAST_RATIO <= ratio <= _MOST_RATIO for ratio in ratios)
+
+
+def distance_bounds(block: CellBlock) -> Floats:
+    """(n,) how far triangles, whose corners are zeros on edges in each box, are from the surface at most.
+
+    With the world gradient G in the middle of the box, q = G . x + r, and the gradient of r vanishes there.  At a point
+    X = sum l_k x_k of a flat triangle, whose corners are zeros, q(X) = r(X) - sum l_k r_k.  Second derivatives bound
+    that: on a simplex of extents 1, sum_k l_k |v_k - p|_i |v_k - p|_j <= 1/4.  X itself lies away from the place of
+    these weights by the bend of the map.  Along G, q grows by |G| at least, less what r takes away.
+    """
+    flat = block.maps.reshape(len(block.maps), 3, -1)
+    diagonal = np.linalg.norm(np.ptp(flat, axis=2), axis=1)
+    return np.fmin(_bounds(block), diagonal)
+
+
+def _is_regular(block: CellBlock) -> Bools:
+    """(n,) whether slopes have bounds in boxes, so that distances fall with their size."""
+    return np.isfinite(_bounds(block))
+
+
+def _bounds(block: CellBlock) -> Floats:
+    """(n,) see `distance_bounds`; infinite where the slope along the gradient may vanish."""
+    jacobian = np.stack([middle_gradient(block.maps[:, axis]) for axis in range(3)], axis=1)
+    with np.errstate(all="ignore"):
+        inverse = np.nan_to_num(_inverses(jacobian), posinf=0, neginf=0)
+    gradient = np.einsum("nic,ni->nc", inverse, middle_gradient(block.levels))
+    linear = np.einsum("nc,ncijk->nijk", gradient, block.maps)
+    bends = second_derivatives(difference(block.levels, linear))
+    size = np.abs(linear).max(axis=(1, 2, 3)) + np.abs(block.levels).max(axis=(1, 2, 3))
+    bends[bends <= _FLAT * size[:, None, None]] = 0.0
+
+    # the map with the unit matrix for its derivative in the middle
+    upright = np.einsum("ndc,ncijk->ndijk", inverse, block.maps)
+    map_bends = np.stack([second_derivatives(upright[:, axis]) for axis in range(3)], axis=1)
+    return np.where(bends.any(axis=(1, 2)), _bound(inverse, gradient, bends, map_bends), 0.0)
+
+
+def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats) -> Floats:
+    """(n,) see `distance_bounds`.
+
+    inverse    (n, 3, 3) Jacobians in the middle
+    bends      (n, 3, 3) bounds of second derivatives of r
+    map_bends  (n, 3, 3, 3) the same of each component of the map with a unit Jacobian in the middle
+    """
+    # the Jacobian differs from the unit matrix by at most `turn`, its inverse by turn / (1 - turn), in the row sum norm
+    turn = map_bends.sum(axis=(2, 3)).max(axis=1) / 2
+    with np.errstate(all="ignore"):
+        more = np.where(turn < 1, turn / (1 - turn), np.inf)
+        slope = np.linalg.norm(gradient, axis=1)
+        steepness = bends.sum(axis=2) / 2
+        shift = grown(map_bends.sum(axis=(2, 3)) / 8, more)
+        step = grown(np.abs(np.einsum("nic,nc->ni", inverse, gradient)) / slope[:, None], more)
+        error = bends.sum(axis=(1, 2)) / 8 + (steepness * shift).sum(axis=1)
+        least = slope - (steepness * step).sum(axis=1)
+        return np.where((turn < 1) & (least > 0), error / least, np.inf)
+
+
+def grown(vectors: Floats, more: Floats) -> Floats:
+    """Magnitudes (n, 3) that a matrix enlarges by a share ``more`` (n,) of the largest."""
+    return np.asarray(vectors + (more * vectors.max(axis=1))[:, None])
+
+
+def _inverses(matrices: Floats) -> Floats:
+    """(n, 3, 3) inverses by cofactors; not finite where there are none."""
+    a, b, c = matrices[:, :, 0], matrices[:, :, 1], matrices[:, :, 2]
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.asarray(rows / np.einsum("ni,ni->n", a, rows[:, 0])[:, None, None])
+
+
+def middle_gradient(nets: Floats) -> Floats:
+    """(n, d) derivatives of nets (n, D1, …, Dd) in the middle of their boxes."""
+    d = nets.ndim - 1
+    tables = [line_tables(size - 1, np.array([0.5]), 1)[:, 0] for size in nets.shape[1:]]
+    found = np.empty((len(nets), d))
+    for axis in range(d):
+        own = nets
+        for other in range(d):
+            own = np.einsum("ni...,i->n...", own, tables[other][int(other == axis)])
+        found[:, axis] = own
+    return found
+
+
+def second_derivatives(nets: Floats) -> Floats:
+    """(n, d, d) bounds of the second derivatives of nets (n, D1, …, Dd) on their boxes."""
+    d = nets.ndim - 1
+    found = np.zeros((len(nets), d, d))
+    for i in range(d):
+        for j in range(i, d):
+            once = nets.shape[1 + i] - 1
+            again = nets.shape[1 + j] - 1 - (i == j)
+            if once and again > 0:
+                twice = np.diff(np.diff(nets, axis=1 + i), axis=1 + j)
+                largest = np.abs(twice).reshape(len(nets), -1).max(axis=1)
+                found[:, i, j] = found[:, j, i] = once * again * largest
+    return found

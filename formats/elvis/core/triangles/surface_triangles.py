@@ -1,0 +1,69 @@
+"""Triangles with what is known at their corners."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+
+#: the share of the size of the data that is the tolerance where none is given
+_DEFAULT_SHARE = 1e-3
+
+
+def default_tolerance(dataset: Dataset, tolerance: float | None) -> float:
+    """The distance from exact surfaces that is asked for; ElvisError where it is not positive."""
+    if tolerance is None:
+        return _DEFAULT_SHARE * max(float(np.ptp(dataset.mesh.vertices, axis=0).max(initial=0.0)), 1e-300)
+    if not 0 < tolerance < np.inf:
+        raise ElvisError(f"expected a positive tolerance, found {tolerance}")
+    return tolerance
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTriangles:
+    """A surface as triangles.
+
+    points     (n, 3) corners
+    triangles  (m, 3) rows of these; counter-clockwise seen from where the normal points
+    normals    (n, 3) unit normals of the exact surface, towards greater values
+    values     (n,) of quantities, by their texts
+    distance   how far triangles and surface are apart at most; 0 where nothing is known
+    is_bound   whether that is a bound, not an estimate
+    remarks    sentences on what was found on the way
+    """
+
+    points: Floats
+    triangles: Ints
+    normals: Floats
+    values: Mapping[str, Floats]
+    distance: float = 0.0
+    is_bound: bool = True
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def area(self) -> float:
+        """Of all triangles."""
+        return float(np.linalg.norm(self.crosses, axis=1).sum() / 2)
+
+    @property
+    def crosses(self) -> Floats:
+        """(m, 3) normals of triangles, of the length of twice their area."""
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        return np.cross(b - a, c - a)
+
+    def compacted(self) -> SurfaceTriangles:
+        """Without points that no triangle has."""
+        used, flat = np.unique(self.triangles, return_inverse=True)
+        values = {name: own[used] for name, own in self.values.items()}
+        return replace(
+            self,
+            points=self.points[used],
+            triangles=flat.reshape(-1, 3),
+            normals=self.normals[used],
+            values=values,
+        )

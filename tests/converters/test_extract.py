@@ -1,0 +1,260 @@
+"""Surfaces out of data: on the exact surface, within the reported distance, closed, and as other programs read them."""
+
+from dataclasses import replace
+
+import igl
+import meshio
+import numpy as np
+import pytest
+import trimesh
+from click import ClickException
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+from elvis import (
+    Dataset,
+    ElvisError,
+    Field,
+    Shape,
+    boundary_data,
+    boundary_triangles,
+    from_arrays,
+    integrate,
+    level_triangles,
+    read,
+    write,
+)
+from elvis.core.testing import approximated, curved, grid, ripple
+from elvis.core.triangles import clipped
+from elvis.plugins.boundary_data import convert_boundary
+
+CENTRE, RADIUS = np.array([0.5, 0.5, 0.5]), 0.31
+SPHERE = "sphere:0.5,0.5,0.5:0.31"
+TORUS = "((x-0.5)^2+(y-0.5)^2+(z-0.5)^2+0.28^2-0.1^2)^2-4*0.28^2*((x-0.5)^2+(y-0.5)^2)=0"
+FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 2], "p": lambda x: 1.5 + x[:, 0] * x[:, 2]}
+
+
+def flow(mesh, modes=3):
+    data = Dataset(mesh)
+    return replace(data, fields=tuple(approximated(data, *item, modes) for item in FUNCTIONS.items()))
+
+
+def mesh_of(surface):
+    return trimesh.Trimesh(surface.points, surface.triangles, process=False)
+
+
+def on_sphere(count):
+    points = np.random.default_rng(7).normal(size=(count, 3))
+    return CENTRE + RADIUS * points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def hex_and_prism():
+    """A cube of half the length with a prism behind its face x = 1/2."""
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 0.5)], float)
+    prism = np.array([[0.5, 0, 0], [0.5, 1, 0], [0.5, 1, 1], [0.5, 0, 1], [1, 0, 0], [1, 1, 0]], float)
+    return from_arrays({"hexahedron": corners[None], "prism": prism[None]})
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PRISM])
+def test_a_sphere_is_closed_and_within_the_distance_that_is_told(shape):
+    """Both ways: points of triangles to the sphere, and points of the sphere to triangles, by libigl."""
+    found = level_triangles(Dataset(grid(shape, 1)), SPHERE, ["x*y"], 0.03)
+    mesh = mesh_of(found)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.02)
+    assert found.is_bound
+    assert found.distance <= 0.03
+    away = found.points - CENTRE
+    assert np.abs(np.linalg.norm(away, axis=1) - RADIUS).max() < 1e-14
+    assert np.abs(found.normals - away / RADIUS).max() < 1e-13
+    assert found.values["x*y"] == pytest.approx(found.points[:, 0] * found.points[:, 1], abs=1e-14)
+    middles = found.points[found.triangles].mean(axis=1)
+    there = np.abs(np.linalg.norm(middles - CENTRE, axis=1) - RADIUS).max()
+    back = np.sqrt(igl.point_mesh_squared_distance(on_sphere(2000), found.points, found.triangles)[0].max())
+    assert 0 < max(there, back) <= found.distance
+
+
+def test_areas_of_a_torus_converge():
+    data, exact = Dataset(grid(Shape.HEXAHEDRON, 1)), 4 * np.pi**2 * 0.28 * 0.1
+    coarse, fine = (level_triangles(data, TORUS, [], tolerance) for tolerance in (0.2, 0.02))
+    errors = [abs(found.area / exact - 1) for found in (coarse, fine)]
+    assert all(mesh_of(found).is_watertight for found in (coarse, fine))
+    assert mesh_of(fine).euler_number == 0
+    assert fine.distance <= 0.02
+    assert errors[1] < errors[0] / 3
+    assert errors[1] < 2e-3
+
+
+def test_elements_of_other_shapes_share_their_edges():
+    data = hex_and_prism()
+    found = level_triangles(data, "sphere:0.5,0.4,0.5:0.2", [], 0.05)
+    assert mesh_of(found).is_watertight
+    assert mesh_of(boundary_triangles(data, "all", [], 0.1)).is_watertight
+
+
+def test_planes_are_exact_on_curved_elements():
+    data = Dataset(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.03), 3))
+    found = level_triangles(data, "plane:0.5,0.45,0.52:0.3,0.2,1", [], 1e-2)
+    normal = np.array([0.3, 0.2, 1.0])
+    assert np.abs((found.points - [0.5, 0.45, 0.52]) @ normal).max() < 1e-14
+    assert found.distance == 0
+    area = integrate(data, "1", over="plane:0.5,0.45,0.52:0.3,0.2,1").value
+    assert found.area == pytest.approx(area, rel=2e-3)
+
+
+def test_a_plane_along_faces_is_there_once():
+    found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 2)), "plane:0,0,0.5:0,0,1", [], 1e-2)
+    assert found.area == pytest.approx(1, abs=1e-12)
+    assert len(found.triangles) == 8
+
+
+def test_surfaces_of_jumping_fields_end_at_the_jump():
+    """The field x - z/4 + element/64: a plane in each element, that end on the faces between these."""
+    data = Dataset(grid(Shape.HEXAHEDRON, 2))
+    slope, one = (
+        approximated(data, "u", f, 2).blocks[0] for f in (lambda x: x[:, 0] - x[:, 2] / 4, lambda x: 1 + 0 * x[:, 0])
+    )
+    coefficients = slope.coefficients + slope.element_ids[:, None] / 64 * one.coefficients
+    data = replace(data, fields=(Field("u", (replace(slope, coefficients=coefficients),)),))
+    found = level_triangles(data, "u=0.3", [], 1e-2)
+    assert found.area == pytest.approx(integrate(data, "1", over="u=0.3").value, rel=1e-9)
+    assert found.distance < 1e-12
+
+
+def test_points_where_the_gradient_vanishes_are_reported():
+    found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 1)), "x^2+y^2-z^2=0", [], 0.05)
+    assert found.distance > 0.05
+    assert "the surface is known to" in found.remarks[0]
+
+
+def test_clips_leave_what_is_outside():
+    data = Dataset(grid(Shape.HEXAHEDRON, 1))
+    plane = level_triangles(data, "plane:0,0,0.4:0,0,1", ["x"], 1e-3)
+    left = clipped(plane, data, "sphere:0.5,0.5,0.4:0.3", 1e-4)
+    disc = clipped(plane, data, "outside:sphere:0.5,0.5,0.4:0.3", 1e-4)
+    assert disc.area == pytest.approx(np.pi * 0.09, rel=1e-3)
+    assert left.area + disc.area == pytest.approx(1, rel=1e-3)
+    assert disc.values["x"] == pytest.approx(disc.points[:, 0], abs=1e-12)
+    ball = level_triangles(data, SPHERE, [], 1e-2)
+    halves = [clipped(ball, data, f"{side}plane:0.5,0.5,0.5:0,0,1", 1e-2).area for side in ("", "outside:")]
+    assert sum(halves) == pytest.approx(ball.area, rel=1e-12)
+    with pytest.raises(ElvisError, match="expected some of the surface to be left"):
+        clipped(ball, data, "outside:sphere:0,0,0:0.1", 1e-2)
+
+
+def test_boundaries_are_closed_and_their_quantities_those_of_the_volume():
+    data = flow(curved(grid(Shape.PRISM, 1), ripple(0.05), 3))
+    found = boundary_triangles(data, "all", ["u", "p*nx"], 1e-2)
+    mesh = mesh_of(found)
+    assert mesh.is_watertight
+    assert abs(mesh.volume - integrate(data, "1").value) <= found.distance * found.area
+    assert found.area == pytest.approx(integrate(data, "1", over="all").value, rel=5e-3)
+    assert found.values["u"] == pytest.approx(FUNCTIONS["u"](found.points), abs=2e-2)
+    skin = convert_boundary(data, "all", ["push=p*nx"])
+    assert skin.report.geometry.is_exact
+    assert [own.is_exact for own in skin.report.fields] == [True, True, False]
+    assert skin.report.fields[2].relative < 1e-6
+    assert boundary_data(data, "all").fields[0].name == "u"
+    for whole, own in (("u", "u"), ("p*nx", "push")):
+        assert integrate(skin.dataset, own).value == pytest.approx(integrate(data, whole, over="all").value, rel=1e-9)
+
+
+def test_edges_of_plane_data_are_lines_with_their_fields():
+    data = Dataset(
+        curved(grid(Shape.QUADRILATERAL, 2), lambda x: x + 0.04 * np.sin(3 * x[..., [1, 0, 2]]) * [1, 1, 0], 3)
+    )
+    data = replace(data, fields=(approximated(data, "u", FUNCTIONS["u"], 3),))
+    skin = convert_boundary(data, "all")
+    assert all(own.is_exact for own in (skin.report.geometry, *skin.report.fields))
+    assert integrate(skin.dataset, "u").value == pytest.approx(integrate(data, "u", over="all").value, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return write(flow(grid(Shape.HEXAHEDRON, 1)), tmp_path_factory.mktemp("data") / "a.xml")
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
+def test_trimesh_reads_what_is_written(files, tmp_path, elvis_json, suffix):
+    out = tmp_path / f"ball{suffix}"
+    facts = elvis_json("extract", *files, "--cut", SPHERE, "--tolerance", "0.05", "--field", "p", "-o", out)
+    mesh = trimesh.load_mesh(out)
+    assert len(mesh.faces) == facts["triangles"]
+    assert mesh.is_watertight
+    assert mesh.area == pytest.approx(facts["area"], rel=1e-5)
+    assert np.abs(np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS).max() < (1e-12 if suffix == ".obj" else 1e-6)
+    if suffix == ".glb":
+        assert mesh.vertex_attributes["_p"].reshape(-1) == pytest.approx(FUNCTIONS["p"](mesh.vertices), abs=1e-6)
+    if suffix == ".ply":
+        known = meshio.read(out)
+        assert known.point_data["p"] == pytest.approx(FUNCTIONS["p"](known.points), abs=1e-6)
+
+
+def test_vtk_reads_triangles_with_every_digit(files, tmp_path, elvis):
+    elvis(
+        "extract",
+        *files,
+        "--isosurface",
+        "p=1.6",
+        "--field",
+        "twice=2*u",
+        "--tolerance",
+        "0.02",
+        "-o",
+        tmp_path / "a.vtp",
+    )
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / "a.vtp"))
+    reader.Update()
+    found = reader.GetOutput()
+    points = vtk_to_numpy(found.GetPoints().GetData())
+    assert np.abs(FUNCTIONS["p"](points) - 1.6).max() < 1e-12
+    assert vtk_to_numpy(found.GetPointData().GetArray("twice")) == pytest.approx(2 * FUNCTIONS["u"](points), abs=1e-12)
+    assert found.GetNumberOfPolys() > 0
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".vtu", ".msh"])
+def test_boundaries_keep_their_elements(files, tmp_path, elvis, suffix):
+    out = tmp_path / f"skin{suffix}"
+    elvis("extract", *files, "--boundary", "all", "--field", "u", "--field", "push=p*nx", "-o", out)
+    skin = read(out, *([out.with_suffix(".fld")] if suffix == ".xml" else []), cache=False)
+    data = read(*files)
+    for whole, own in (("u", "u"), ("p*nx", "push")):
+        assert integrate(skin, own).value == pytest.approx(integrate(data, whole, over="all").value, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "message"),
+    [
+        (["--isosurface", "p=9"], "a.stl", "p=9: expected a surface within the data, found none"),
+        (["--isosurface", "p"], "a.stl", "expected Q=V"),
+        (["--isosurface", "r=1"], "a.stl", "there is no 'r'"),
+        (["--cut", "cube:1"], "a.stl", "expected a surface QUANTITY=VALUE"),
+        (["--boundary", "wall"], "a.stl", "there is no boundary 'wall'"),
+        (["--boundary", "domain"], "a.stl", "domain: expected a boundary, found elements"),
+        (["--boundary", "all", "--plane", "0,0,0:0,0,1"], "a.stl", "expected one of --boundary"),
+        (["--plane", "0,0,0.5:0,0,1"], "a.xml", "expected a name ending in"),
+        (["--plane", "0,0,0.5:0,0,1", "--tolerance", "-1"], "a.stl", "expected a positive tolerance"),
+        (
+            ["--cut", SPHERE, "--tolerance", "1e-9"],
+            "a.stl",
+            "expected a tolerance that some millions of triangles reach",
+        ),
+        (["--plane", "0,0,0.5:0,0,1", "--clip", "p=1"], "a.stl", "--clip: expected plane:P:N"),
+        (["--boundary", "all", "--tolerance", "0.1"], "a.xml", "--tolerance and --clip are for triangles"),
+    ],
+)
+def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, options, name, message):
+    with pytest.raises((ElvisError, ClickException)) as raised:
+        elvis("extract", *files, *options, "-o", tmp_path / name)
+    text = getattr(raised.value, "message", str(raised.value))
+    assert message in text
+    assert "\n" not in text
+    assert not list(tmp_path.iterdir())
+
+
+def test_plane_data_have_no_triangles(tmp_path, elvis):
+    files = write(Dataset(grid(Shape.QUADRILATERAL, 1)), tmp_path / "a.xml")
+    with pytest.raises(ElvisError, match="expected 3D data, found 2D data"):
+        elvis("extract", *files, "--isosurface", "x=0.5", "-o", tmp_path / "a.stl")
