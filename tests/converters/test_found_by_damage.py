@@ -273,6 +273,15 @@ def test_exodus_files_of_more_blocks_or_sets_than_bytes(tmp_path, dimension):
         Exodus([path])
 
 
+def test_exodus_side_sets_of_a_piece_without_elements(tmp_path):
+    first = cubes_in_blocks(tmp_path / "a.e.2.0", write_classic, [1])
+    places, nodes = unit_cubes(1, 1)
+    other = write_classic(tmp_path / "a.e.2.1", [ExodusBlock("none", "HEX8", nodes[:0])], places, {"out": [(1, 2)]})
+    source = Exodus([first, other])
+    assert source.declared.sides["out"] == 1
+    assert "out" not in {own.name for own in source.boundaries if own.sides}
+
+
 def test_exodus_pieces_of_different_dimensions(tmp_path):
     places, nodes = unit_cubes(1)
     solid = write_classic(tmp_path / "a.e.2.0", [ExodusBlock("solid", "HEX8", nodes)], places)

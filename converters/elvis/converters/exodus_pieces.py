@@ -80,7 +80,8 @@ class ExodusPiece:
             expected = f"{len(elements)} sides"
             raise FormatError(f"expected {expected}, found {len(sides)}", file=self.file.path, place=f"ss{number}")
         is_known = (elements >= 0) & (elements < len(self.is_first))
-        is_copy = is_known & ~self.is_first[np.where(is_known, elements, 0)]
+        is_copy = np.zeros(len(elements), bool)
+        is_copy[is_known] = ~self.is_first[elements[is_known]]
         return elements[~is_copy], sides[~is_copy]
 
     def members(self, number: int, elements: Ints) -> tuple[Ints, Ints]:
