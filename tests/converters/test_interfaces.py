@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from exodus_writer import ExodusBlock, unit_cubes, write_classic
 
 from elvis import integrate, read, vortex_cores
 from elvis.core.mesh import NON_CONFORMING
@@ -545,3 +546,16 @@ def test_sides_of_a_sharp_element_are_no_doubtful_interface(tmp_path, run_elvis)
     outline = sum(np.linalg.norm(b - a) for a, b in ((tip, far), (far, high), (high, top), (top, tip)))
     dataset = read(path)
     assert integrate(dataset, "1", "all")[-1].value == pytest.approx(outline, rel=1e-12)
+
+
+def test_elements_that_are_there_twice_are_named(tmp_path):
+    places, nodes = unit_cubes(2)
+    blocks = [ExodusBlock("one", "HEX8", nodes), ExodusBlock("other", "HEX8", nodes[1:])]
+    found = read(write_classic(tmp_path / "twice.e", blocks, places)).remarks[-1]
+    assert "1 elements have the corners of another one and 1 faces belong to more than two elements" in found
+    blocks = [ExodusBlock("square", "QUAD4", nodes[:, :4]), ExodusBlock("half", "TRI3", nodes[:1, :3])]
+    found = read(write_classic(tmp_path / "plane.e", blocks, places[:, :2])).remarks
+    assert "1 edges belong to more than two elements" in found[-1]
+    # a surface whose parts meet at one edge is none of these
+    pages = [ExodusBlock("pages", "SHELL4", np.concatenate([nodes[:, :4], nodes[:1, [0, 1, 5, 4]]]))]
+    assert len(read(write_classic(tmp_path / "pages.e", pages, places)).remarks) == 1

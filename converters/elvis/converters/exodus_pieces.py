@@ -67,11 +67,12 @@ class ExodusPiece:
     def connectivity(self, number: int) -> tuple[Shape | None, Ints]:
         """The shape of a block's elements, None for lines and points, and their nodes (n, k)."""
         name = f"connect{number}"
-        nodes, kind = self.file.ints(name, 2) - 1, self.file.element_type(name)
+        nodes = self.file.ints(name, 2) - 1
+        shape = shape_of(self.file.element_type(name), nodes.shape[1], self.file.path)
         if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.places):
             expected = f"nodes from 1 to {len(self.places)}"
             raise FormatError(f"expected {expected}, found others", file=self.file.path, place=name)
-        return shape_of(kind, nodes.shape[1], self.file.path), nodes
+        return shape, nodes
 
     def sides(self, number: int) -> tuple[Ints, Ints]:
         """Elements (n,) and their sides (n,) in a set, without those of elements that an earlier file has."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints, frozen_ints
+from elvis.core.arrays import Bools, Ints, distinct_bits, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import joined_sides, outer_sides, owners_of_sides, sides_by_name
 from elvis.core.interfaces.hanging import OPEN, fluxes, hanging
@@ -24,7 +24,7 @@ class Interfaces:
     """A dataset whose mesh tells non-conforming inner sides from outer ones.
 
     dataset   the data, with a composite `NON_CONFORMING` where there are such sides
-    warnings  sentences on sides of which it could not be decided
+    warnings  sentences on sides of which it could not be decided, and on elements that lie on one another
     """
 
     dataset: Dataset
@@ -42,14 +42,15 @@ def with_interfaces(dataset: Dataset, outline: str | None, precision: float, kno
     if mesh.dimension < 2:
         return Interfaces(dataset)
     ids = _side_ids(mesh)
-    single = owners_of_sides(mesh, [own.members for own in mesh.elements.values()]) == 1
-    sides = side_set(dataset, single)
+    owners = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
+    overlap = _overlap(mesh, owners)
+    sides = side_set(dataset, owners == 1)
     named = _named(mesh, ids, outline)
     is_oriented = mesh.space == mesh.dimension
     found = hanging(sides, named[sides.entity], is_oriented, precision)
     inner = np.unique(np.concatenate([found.inner, *known]).astype(np.int64))
     undecided = np.setdiff1d(found.undecided, inner)
-    warnings = (_warning(mesh, len(undecided), found.gap),) if len(undecided) else ()
+    warnings = (*overlap, _warning(mesh, len(undecided), found.gap)) if len(undecided) else overlap
     if not len(inner):
         return Interfaces(dataset, warnings)
     return Interfaces(replace(dataset, mesh=_with_inner(mesh, ids[inner], outline)), warnings)
@@ -93,6 +94,23 @@ def _with_inner(mesh: Mesh, inner: Ints, outline: str | None) -> Mesh:
     number = 1 + max((composite.id for composite in mesh.composites), default=-1)
     composites.append(Composite(number, ((_TAGS[mesh.dimension], frozen_ints(inner)),), NON_CONFORMING))
     return replace(mesh, composites=tuple(composites))
+
+
+def _overlap(mesh: Mesh, owners: Ints) -> tuple[str, ...]:
+    """A sentence where elements lie on one another: none in a surface, whose parts may meet at one edge.
+
+    owners  (n,) how many elements each side belongs to, two at most in a volume or a plane
+    """
+    if mesh.space > mesh.dimension:
+        return ()
+    copies = sum(len(own) - len(distinct_bits(np.sort(own.members, axis=1))[0]) for own in mesh.elements.values())
+    crowded = int((owners > 2).sum())
+    kind = "edges" if mesh.dimension == 2 else "faces"
+    found = [f"{copies} elements have the corners of another one"] if copies else []
+    found += [f"{crowded} {kind} belong to more than two elements"] if crowded else []
+    if not found:
+        return ()
+    return (f"{' and '.join(found)}: integrals count such elements several times, and their {kind} as inner ones",)
 
 
 def _warning(mesh: Mesh, count: int, gap: float) -> str:
