@@ -17,24 +17,61 @@ TRIANGLE_SETS = {"bottom": [(1, 3), (3, 3)], "right": [(3, 4)], "top": [(2, 4), 
 WANTED = {"bottom": (2, 2, 0), "right": (1, 2, 0.5), "top": (2, 2, 2), "left": (1, 0, 0.5)}
 
 
-@pytest.mark.parametrize(
-    ("kind", "nodes", "sets"),
-    [("SHELL4", SQUARES, SQUARE_SETS), ("QUAD4", SQUARES, SQUARE_SETS), ("TRI3", TRIANGLES, TRIANGLE_SETS)],
-)
-def test_sides_of_shells_are_edges(tmp_path, kind, nodes, sets):
-    path = write_classic(tmp_path / "shell.e", [ExodusBlock("plate", kind, nodes)], PLACES, sets)
-    dataset = read(path)
+#: what types of elements are called, and whether their faces count before their edges: those of a writer each
+NUMBERINGS = [
+    ("SHELL4", 3, True),
+    ("SHELL4", 2, True),
+    ("QUAD4", 3, True),
+    ("QUAD4", 3, False),
+    ("QUAD4", 2, False),
+    ("TRI3", 3, True),
+    ("TRISHELL3", 2, True),
+    ("TRISHELL3", 2, False),
+    ("TRI3", 2, False),
+]
+
+
+@pytest.mark.parametrize("is_discontinuous", [False, True])
+@pytest.mark.parametrize(("kind", "space", "has_faces"), NUMBERINGS)
+def test_sides_of_plane_elements_are_edges(tmp_path, kind, space, has_faces, is_discontinuous):
+    nodes, sets = (TRIANGLES, TRIANGLE_SETS) if kind.startswith("TRI") else (SQUARES, SQUARE_SETS)
+    sets = {name: [(element, side - 2 * (not has_faces)) for element, side in own] for name, own in sets.items()}
+    places = PLACES[:, :space]
+    if is_discontinuous:
+        places, nodes = places[nodes.reshape(-1)], np.arange(nodes.size).reshape(nodes.shape)
+    dataset = read(write_classic(tmp_path / "plate.e", [ExodusBlock("plate", kind, nodes)], places, sets))
     for name, wanted in WANTED.items():
         found = [row.value for row in integrate(dataset, ["1", "x", "y"], name)]
         assert found == pytest.approx(wanted, abs=1e-13)
 
 
-def test_sides_of_plane_elements_in_the_plane_count_from_one(tmp_path):
-    sets = {name: [(element, side - 2) for element, side in own] for name, own in SQUARE_SETS.items()}
-    path = write_classic(tmp_path / "plane.e", [ExodusBlock("plate", "QUAD4", SQUARES)], PLACES[:, :2], sets)
-    dataset = read(path)
-    for name, wanted in WANTED.items():
-        assert [row.value for row in integrate(dataset, ["1", "x", "y"], name)] == pytest.approx(wanted, abs=1e-13)
+#: three by three squares in space
+BOARD = np.array([(i, j, 0.5 * i) for j in range(4) for i in range(4)], float)
+FIELDS = np.array([(k, k + 1, k + 5, k + 4) for k in (0, 1, 2, 4, 5, 6, 8, 9, 10)])
+
+
+@pytest.mark.parametrize(("first", "elements", "height"), [(1, (1, 2, 3), 0), (3, (7, 8, 9), 3)])
+@pytest.mark.parametrize("has_faces", [True, False])
+def test_one_set_tells_how_sides_of_quadrilaterals_in_space_count(tmp_path, first, elements, height, has_faces):
+    sets = {"edge": [(element, first + 2 * has_faces) for element in elements]}
+    dataset = read(write_classic(tmp_path / "one.e", [ExodusBlock("plate", "QUAD4", FIELDS)], BOARD, sets))
+    length, moment = integrate(dataset, ["1", "y"], "edge")
+    assert (length.value, moment.value) == pytest.approx((3 * 1.25**0.5, 3 * 1.25**0.5 * height), abs=1e-12)
+    # the first sides of some elements may also be faces of shells
+    is_open = first == 1 and not has_faces
+    assert len(dataset.remarks) == 1 + is_open
+
+
+def test_faces_of_quadrilaterals_in_space_are_no_edges(tmp_path):
+    sets = {"skin": [(element, 1) for element in range(1, 10)]}
+    dataset = read(write_classic(tmp_path / "skin.e", [ExodusBlock("plate", "QUAD4", FIELDS)], BOARD, sets))
+    assert "9 of the 9 sides of the boundary 'skin' were left out" in dataset.remarks[-1]
+
+
+def test_sides_that_fit_two_ways_of_counting_are_named(tmp_path):
+    blocks = [ExodusBlock("plate", "QUAD4", SQUARES)]
+    dataset = read(write_classic(tmp_path / "row.e", blocks, PLACES, {"long": [(1, 3), (2, 3)]}))
+    assert "were taken for edges that count from 1" in dataset.remarks[-1]
 
 
 def test_faces_of_shells_on_volumes_are_sides_of_these(tmp_path):

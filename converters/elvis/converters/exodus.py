@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 
 from elvis.converters.exodus_files import SIDES, Variables, is_exodus, nodes_of
 from elvis.converters.exodus_pieces import ExodusPiece, is_empty, number_nodes
+from elvis.converters.exodus_shells import FACES_OF_SHELLS, plane_sides
 from elvis.converters.incomplete import NodalFunctions, bubble_space
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.unit import UNIT
@@ -36,9 +37,6 @@ _WITH_BUBBLES = {
     (Shape.PRISM, 20): False,
     (Shape.PRISM, 21): True,
 }
-
-#: sides of a shell that are its faces, before its edges
-FACES_OF_SHELLS = 2
 
 
 class Exodus(NodalConverter):
@@ -90,9 +88,9 @@ class Exodus(NodalConverter):
         number_nodes(self._pieces)
         self.precision = max(piece.precision for piece in self._pieces)
         self._read_blocks()
+        self.warnings = _missing_processes(paths)
         self.boundaries = self._side_sets()
         self._read_variables(number)
-        self.warnings = _missing_processes(paths)
 
     def _read_blocks(self) -> None:
         """Blocks of the highest dimension; those of lower dimension are counted."""
@@ -150,6 +148,8 @@ class Exodus(NodalConverter):
         counts: dict[str, int] = {}
         for piece in self._pieces:
             label = _labels(piece.file, "ss", "sides")
+            firsts, warnings = plane_sides(piece)
+            self.warnings = [*self.warnings, *warnings]
             for number in piece.file.numbers("num_side_sets"):
                 if is_empty(piece.file, f"elem_ss{number}", f"num_side_ss{number}"):
                     continue
@@ -160,19 +160,23 @@ class Exodus(NodalConverter):
                 found[number, name] = Boundary(
                     name,
                     [*own.vertices, *self._faces_of_shells(piece, elements, sides)],
-                    [*own.sides, *self._sides(piece, elements, sides)],
+                    [*own.sides, *self._sides(piece, firsts, elements, sides)],
                 )
         self.declared = replace(self.declared, sides=counts)
         return list(found.values())
 
-    def _sides(self, piece: ExodusPiece, elements: Ints, sides: Ints) -> Iterator[tuple[int, Ints, Ints]]:
-        """Blocks, elements and their local sides: those of sides (n,) of elements (n,) of a file."""
+    def _sides(
+        self, piece: ExodusPiece, firsts: Mapping[int, int], elements: Ints, sides: Ints
+    ) -> Iterator[tuple[int, Ints, Ints]]:
+        """Blocks, elements and their local sides: those of sides (n,) of elements (n,) of a file.
+
+        firsts  the first edge among the sides of the plane elements of each block
+        """
         for at, ((owner, number), block) in enumerate(zip(self._owners, self.blocks, strict=True)):
             if owner is not piece or not len(block):
                 continue
             here, rows = piece.members(number, elements)
-            # in space the first two sides of a plane element are its faces
-            first = FACES_OF_SHELLS if block.shape.dimension == 2 and piece.places.shape[1] == 3 else 0
+            first = firsts.get(number, 0)
             local = _local_sides(block.shape)
             is_side = (sides[here] >= first) & (sides[here] < first + len(local))
             if is_side.any():
