@@ -71,6 +71,19 @@ class TestNGSolve:
         found = sample(dataset, "wave_re", place)["wave_re"], sample(dataset, "wave_im", place)["wave_im"]
         assert found == (pytest.approx([0.3], abs=1e-12), pytest.approx([-0.8], abs=1e-12))
 
+    def test_functions_on_several_spaces_are_a_field_for_each(self, ngsolve, disk):
+        pair = ngsolve.GridFunction(ngsolve.H1(disk, order=4) * ngsolve.VectorH1(disk, order=4))
+        pair.components[0].Set(ngsolve.x)
+        pair.components[1].Set((ngsolve.y, 2 + ngsolve.x))
+        dataset = from_ngsolve(disk, pair=pair)
+        assert list(dataset) == ["pair_1", "pair_2_x", "pair_2_y"]
+        assert sample(dataset, None, (0.3, -0.4)).values[0] == pytest.approx([0.3, -0.4, 2.3], abs=1e-12)
+
+    def test_functions_on_facets_are_refused(self, ngsolve, disk):
+        trace = ngsolve.GridFunction(ngsolve.FacetFESpace(disk, order=1))
+        with pytest.raises(ElvisError, match="trace: expected values inside of elements, found none"):
+            from_ngsolve(disk, trace=trace)
+
 
 class TestMfem:
     def bent(self, mfem):

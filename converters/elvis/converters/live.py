@@ -35,7 +35,8 @@ def from_ngsolve(
     """The dataset of an NGSolve mesh and its functions: ``from_ngsolve(mesh, u=gfu, p=gfp)``.
 
     fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
-            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``
+            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``, one on several
+            spaces ``u_1`` and ``u_2``
     order   polynomial degree of all fields; where it is not given, that of the spaces, or a higher one for functions
             that are no polynomials in the reference element, such as those of H(div) on curved elements
     time    of the data

@@ -83,11 +83,12 @@ class Session:
     """A mesh of the library with functions on it, evaluated at reference points of elements.
 
     fields  grid functions by name, coefficient functions, for which ``order`` must be given, or `Sampled`; of complex
-            ones the real part is called ``NAME_re``, the imaginary one ``NAME_im``
+            ones the real part is called ``NAME_re``, the imaginary one ``NAME_im``, the parts of a function on several
+            spaces ``NAME_1``, ``NAME_2``
     order   polynomial degree of all fields; that of each space where it is not given
 
     Elements are those of the volume, or of the surface of a mesh without a volume.
-    ElvisError where there are no elements, or an order is missing.
+    ElvisError where there are no elements, an order is missing, or a function has no values inside of elements.
     """
 
     def __init__(self, mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> None:
@@ -138,7 +139,13 @@ class Session:
 
     def values(self, name: str, elements: Ints, points: Floats) -> Floats:
         """(k, n, c) components of a function at reference points (n, d) of elements (k,)."""
-        return self._table(self._fields[name].function, elements, points)
+        try:
+            return self._table(self._fields[name].function, elements, points)
+        except Exception as error:
+            # the library does not export its class of exceptions
+            if type(error).__name__ != "NgException":
+                raise
+            raise ElvisError(f"{name}: expected values inside of elements, found none: {error}") from error
 
     def _table(self, function: Any, elements: Ints, points: Floats) -> Floats:
         """(k, n, c) values; the library takes points as records of coordinates and an element's number."""
@@ -215,10 +222,15 @@ def _added(session: Session, field: str) -> int:
 
 
 def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
-    """Functions with real values: of complex ones two."""
+    """Functions with real values: of complex ones two, of those on several spaces one for each."""
     found: dict[str, Sampled] = {}
     for name, field in fields.items():
         own = field if isinstance(field, Sampled) else Sampled(field, getattr(field, "space", None))
+        # spaces of vectors have components too, and a type; products of spaces have none
+        if own.space is not None and not own.space.type and own.function.components:
+            parts = {f"{name}_{number}": part for number, part in enumerate(own.function.components, 1)}
+            found |= _real_fields(parts)
+            continue
         if own.function.is_complex:
             found[f"{name}_re"] = own._replace(function=own.function.real)
             found[f"{name}_im"] = own._replace(function=own.function.imag)
