@@ -139,7 +139,7 @@ def test_errors_fall_with_the_tolerance_down_to_rounding(shape):
     dataset = data(curved(grid(shape, 1), ripple(0.05), 3), of_dimension(ROTATION, d), 5)
     seed = [0.6, 0.5, 0.45][:d]
     errors = []
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-13):
+    for tolerance in (1e-4, 1e-8, 1e-13):
         found = trace(dataset, [seed], duration=2 * np.pi, tolerance=tolerance)
         climb = [0, 0, 0.002 * np.pi][:d]
         errors.append(np.linalg.norm(found[0][-1, :d] - seed - climb))
@@ -254,7 +254,7 @@ def test_circles_that_touch_sides_between_elements_go_on(shape):
     seeds = [[0.25, 0.25, 0.25], [0.75, 0.75, 0.25], [0.25, 0.5, 0.25], [0.5, 0.75, 0.5]]
     seeds = np.array(seeds)[:, :d]
     dataset = data(grid(shape, 2), of_dimension(still, d), 2 if shape is not Shape.PYRAMID else 3)
-    found = trace(dataset, seeds, duration=4 * np.pi)
+    found = trace(dataset, seeds, duration=2 * np.pi)
     assert found.counts() == {"duration": len(seeds)}
     for line, seed in enumerate(seeds):
         times = found.time[found.offsets[line] : found.offsets[line + 1]]
