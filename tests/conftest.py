@@ -127,15 +127,19 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item in chosen]
 
 
+@pytest.hookimpl(wrapper=True)
 def pytest_collection():
     """Thousands of tests and their modules stay until the end: the garbage collector needn't look at them each time."""
     gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_finish():
     """Nor afterwards."""
     gc.freeze()
-    gc.enable()
 
 
 def sample(name, family):
