@@ -59,5 +59,5 @@ def used(cells):
 
 def test_memory_grows_with_what_comes_out():
     used(2)  # tables are made once; from 12 cells on pieces are as large as they get
-    (few, small), (many, large) = used(13), used(17)
+    (few, small), (many, large) = used(12), used(15)
     assert (many - few) <= LIMIT * (large - small)
