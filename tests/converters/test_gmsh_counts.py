@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis import integrate, read
+from elvis import FormatError, integrate, read
 from elvis.converters.gmsh import Gmsh
 from elvis.core.shapes import Shape
 
@@ -19,19 +19,50 @@ def session():
     gmsh.finalize()
 
 
-def test_ghost_cells_count_once(session, tmp_path):
-    """Three partitions, whose copies of others' elements the file lists as entities of their own."""
+@pytest.mark.parametrize("has_topology", [0, 1])
+@pytest.mark.parametrize("is_split", [0, 1])
+@pytest.mark.parametrize(("version", "is_binary"), [(2.2, 0), (2.2, 1), (4.1, 0)])
+def test_ghost_cells_count_once(session, tmp_path, version, is_binary, is_split, has_topology):
+    """Three partitions, which hold copies of others' elements, in one file or three.
+
+    With a topology the library adds elements between partitions to what a file of version 2 lists.
+    """
     model = session.model
     model.occ.addRectangle(0, 0, 0, 2, 1)
     model.occ.synchronize()
-    session.option.setNumber("Mesh.MeshSizeMax", 0.3)
+    session.option.setNumber("Mesh.MeshSizeMax", 0.5)
     model.mesh.generate(2)
     model.mesh.setOrder(2)
-    session.option.setNumber("Mesh.PartitionCreateGhostCells", 1)
+    options = {"MshFileVersion": version, "Binary": is_binary, "PartitionCreateGhostCells": 1}
+    options |= {"PartitionSplitMeshFiles": is_split, "PartitionCreateTopology": has_topology}
+    for name, value in options.items():
+        session.option.setNumber(f"Mesh.{name}", value)
     model.mesh.partition(3)
     session.write(str(tmp_path / "ghosts.msh"))
-    assert b"$GhostElements" in (tmp_path / "ghosts.msh").read_bytes()
-    assert integrate(read(tmp_path / "ghosts.msh"), "area")[0].value == pytest.approx(2, abs=1e-12)
+    for name in ("Binary", "PartitionSplitMeshFiles"):
+        session.option.setNumber(f"Mesh.{name}", 0)
+    files = sorted(tmp_path.glob("*.msh"))
+    assert len(files) == (3 if is_split else 1)
+    dataset = read(*files)
+    assert integrate(dataset, "area")[0].value == pytest.approx(2, abs=1e-12)
+    assert integrate(dataset, "1", "all")[-1].value == pytest.approx(6, abs=1e-12)
+
+
+def test_values_on_elements_need_numbers_of_their_own(tmp_path):
+    """Two triangles of one number in two files of version 2, and a value on one of them."""
+    head = (
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 1 1 0\n$EndNodes\n$Elements\n1\n"
+    )
+    files = [tmp_path / f"p_{number}.msh" for number in (1, 2)]
+    for number, (file, nodes) in enumerate(zip(files, ("1 2 3", "2 4 3"), strict=True), 1):
+        file.write_text(f"{head}1 2 4 0 1 1 {number} {nodes}\n$EndElements\n")
+    assert integrate(read(*files), "area")[0].value == pytest.approx(1, abs=1e-14)
+    data = '$ElementData\n1\n"c"\n1\n0\n3\n0\n1\n1\n1 5\n$EndElementData\n'
+    files[0].write_text(files[0].read_text() + data)
+    with pytest.raises(
+        FormatError, match=r"p_2\.msh: expected parts of one mesh, found other elements of equal numbers"
+    ):
+        read(*files)
 
 
 @pytest.mark.parametrize("version", [1, 2.2, 4.1])

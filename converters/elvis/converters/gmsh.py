@@ -153,8 +153,10 @@ class Gmsh(NodalConverter):
         meshes = [each for each in contents if each.has_mesh]
         if not meshes:
             raise FormatError("expected a file with a mesh too, found data alone", file=paths[0])
-        self.take_mesh(joined([read_mesh(each) for each in meshes], [each.path for each in meshes]))
-        series = _series([s for each in contents for s in each.sections], number)
+        sections = [section for each in contents for section in each.sections]
+        has_element_data = any(section.kind != "NodeData" for section in sections)
+        self.take_mesh(joined([read_mesh(each) for each in meshes], [each.path for each in meshes], has_element_data))
+        series = _series(sections, number)
         read = [_Values.of(name, sections) for name, _, sections in series]
         for values in read:
             self._check_tags(values.section, values.tags)

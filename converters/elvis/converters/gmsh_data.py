@@ -39,6 +39,12 @@ _BEFORE = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 #: tags (n,), values (n,) of each, and all values (sum, components)
 Values: TypeAlias = tuple[Ints, Ints, Floats]
 
+#: bytes of a section of elements that hold the first of them
+_FIRST_ELEMENT = 400
+_VERSION_2 = re.compile(rb"\$MeshFormat\s*\n2")
+#: tags of an element of version 2 whose file has no partitions: physical group, entity, and a 0 of some writers
+_TAGS_WITHOUT_PARTITIONS = 3
+
 #: numbers of shapes in schemes
 _TOPOLOGIES = {
     2: Shape.SEGMENT,
@@ -238,9 +244,31 @@ def scan(path: Path) -> Contents:
                 schemes[name] = own
             elif found[1] in _DATA:
                 sections.append(_section(path, data, found, stop, order, schemes))
-        return Contents(
-            path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()), b"PartitionedEntities" in kept
-        )
+        first = kept.get(b"Elements", (0, 0))[0]
+        elements = data[first : first + _FIRST_ELEMENT]
+        is_partition = b"PartitionedEntities" in kept or _has_partition_tags(elements, data[start : start + 64], order)
+        return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()), is_partition)
+
+
+def _has_partition_tags(section: bytes, head: bytes, order: str) -> bool:
+    """Whether the first element of version 2 names partitions.
+
+    Behind its number, type and number of tags come the tags: physical group, entity, number of partitions, partitions.
+    In binary files a type, how many elements follow and their number of tags come first.
+    """
+    if _VERSION_2.match(head) is None:
+        return False
+    lines = section.split(b"\n", 2)
+    if len(lines) < 3:
+        return False
+    if order:
+        first = np.frombuffer(lines[2][: 4 * 7], f"{order}i4").tolist()
+        tags, count = first[4:], first[2] if len(first) == 7 else 0
+    else:
+        words = lines[2].split(b"\n", 1)[0].split()
+        first = [int(word) for word in words if word.isdigit()]
+        tags, count = first[3:6], first[2] if len(first) > 2 else 0
+    return count > _TAGS_WITHOUT_PARTITIONS and len(tags) == 3 and tags[2] > 0
 
 
 def beginning(data: bytes | mmap.mmap) -> int:

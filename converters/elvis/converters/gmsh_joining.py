@@ -9,20 +9,28 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.gmsh_mesh import Group, Mesh
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
 
 #: nodes of one number that are as near as this, as a share of the largest coordinate, lie at one place
 _NEAR = 1e-10
 
 
-def joined(meshes: Sequence[Mesh], paths: Sequence[Path]) -> Mesh:
-    """One mesh of all elements, each once; FormatError if nodes or elements of one number differ."""
+def joined(meshes: Sequence[Mesh], paths: Sequence[Path], has_element_data: bool) -> Mesh:
+    """One mesh of all elements, each once.
+
+    has_element_data  whether values refer to elements by number
+    FormatError if nodes of one number differ, or elements of one number that values refer to.
+    """
     if len(meshes) == 1:
         return meshes[0]
     tags, places = _nodes(meshes, paths)
     groups = [group for mesh in meshes for group in _renumbered(mesh, tags)]
-    copies, groups = _each_once(groups, paths)
+    copies, groups, is_ambiguous = _each_once(groups)
+    if is_ambiguous and has_element_data:
+        raise FormatError("expected parts of one mesh, found other elements of equal numbers", file=paths[1])
+    if is_ambiguous:  # files of version 2 may number the elements of each partition anew
+        groups = _numbered_anew(groups)
     stated = [mesh.declared for mesh in meshes]
     counts = [count for count in stated if count is not None]
     sides: dict[str, list[Ints]] = {}
@@ -61,18 +69,30 @@ def _renumbered(mesh: Mesh, tags: Ints) -> list[Group]:
     return [replace(group, nodes=rows[group.nodes]) for group in mesh.groups]
 
 
-def _each_once(groups: Sequence[Group], paths: Sequence[Path]) -> tuple[int, list[Group]]:
-    """How many elements come again, and the groups without these, one for each kind and its regions."""
+def _each_once(groups: Sequence[Group]) -> tuple[int, list[Group], bool]:
+    """The groups without elements that come again, told by their nodes, one group for each kind and its regions.
+
+    Returns how many come again, the groups, and whether elements and their numbers are not one to one.
+    """
     by_kind: dict[tuple[str, ...], list[Group]] = {}
     for group in groups:
         by_kind.setdefault((group.kind.name, *group.regions), []).append(group)
-    copies, result = 0, []
+    copies, result, is_ambiguous = 0, [], False
     for own in by_kind.values():
         tags, nodes = np.concatenate([each.tags for each in own]), np.concatenate([each.nodes for each in own])
-        distinct, first, which = np.unique(tags, return_index=True, return_inverse=True)
-        if not np.array_equal(nodes[first][which.reshape(-1)], nodes):
-            raise FormatError("expected parts of one mesh, found other elements of equal numbers", file=paths[1])
-        copies += len(tags) - len(distinct)
+        first, which = distinct_bits(np.sort(nodes, axis=1))
+        is_ambiguous |= bool((tags[first][which] != tags).any())
+        copies += len(tags) - len(first)
         kept = np.sort(first)
         result.append(replace(own[0], tags=tags[kept], nodes=nodes[kept]))
-    return copies, result
+    every = np.concatenate([group.tags for group in result])
+    return copies, result, is_ambiguous or len(np.unique(every)) < len(every)
+
+
+def _numbered_anew(groups: Sequence[Group]) -> list[Group]:
+    """The groups with elements numbered from 1."""
+    ends = np.cumsum([len(group.tags) for group in groups])
+    return [
+        replace(group, tags=end - len(group.tags) + 1 + np.arange(len(group.tags)))
+        for group, end in zip(groups, ends, strict=True)
+    ]

@@ -137,10 +137,7 @@ class _Reading:
                 self._take(kind, names, own, table)
             else:
                 self._take_lower(kind, names if d == dimension - 1 else [], own, table)
-        lower = sum(map(len, self.others))
         groups = self._distinct_groups(tags)
-        apart = lower + self.copies + self._foreign_ghosts()
-        total = None if self.counts is None else self.counts.total() - apart
         return {
             "tags": tags,
             "places": places,
@@ -149,10 +146,21 @@ class _Reading:
             "sides": self.sides,
             "others": np.concatenate([np.zeros(0, np.int64), *self.others]),
             "notes": self.notes,
-            "declared": total,
+            "declared": self._declared(dimension),
             "partitions": self._partitions(dimension),
             "partition_count": int(self.gmsh.model.getNumberOfPartitions()),
         }
+
+    def _declared(self, dimension: int) -> int | None:
+        """Number of elements of a dimension that the file lists, each once; None if it isn't known.
+
+        Elements of lower dimension are no measure: the library adds those between partitions.
+        """
+        if self.counts is None:
+            return None
+        properties = self.gmsh.model.mesh.getElementProperties
+        listed = sum(count for kind, count in self.counts.items() if properties(kind)[1] == dimension)
+        return listed - self.copies - self._foreign_ghosts()
 
     def _batches(self) -> Iterator[_Batch]:
         """All elements but copies that partitions hold of others' elements."""
