@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from exodus_writer import ExodusBlock, unit_cubes, write_classic
 
-from elvis import integrate, read, vortex_cores
+from elvis import integrate, read, trace, vortex_cores
 from elvis.core.mesh import NON_CONFORMING
 from elvis.plugins.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
@@ -448,6 +448,38 @@ def test_periodic_sides_are_no_outer_boundary(elvis, elvis_json, tmp_path):
     with np.load(out) as lines:
         assert str(lines["ends"][lines["end"][0]]) == "(periodic)"
         assert lines["points"][-1] == pytest.approx([2, 0.4, 0], abs=1e-12)
+
+
+def refined_periodic_mesh(path, dimension, refined):
+    """A box of length 2 that is periodic along x, of height and depth 1, some of whose elements are refined."""
+    mfem = pytest.importorskip("mfem.ser")
+    if dimension == 2:
+        mesh = mfem.Mesh.MakeCartesian2D(4, 2, mfem.Element.QUADRILATERAL, True, 2.0, 1.0)
+    else:
+        mesh = mfem.Mesh.MakeCartesian3D(3, 2, 2, mfem.Element.HEXAHEDRON, 2.0, 1.0, 1.0)
+    shift = mfem.Vector([2.0, *[0.0] * (dimension - 1)])
+    mesh = mfem.Mesh.MakePeriodic(mesh, mesh.CreatePeriodicVertexMapping([shift]))
+    mesh.EnsureNCMesh(True)
+    for element in refined:
+        mesh.GeneralRefinement(mfem.intArray([element]), 1, 0)
+    mesh.Save(str(path), 16)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("dimension", "refined", "wanted"),
+    [(2, [0, 0], {"boundary1": 2, "boundary3": 2}), (3, [0], dict.fromkeys([f"boundary{n}" for n in (1, 2, 4, 6)], 2))],
+)
+def test_periodic_sides_that_do_not_match_are_no_outer_boundary(tmp_path, dimension, refined, wanted):
+    dataset = read(refined_periodic_mesh(tmp_path / "box.mesh", dimension, refined))
+    found = {row.over: row.value for row in integrate(dataset, "1", "all", error=1e-12)}
+    assert found.pop("total") == pytest.approx(sum(wanted.values()), rel=1e-13)
+    assert found == pytest.approx(wanted, rel=1e-13)
+    for start, end in ((0.1, 0), (1.9, 2)):
+        velocity = [f"{2 * (end > 1) - 1}+0*x", *["0*x"] * (dimension - 1)]
+        lines = trace(dataset, [(start, 0.1, 0.3)[:dimension]], velocity=velocity)
+        assert lines.ends[lines.end[0]] == "(periodic)"
+        assert lines.points[-1][:dimension] == pytest.approx((end, 0.1, 0.3)[:dimension], abs=1e-12)
 
 
 def test_overlapping_sets_of_mfem_are_kept(elvis_json, tmp_path):

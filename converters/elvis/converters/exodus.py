@@ -15,7 +15,7 @@ from elvis.converters.exodus_pieces import ExodusPiece, is_empty, number_nodes
 from elvis.converters.exodus_shells import FACES_OF_SHELLS, plane_sides
 from elvis.converters.incomplete import NodalFunctions, bubble_space
 from elvis.converters.inputs import STEP, step_number
-from elvis.converters.unit import UNIT
+from elvis.converters.unit import UNIT, side_numbers
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.moments import checked_step
@@ -23,7 +23,6 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, ShapeFunctions, space_size
-from elvis.plugins.projection.naming import local_sides
 
 #: the end of the name of a file: the number of a mesh in a sequence of meshes, then how many processes wrote the files
 #: of a state, and which of them wrote this one
@@ -177,7 +176,7 @@ class Exodus(NodalConverter):
                 continue
             here, rows = piece.members(number, elements)
             first = firsts.get(number, 0)
-            local = _local_sides(block.shape)
+            local = side_numbers(block.shape, SIDES[block.shape])
             is_side = (sides[here] >= first) & (sides[here] < first + len(local))
             if is_side.any():
                 yield at, rows[is_side], local[sides[here][is_side] - first]
@@ -217,13 +216,6 @@ class Exodus(NodalConverter):
     def _names(self, variable: str) -> list[str]:
         """The names that a variable of any file holds."""
         return list(dict.fromkeys(name for piece in self._pieces for name in piece.file.texts(variable)))
-
-
-def _local_sides(shape: Shape) -> Ints:
-    """The local sides of elements of a shape in the order of the sides of the file."""
-    own = UNIT[shape].corners
-    known = [{int(own[corner]) for corner in side} for side in local_sides(shape)]
-    return np.array([known.index(set(corners)) for corners in SIDES[shape]])
 
 
 def _joined_by_place(blocks: Sequence[Elements]) -> list[Elements]:

@@ -30,11 +30,13 @@ from elvis.converters.mfem_files import (
     rounding,
     values_after_header,
 )
+from elvis.converters.mfem_hanging import SIDES
 from elvis.converters.mfem_pieces import Piece, Source, is_piece, is_stream, pieces
 from elvis.converters.mfem_quadrature import QUADRATURE, QuadratureFunction
-from elvis.converters.unit import UNIT
+from elvis.converters.unit import UNIT, side_numbers
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.mesh import PERIODIC
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
@@ -127,6 +129,9 @@ class Mfem(NodalConverter):
             first += len(part.attributes)
         self._add_fields(parts, values)
         self.boundaries = _join(parts, vertices)
+        if len(parts) == 1 and parts[0].hanging is not None:
+            self.mortars, periodic = _sides_of(self.blocks, parts[0].hanging)
+            self.boundaries += [Boundary(PERIODIC, sides=periodic)] if periodic else []
 
     def _add_fields(self, parts: Sequence[_Part], values: Sequence[Sequence[NodalValues]]) -> None:
         """Fields of the functions, whose values on each block are given."""
@@ -191,6 +196,7 @@ class _Part:
         check_space(self.path, found["map"]["count"], found["dimension"])
         self.is_rational = found["has_weights"] and not _has_unit_weights(text)
         self.is_conforming = found["is_conforming"]
+        self.hanging = found["hanging"]
         self._dimension, self._faces = found["dimension"], found["faces"]
         self._corners = _Table(found["corners"])
         self.geometry = _Function(self._asked, 0, found["map"])
@@ -275,6 +281,25 @@ class _Part:
         for attribute, own in zip(attributes, np.split(vertices, self._faces["offsets"][:-1])[1:], strict=True):
             for name in self._borders.get(attribute, (f"boundary{attribute}",)):
                 yield name, tuple(numbers[own].tolist())
+
+
+def _sides_of(
+    blocks: Sequence[Elements], hanging: Mapping[str, Any]
+) -> tuple[list[tuple[int, Ints, Ints]], list[tuple[int, Ints, Ints]]]:
+    """Block, rows and local sides of those that meet parts of others, and of those that a periodic mesh identifies."""
+    mortars: list[tuple[int, Ints, Ints]] = []
+    periodic: list[tuple[int, Ints, Ints]] = []
+    elements, sides, is_apart = (np.asarray(hanging[name]) for name in ("elements", "sides", "is_apart"))
+    for number, block in enumerate(blocks):
+        table = side_numbers(block.shape, SIDES[block.shape])
+        assert block.ids is not None
+        order = np.argsort(block.ids)
+        place = np.minimum(np.searchsorted(block.ids[order], elements), len(order) - 1)
+        is_own = block.ids[order][place] == elements
+        for chosen, result in ((is_own & ~is_apart, mortars), (is_own & is_apart, periodic)):
+            if chosen.any():
+                result.append((number, order[place[chosen]], table[sides[chosen]]))
+    return mortars, periodic
 
 
 def _numbered(places: Sequence[Floats]) -> list[Ints]:

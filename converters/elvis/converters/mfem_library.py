@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elvis.converters.mfem_hanging import hanging_sides
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 
@@ -114,6 +115,7 @@ class _Mesh:
                 "offsets": np.cumsum([0, *map(len, faces)]),
                 "vertices": np.concatenate([np.zeros(0, np.int64), *faces]),
             },
+            "hanging": hanging_sides(self._mfem, mesh) if mesh.Nonconforming() else None,
             "is_conforming": self._straight.GetTrueVSize() == self._straight.GetVSize(),
             "has_nodes": mesh.GetNodes() is not None,
             "has_weights": mesh.NURBSext is not None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,13 @@ UNIT = {
     Shape.PRISM: _unit(((0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 0), (1, 0, 1)), (0, 2, 5, 3, 1, 4)),
     Shape.HEXAHEDRON: _unit((*_BASE, *((*corner, 1) for corner in _SQUARE))),
 }
+
+
+def side_numbers(shape: Shape, sides: Sequence[tuple[int, ...]]) -> Ints:
+    """Our local sides of a shape in the order of sides that are given by the element's own corners."""
+    own = UNIT[shape].corners
+    known = [{int(own[corner]) for corner in side} for side in local_sides(shape)]
+    return np.array([known.index(set(corners)) for corners in sides])
 
 
 def directed_sides(shape: Shape) -> Ints:
