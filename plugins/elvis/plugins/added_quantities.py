@@ -106,7 +106,7 @@ def add_quantities(
         *whole.remarks,
         *(_beyond(own, tolerance) for own in measures if order is None and _is_beyond(own, tolerance)),
     )
-    return AddedQuantities(replace(whole, metadata=_with_errors(whole, measures), remarks=remarks), measures)
+    return AddedQuantities(replace(whole, metadata=with_errors(whole, measures), remarks=remarks), measures)
 
 
 def _is_beyond(measure: Measure, tolerance: float) -> bool:
@@ -343,7 +343,7 @@ def _blocks(passes: Sequence[_Pass], name: str) -> tuple[Block, ...]:
     return tuple(found)
 
 
-def _with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, str]:
+def with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, str]:
     """The metadata, in which errors of projections stand next to those of a conversion."""
     if REPORT not in dataset.metadata and all(own.is_exact for own in measures):
         return dataset.metadata

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
@@ -117,6 +117,7 @@ class Report:
     listed        ids of elements by what is the matter with them: inverted, degenerate, ...
     notes         sentences
     warnings      sentences that every command prints
+    transfer      facts of a projection onto another mesh; empty for others
     """
 
     converter: str
@@ -129,6 +130,7 @@ class Report:
     listed: Mapping[str, tuple[int, ...]]
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    transfer: Mapping[str, Any] = field(default_factory=dict)
 
     def beyond(self, bound: float) -> list[Measure]:
         """The coordinates and fields with relative errors greater than ``bound``, the worst first."""
@@ -150,6 +152,7 @@ class Report:
             **{name: list(ids) for name, ids in self.listed.items()},
             "notes": list(self.notes),
             "warnings": list(self.warnings),
+            **self.transfer,
         }
 
     def remarks(self) -> tuple[str, ...]:

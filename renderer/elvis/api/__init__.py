@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.boundary_data import boundary_data
     from elvis.plugins.data import read
+    from elvis.plugins.onto_mesh import onto_mesh
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
     from elvis.plugins.series.statistics import average
@@ -129,6 +130,7 @@ __all__ = [
     "level_triangles",
     "line",
     "norms",
+    "onto_mesh",
     "open_series",
     "pathlines",
     "points_on_line",
@@ -219,6 +221,7 @@ NAMES = {
     "elvis.plugins.arrays": ("from_arrays",),
     "elvis.plugins.boundary_data": ("boundary_data",),
     "elvis.plugins.data": ("read",),
+    "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (
         "pathlines",
         "streaklines",

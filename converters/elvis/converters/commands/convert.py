@@ -29,6 +29,7 @@ Examples:
   elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
   elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
+  elvis convert a.xml a.fld --onto b.xml -o on_b.fld                                 L2 projection onto another mesh
   elvis convert a.xml a.fld --other b=b.xml,b.fld --add "du=u-b:u" --fields u -o du.fld
   elvis convert --list
 """
@@ -105,6 +106,19 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     type=float,
     help="Choose the order by element: the lowest with a smaller relative error; with --add for added fields that are "
     "not polynomials, by default 1e-6.",
+)
+@click.option(
+    "--onto",
+    metavar="FILE,…",
+    help="Project the fields in L2 onto the elements of another mesh, at --order; errors, integrals before and after, "
+    "and the share that is covered are printed.",
+)
+@click.option(
+    "--outside",
+    metavar="error|nan|nearest|VALUE",
+    default="error",
+    show_default=True,
+    help="What --onto does where the data don't cover the other mesh.",
 )
 @click.option(
     "--geometry",
@@ -186,7 +200,9 @@ def _convert(
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json
 
-    _check_places(output, kind, files, overwrite)
+    onto = options["onto"]
+    more = () if onto is None else tuple(map(Path, onto.split(",")))
+    _check_places(output, kind, (*files, *more), overwrite)
     dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
     if as_json:
         print_json(report.facts())
@@ -256,6 +272,8 @@ def _results(
     added: tuple[str, ...],
     renames: tuple[str, ...],
     others: tuple[str, ...],
+    onto: str | None,
+    outside: str,
     **options: Any,
 ) -> tuple[Dataset, Report]:
     """The data to write, and the errors of what was converted and added; fields alone only of native files."""
@@ -263,6 +281,10 @@ def _results(
     from elvis.formats.reading import is_native
     from elvis.plugins.chosen_fields import ChosenFields
 
+    if onto is not None:
+        if added or renames or others or options["tolerance"] is not None:
+            raise ElvisError("--onto: expected no --add, --rename, --other and --tolerance; convert twice")
+        return _projected(files, tuple(map(Path, onto.split(","))), outside, options)
     if not (added or renames or others or is_of_fields):
         conversion = _converted(files, **options)
         return conversion.dataset, conversion.report
@@ -277,6 +299,29 @@ def _results(
     if is_of_fields:
         raise ElvisError("-o: expected a name ending in .xml, as the mesh is converted, found one ending in .fld")
     return _converted_with_fields(files, chosen, others, options)
+
+
+def _projected(
+    files: tuple[Path, ...], onto: tuple[Path, ...], outside: str, options: dict[str, Any]
+) -> tuple[Dataset, Report]:
+    """The fields on the mesh of other files."""
+    from elvis.core.terminal import note
+    from elvis.plugins.data import Reading, dataset_of
+    from elvis.plugins.onto_mesh import onto_mesh, report_of_transfer
+
+    asked = dict(options["pairs"])
+    if options["name"] is not None:
+        asked["from"] = options["name"]
+    moment = Moment(time=options["time"], between=options["between"])
+    plugin = None if options["plugin"] is None else str(options["plugin"])
+    source = dataset_of(files, Reading(plugin, asked, moment=moment))
+    target = dataset_of(onto, Reading())
+    for remark in (*source.remarks, *target.remarks):
+        note(remark)
+    fields = options["fields"]
+    names = None if fields is None else [part.strip() for part in fields.split(",")]
+    found = onto_mesh(source, target, options["order"], outside, names)
+    return found.dataset, report_of_transfer(found, (*files, *onto))
 
 
 def _is_plain(options: dict[str, Any]) -> bool:

@@ -1,0 +1,135 @@
+"""Fields of one dataset on the mesh of another: the L2 projection on each element, with its errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from elvis.core.arrays import frozen_floats, frozen_ints
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.integrals import integrate
+from elvis.plugins.added_quantities import EXACT_MAP, with_errors
+from elvis.plugins.common_blocks import on_common_blocks
+from elvis.plugins.element_projection import ElementProjection
+from elvis.plugins.other_mesh import OtherMesh
+from elvis.plugins.projection.blocks import NativeBlock
+from elvis.plugins.projection.fitting import FieldFit
+from elvis.plugins.projection.measuring import measure
+from elvis.plugins.projection.sampling import Sampler
+from elvis.plugins.projection.verification import Maps
+from elvis.plugins.report import Measure, Report
+from elvis.plugins.reporting import measures_of_fields
+
+
+@dataclass(frozen=True)
+class Integral:
+    """The integral of a field over the source and over the target."""
+
+    name: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """Fields on the mesh of another dataset.
+
+    measures   the error of each, at points that no rule has used
+    integrals  of each, before and after
+    covered    the share of the target's measure that the source covers
+    halvings   how often boxes were halved at most
+    residual   disagreement of rules in the end, as a share of an element's integral
+    not_finite  ids of elements in which a field is nan
+    """
+
+    dataset: Dataset
+    measures: tuple[Measure, ...]
+    integrals: tuple[Integral, ...]
+    covered: float
+    halvings: int
+    residual: float
+    not_finite: tuple[int, ...] = ()
+
+
+def onto_mesh(
+    source: Dataset,
+    target: Dataset,
+    order: int | None = None,
+    outside: str = "error",
+    fields: Sequence[str] | None = None,
+) -> Transfer:
+    """The fields of a dataset, projected in L2 onto the elements of another one's mesh.
+
+    order    polynomial degree of the projections, 1 to 30; by default that of each field
+    outside  ``error``, ``nan``, ``nearest`` (the value at the nearest point of the source's boundary) or a number,
+             for places that the source doesn't cover
+    fields   names; None for all
+
+    ElvisError for data of different dimensions, with Fourier directions, and for places outside where that is asked.
+    """
+    if source.mesh.dimension != target.mesh.dimension:
+        found = f"{source.mesh.dimension}D and {target.mesh.dimension}D"
+        raise ElvisError(f"--onto: expected meshes of one dimension, found {found}")
+    converter = OtherMesh(source, target, order, outside, fields)
+    work = ElementProjection(converter, target)
+    fitted = work.fitted()
+    sampler = Sampler(converter)
+    findings = measure(sampler, Maps(target), work.blocks, fitted)
+    measures = tuple(measures_of_fields(fitted, findings.fields, converter))
+    solution = tuple(_field(fit, work.blocks) for fit in fitted)
+    held = tuple(own for own in target.fields if own.name in target.map_names)
+    bare = replace(target, fields=(*held, *solution), time=source.time, expansions=(), session={}, remarks=())
+    dataset = on_common_blocks(replace(bare, metadata=with_errors(bare, measures)))
+    lost = tuple(sorted({own for field in solution for block in field.blocks for own in _not_finite(block)}))
+    integrals = [Integral(own.name, _integral(source, own.name), _integral(dataset, own.name)) for own in solution]
+    return Transfer(dataset, measures, tuple(integrals), work.covered, work.halvings, work.residual, lost)
+
+
+def _field(fit: FieldFit, blocks: Sequence[NativeBlock]) -> Field:
+    parts = [
+        Block(block.expansion(modes), frozen_ints(block.ids), frozen_floats(coefficients))
+        for block, modes, coefficients in zip(blocks, fit.modes, fit.coefficients, strict=True)
+    ]
+    return Field(fit.field.name, tuple(parts), False)
+
+
+def _not_finite(block: Block) -> list[int]:
+    ids: list[int] = block.element_ids[~np.isfinite(block.coefficients).all(axis=1)].tolist()
+    return ids
+
+
+def _integral(dataset: Dataset, name: str) -> float:
+    return integrate(dataset, name).value
+
+
+def report_of_transfer(found: Transfer, files: Sequence[Path]) -> Report:
+    """The report of a projection: errors, integrals before and after, and the share that is covered."""
+    counts = {shape.label.lower(): len(entities) for shape, entities in found.dataset.mesh.elements.items()}
+    names = tuple(file.name for file in files)
+    notes = [_sentence(own) for own in found.integrals]
+    if found.covered < 1:
+        notes.append(f"the data cover {found.covered:.10g} of the target's measure")
+    if found.residual > 0:
+        notes.append(f"rules disagree by up to {found.residual:.2g} of a field where elements of the data end")
+    transfer = {
+        "covered": found.covered,
+        "residual": found.residual,
+        "integrals": {own.name: {"before": own.before, "after": _finite(own.after)} for own in found.integrals},
+    }
+    listed = {"not finite": found.not_finite}
+    report = Report(OtherMesh.format, names, counts, EXACT_MAP, (0.0, -1), False, found.measures, listed, tuple(notes))
+    return replace(report, transfer=transfer)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _sentence(own: Integral) -> str:
+    return (
+        f"the integral of {own.name} is {own.after:.15g}, of the data {own.before:.15g}: {own.after - own.before:+.2g}"
+    )

@@ -1,0 +1,154 @@
+"""Fields on another mesh: exact where its spaces hold them, else the best approximation, integrals kept."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elvis import Dataset, ElvisError, Shape, integrate, onto_mesh, read, sample, write
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.testing import approximated, curved, grid
+
+FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "p": lambda x: 1.5 + x[:, 0] * x[:, 1]}
+
+
+def flow(mesh, modes=3):
+    data = Dataset(mesh, time=0.5)
+    return replace(data, fields=tuple(approximated(data, *item, modes) for item in FUNCTIONS.items()))
+
+
+def moved(mesh, factor, shift):
+    return replace(mesh, vertices=mesh.vertices * factor + shift)
+
+
+def jumping(cells):
+    """A field of order 1 with random coefficients on each of cells x cells squares."""
+    data = flow(grid(Shape.QUADRILATERAL, cells), 2)
+    (block,) = data.fields[0].blocks
+    coefficients = np.random.default_rng(3).normal(size=block.coefficients.shape)
+    return replace(data, fields=(replace(data.fields[0], blocks=(replace(block, coefficients=coefficients),)),))
+
+
+@pytest.mark.parametrize(
+    ("shape", "other", "cells"),
+    [
+        (Shape.QUADRILATERAL, Shape.QUADRILATERAL, (1, 2)),
+        (Shape.QUADRILATERAL, Shape.QUADRILATERAL, (4, 2)),
+        (Shape.TRIANGLE, Shape.QUADRILATERAL, (2, 3)),
+        (Shape.HEXAHEDRON, Shape.TETRAHEDRON, (1, 1)),
+        (Shape.TETRAHEDRON, Shape.PRISM, (1, 1)),
+    ],
+)
+def test_polynomials_arrive_exactly_on_any_mesh(shape, other, cells):
+    found = onto_mesh(flow(grid(shape, cells[0])), Dataset(grid(other, cells[1])))
+    points = np.random.default_rng(1).uniform(0.02, 0.98, (50, 3))
+    points[:, shape.dimension :] = 0
+    for own, total in zip(found.measures, found.integrals, strict=True):
+        values = sample(found.dataset, [own.name], points).values[:, 0]
+        assert np.abs(values - FUNCTIONS[own.name](points)).max() < 1e-12
+        assert own.is_exact
+        assert total.after == pytest.approx(total.before, abs=1e-13)
+    assert found.covered == 1
+    assert found.residual == 0
+
+
+def test_jumps_inside_of_elements_are_cut_exactly_on_nested_meshes():
+    """The means over the four small squares in each large one, by closed form."""
+    source = jumping(4)
+    same = onto_mesh(source, Dataset(source.mesh))
+    assert all(own.is_exact for own in same.measures)
+    found = onto_mesh(source, Dataset(grid(Shape.QUADRILATERAL, 2)), order=1)
+    (total,) = found.integrals
+    assert total.after == pytest.approx(total.before, abs=1e-13)
+    # the difference is orthogonal to 1, x, y and xy on each large square: Gauss rules on the small ones are exact
+    nodes, weights = gauss(4)
+    line = ((np.arange(4)[:, None] + (1 + nodes) / 2) / 4).reshape(-1)
+    weight = np.tile(weights / 8, 4)
+    x, y = (own.reshape(-1) for own in np.meshgrid(line, line, indexing="ij"))
+    points = np.stack([x, y, 0 * x], axis=1)
+    both = [sample(data, ["u"], points).values[:, 0] for data in (source, found.dataset)]
+    square = (x > 0.5) * 2 + (y > 0.5)
+    for function in (1 + 0 * x, x, y, x * y):
+        moments = np.bincount(square, (both[0] - both[1]) * function * np.outer(weight, weight).reshape(-1))
+        assert np.abs(moments).max() < 1e-13
+
+
+def test_borders_that_no_halving_meets_are_told_with_their_error():
+    found = onto_mesh(jumping(3), Dataset(moved(grid(Shape.QUADRILATERAL, 1), [0.7, 0.7, 1], [0.1, 0.1, 0])))
+    assert 0 < found.residual < 1e-2
+    nodes = (np.arange(400) + 0.5) / 400 * 0.7 + 0.1
+    x, y = (own.reshape(-1) for own in np.meshgrid(nodes, nodes))
+    exact = sample(jumping(3), ["u"], np.stack([x, y, 0 * x], axis=1)).values.mean() * 0.49
+    assert found.integrals[0].after == pytest.approx(exact, abs=2e-3)
+
+
+def test_curved_elements_are_located_exactly():
+    bent = curved(grid(Shape.QUADRILATERAL, 2), lambda x: x + 0.04 * np.sin(3 * x[..., [1, 0, 2]]) * [1, 1, 0], 3)
+    source = flow(grid(Shape.QUADRILATERAL, 1))
+    target = Dataset(moved(bent, [0.6, 0.6, 1], [0.1, 0.1, 0]))
+    found = onto_mesh(source, target, order=6)
+    assert all(own.is_exact for own in found.measures)
+    for name in FUNCTIONS:
+        whole = integrate(target, {"u": "x^2+y", "p": "1.5+x*y"}[name]).value
+        assert integrate(found.dataset, name).value == pytest.approx(whole, rel=1e-12)
+
+
+def test_places_outside_get_what_is_asked_for():
+    source = flow(grid(Shape.QUADRILATERAL, 2))
+    target = Dataset(moved(grid(Shape.QUADRILATERAL, 2), 1.2, [-0.1, -0.1, 0]))
+    with pytest.raises(ElvisError, match="the data don't cover the target"):
+        onto_mesh(source, target)
+    with pytest.raises(ElvisError, match="expected error, nan, nearest or a number"):
+        onto_mesh(source, target, outside="zero")
+    lost = onto_mesh(source, target, outside="nan")
+    assert lost.not_finite == (0, 1, 2, 3)
+    assert abs(lost.covered - 1 / 1.44) <= lost.residual < 0.01
+    filled = onto_mesh(source, target, outside="0", order=1)
+    assert filled.integrals[0].after == pytest.approx(filled.integrals[0].before, rel=2e-2)
+    far = onto_mesh(source, target, outside="nearest", fields=["p"], order=2)
+    assert far.integrals[0].after > 1.44 * 1.5
+
+
+@pytest.fixture
+def files(tmp_path):
+    source = write(flow(grid(Shape.QUADRILATERAL, 1)), tmp_path / "a.xml")
+    return source, write(Dataset(grid(Shape.TRIANGLE, 2)), tmp_path / "b.xml")
+
+
+def test_the_command_writes_fields_for_the_other_mesh(files, tmp_path, elvis_json, elvis):
+    source, target = files
+    out = tmp_path / "on_b.fld"
+    report = elvis_json("convert", *source, "--onto", target[0], "--order", "4", "--fields", "p", "-o", out)
+    assert report["fields"]["p"]["exact"]
+    assert report["integrals"]["p"]["after"] == pytest.approx(1.75, abs=1e-13)
+    assert report["covered"] == 1
+    found = read(*target, out)
+    assert list(found) == ["p"]
+    assert found.field("p").blocks[0].expansion.modes == (5, 5)
+    assert found.time == 0.5
+    diff = json.loads(elvis("diff", ",".join(map(str, source)), f"{target[0]},{out}", "--json"))
+    assert diff["p"]["Linf"] < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--outside", "zero"], "--outside: expected error, nan, nearest or a number, found 'zero'"),
+        (["--add", "q=2*u"], "--onto: expected no --add"),
+        (["--fields", "w"], "there is no field 'w'"),
+        (["--order", "31"], "expected an order from 1 to 30, found 31"),
+    ],
+)
+def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, options, message):
+    source, target = files
+    with pytest.raises(ElvisError) as raised:
+        elvis("convert", *source, "--onto", target[0], *options, "-o", tmp_path / "out.fld")
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert not (tmp_path / "out.fld").exists()
+
+
+def test_meshes_of_other_dimensions_are_refused():
+    with pytest.raises(ElvisError, match="expected meshes of one dimension, found 2D and 3D"):
+        onto_mesh(flow(grid(Shape.QUADRILATERAL, 1)), Dataset(grid(Shape.HEXAHEDRON, 1)))
