@@ -105,7 +105,8 @@ def test_places_outside_get_what_is_asked_for():
     assert lost.not_finite == (0, 1, 2, 3)
     assert abs(lost.covered - 1 / 1.44) <= lost.residual < 0.01
     filled = onto_mesh(source, target, outside="0", order=1)
-    assert filled.integrals[0].after == pytest.approx(filled.integrals[0].before, rel=2e-2)
+    total = filled.integrals[0]
+    assert 0 < abs(total.after - total.before) <= filled.residual * total.before
     far = onto_mesh(source, target, outside="nearest", fields=["p"], order=2)
     assert far.integrals[0].after > 1.44 * 1.5
 
