@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
+from trixi_writer import Brick, write_solution
 
 from elvis.converters.cgns import Cgns
 from elvis.converters.exodus import Exodus
@@ -20,6 +21,7 @@ from elvis.converters.mfem import Mfem
 from elvis.converters.nek import Nek
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
+from elvis.converters.trixi import Trixi
 from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.errors import FormatError
 from elvis.renderer.passes.solids.hits import triangles
@@ -288,3 +290,24 @@ def test_exodus_pieces_of_different_dimensions(tmp_path):
     plane = write_classic(tmp_path / "a.e.2.1", [ExodusBlock("plane", "QUAD4", nodes[:, :4])], places[:, :2])
     with pytest.raises(FormatError, match=r"a\.e\.2\.1: expected 3 coordinates as in the first, found 2"):
         Exodus([solid, plane])
+
+
+def test_trixi_forests_of_more_leaves_than_listed(tmp_path):
+    brick = Brick((2, 1), lambda x: x, 1, lambda _: lambda *_: False)
+    mesh = brick.write(tmp_path / "mesh.h5", "T8codeMesh")
+    with h5py.File(mesh, "r+") as file:
+        file["num_elements_per_tree"][...] = [10**10, 1]
+    path = write_solution(tmp_path / "s.h5", mesh, "T8codeMesh", brick.nodes(1), {"u": lambda x: x[..., 0]}, 1)
+    with pytest.raises(FormatError, match="expected 2 leaves of trees that all have some, found 10000000001"):
+        Trixi([path])
+
+
+def test_exodus_files_of_two_dimensions_without_end(tmp_path):
+    """SciPy makes a type of numbers of the record variables, which Python's parser refuses."""
+    path = cubes_in_blocks(tmp_path / "a.e", write_classic, [1, 1], nodal={"u": np.arange(12.0)})
+    raw = path.read_bytes()
+    count = b"num_nodes\0\0\0\0\0\0\x0c"
+    assert count in raw
+    path.write_bytes(raw.replace(count, count[:-1] + b"\0"))
+    with pytest.raises(FormatError, match=r"a\.e: expected a whole netCDF file, found"):
+        Exodus([path])

@@ -23,6 +23,9 @@ from elvis.core.shapes import Shape
 
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 
+#: what the library raises for damaged files; types of numbers pass through the parser of Python
+_FAULTS = (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError, SyntaxError)
+
 #: beginnings of the names of types
 _NAMES = {
     "TET": Shape.TETRAHEDRON,
@@ -218,7 +221,7 @@ class _Classic:
     def _guard(self) -> Iterator[None]:
         try:
             yield
-        except (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError) as error:
+        except _FAULTS as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise FormatError(f"expected a whole netCDF file, found: {reason}", file=self._path) from error
 

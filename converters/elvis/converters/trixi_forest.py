@@ -73,8 +73,9 @@ class Forest:
     def cells(self) -> Cells:
         """The leaves as elements."""
         dimension = self.names.shape[1] // 2
-        tree = np.repeat(np.arange(len(self.counts)), self.counts)
+        # the counts may be too large for an array until they are checked with the corners
         corners = morton_corners(self.levels, self.counts, dimension)
+        tree = np.repeat(np.arange(len(self.counts)), self.counts)
         places = self._places(tree, corners, dimension)
         width = 1 << (_deepest(self.levels) - self.levels)
         ends = np.stack([corners == 0, corners + width[:, None] == 1 << _deepest(self.levels)], axis=2)
