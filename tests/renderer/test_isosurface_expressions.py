@@ -1,5 +1,6 @@
 """Isosurfaces of expressions on bent elements: what they call certain, against dense samples; errors of series."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +8,13 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from elvis import Camera, Status
+from elvis.core.chebyshev_models.level_search import LevelBoxes
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.plugins.native import NativeVolume, elements
+from elvis.plugins.native.level_models import LevelModels
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, Level
@@ -90,6 +93,54 @@ def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
 
 
+@pytest.mark.sampled(free=("shape",))
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+def test_nothing_certain_of_series_in_boxes_is_refuted_by_dense_samples(iso, shape):
+    """Fields of order 5 and more are drawn by Chebyshev models, of which hits and misses are proved likewise."""
+    dataset = flow(shape, modes=6)
+    (part,) = NativeVolume.of(dataset, "q_criterion").parts
+    assert part.level_boxes is not None
+    refute(iso, dataset, "q_criterion", 1.0, (20, 16), 0.98)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_what_series_in_boxes_lack_counts(iso, monkeypatch, stated):
+    """Series that are off by a constant refute nothing where their misfit says so, and something where it does not."""
+    found = LevelModels.boxes
+
+    def shifted(models, level):
+        boxes = found(models, level - SHIFT)
+        series, misfit = boxes.series.copy(), boxes.misfit.copy()
+        series[:, 3, 0, 0, 0] += SHIFT
+        misfit[:, 0] += SHIFT * stated
+        return replace(boxes, series=series, misfit=misfit)
+
+    monkeypatch.setattr(LevelModels, "boxes", shifted)
+    with nullcontext() if stated else pytest.raises(AssertionError):
+        refute(iso, flow(Shape.HEXAHEDRON, modes=6), "q_criterion", 1.0, (20, 16), 0.1)
+
+
+def test_elements_without_a_model_are_drawn_by_discs(iso, monkeypatch):
+    dataset, view = flow(Shape.HEXAHEDRON, modes=6), View.through(CAMERA, (8, 6))
+    known = iso(dataset, view, "d(u,x)", 0.5)
+    found = LevelModels.boxes
+
+    def no_models(models, level):
+        none = np.zeros(0, np.int64)
+        boxes = found(models, level)
+        fields = {name: getattr(boxes, name)[none] for name in vars(boxes) if name != "unmodelled"}
+        return LevelBoxes(**fields, unmodelled=np.unique(boxes.element))
+
+    monkeypatch.setattr(LevelModels, "boxes", no_models)
+    by_discs = iso(dataset, view, "d(u,x)", 0.5)
+    hit = np.isfinite(known.depth)
+    assert hit.any()
+    assert (np.isfinite(by_discs.depth) == hit).all()
+    assert by_discs.depth[hit] == pytest.approx(known.depth[hit], abs=1e-9)
+
+
+#: what series are moved by in tests of their misfit
+SHIFT = 0.2
 KINKED = "sin(2 * u) + exp(v) * x * abs(w - 0.2)"
 
 

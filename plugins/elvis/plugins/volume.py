@@ -14,6 +14,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
+    from elvis.core.chebyshev_models.level_search import LevelBoxes
     from elvis.plugins.faces import Faces
 
 
@@ -47,6 +48,7 @@ class Enclosure:
     distances   whether there are distances among the leaves
     continuous  whether it has neither jumps nor poles; isosurfaces are proved of those that have none
     slopes      whether it is made of derivatives of fields, too
+    boxes       optional: boxes with series that stand for it near one level, in which ``degree`` is that of the series
     """
 
     type: str
@@ -59,6 +61,7 @@ class Enclosure:
     distances: bool = False
     continuous: bool = True
     slopes: bool = True
+    boxes: LevelBoxes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,8 @@ class Quantity:
              the same map and numbers, bounds and rounding
     slopes   optional, where degree is 0: bounds of its derivatives
     base_degree as Part.base_degree
+    level_boxes optional, with an enclosure: for a value, boxes of elements that may have it, with series that stand for
+             map and quantity
     """
 
     type: str
@@ -124,6 +129,7 @@ class Quantity:
     condition: Quantity | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
+    level_boxes: Callable[[float], LevelBoxes] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +158,8 @@ class Part:
                  coordinates; their hull points are these corners
     shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy
                  (`host_evaluation`)
-    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding``, ``enclosure`` and
-                 ``slopes``
+    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding``, ``enclosure``,
+                 ``slopes`` and ``level_boxes``
     base_degree  optional, where they are collapsed: the same as ``degree`` in the first two coordinates alone
     unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
     """
@@ -180,6 +186,7 @@ class Part:
     enclosure: Enclosure | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
+    level_boxes: Callable[[float], LevelBoxes] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.boxes import Boxes
-from elvis.plugins.volume import Part, Quantity, Volume
+from elvis.plugins.volume import Enclosure, Part, Quantity, Volume
 from elvis.renderer.device import Device
+from elvis.renderer.leaf_types import enclosure_of
 from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import BORDER
 from elvis.scene.fitting import surrounding
 
+if TYPE_CHECKING:
+    from elvis.core.chebyshev_models.level_search import LevelBoxes
+
 T = TypeVar("T")
+#: bytes of the series in boxes that stay from one picture to the next
+_MOST_OF_BOXES = 1 << 30
 #: unit roundings by which a coordinate may be off
 _ROUNDINGS = 8
 
@@ -38,6 +45,7 @@ class DeviceVolume:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
+        self._in_boxes: OrderedDict[tuple[int, str], LevelBoxes] = OrderedDict()
         self._brought = {} if before is None or before.device is not device else before._shared_with(self.parts)
         self.bytes = sum(data.nbytes for data, _ in self._brought.values())
         is_same = before is not None and before.device is device and _has_same_elements(before.parts, self.parts)
@@ -116,6 +124,36 @@ class DeviceVolume:
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
 
+    def in_boxes(self, number: int, quantity: str | None, value: float) -> tuple[str, LevelBoxes] | None:
+        """A quantity in boxes of elements that may have a value, by series, and these; None where none are known."""
+        own = self.quantity(number, quantity)
+        if own.degree or own.level_boxes is None or enclosure_of(own) is None:
+            return None
+        key = number, f"{quantity} in boxes at {value!r}"
+        if key not in self._in_boxes:
+            self._in_boxes[key] = boxes = own.level_boxes(value)
+            assert own.enclosure is not None
+            degree = boxes.series.shape[-1] - 1
+            enclosure = replace(
+                own.enclosure, type=f"Itself<{own.type}>", fields=1, degree=degree, base_degree=0, boxes=boxes
+            )
+            self._add_quantity(number, key[1], _as_quantity(own, enclosure))
+            self._drop_old_boxes()
+        self._in_boxes.move_to_end(key)
+        return key[1], self._in_boxes[key]
+
+    def _add_quantity(self, number: int, name: str, own: Quantity) -> None:
+        part = self.parts[number]
+        self.parts[number] = replace(part, quantities={**part.quantities, name: own})
+
+    def _drop_old_boxes(self) -> None:
+        """Give back the boxes that were not drawn for longest while all take more than they may; the last ones stay."""
+        while len(self._in_boxes) > 1 and sum(own.series.nbytes for own in self._in_boxes.values()) > _MOST_OF_BOXES:
+            (number, name), _ = self._in_boxes.popitem(last=False)
+            part = self.parts[number]
+            others = {key: own for key, own in part.quantities.items() if key != name}
+            self.parts[number] = replace(part, quantities=others)
+
     def condition(self, number: int, quantity: str | None) -> str | None:
         """The quantity that is positive where the level of one isn't to be shown; None: it is shown everywhere."""
         name = None if quantity is None else _condition_of(quantity)
@@ -159,6 +197,13 @@ class DeviceVolume:
 def _has_same_elements(some: Sequence[Part], others: Sequence[Part]) -> bool:
     """Whether parts have the very same boxes, which plugins share where all that follows from maps is the same."""
     return len(some) == len(others) and all(a.boxes is b.boxes for a, b in zip(some, others, strict=True))
+
+
+def _as_quantity(own: Part | Quantity, enclosure: Enclosure) -> Quantity:
+    """A part's own field or one of its quantities, made of something else."""
+    if isinstance(own, Quantity):
+        return replace(own, enclosure=enclosure)
+    return Quantity(own.type, own.source, {}, bounds=own.bounds, rounding=own.rounding, enclosure=enclosure)
 
 
 def _condition_of(quantity: str) -> str:

@@ -56,4 +56,5 @@ def _leaf_constants(enclosure: Enclosure) -> str:
         f"export static const int leaf_base_degree = {enclosure.base_degree or enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
         f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
+        f"export static const bool in_boxes = {str(enclosure.boxes is not None).lower()};"
     )

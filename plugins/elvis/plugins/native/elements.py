@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.chebyshev_models.level_search import LevelBoxes
 from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
@@ -27,6 +28,7 @@ from elvis.core.threads import Once
 from elvis.plugins.distances import buffers_of
 from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
 from elvis.plugins.native.device_spaces import degrees_of, even_space, field_space, type_arguments
+from elvis.plugins.native.level_models import LevelModels
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
 from elvis.plugins.native.polynomials import Leaves, Net, expanded
 from elvis.plugins.native.rounding import expression_rounding, field_rounding, operations, polynomial_rounding
@@ -109,6 +111,7 @@ class Elements:
             rounding=own.rounding,
             enclosure=own.enclosure,
             slopes=own.slopes,
+            level_boxes=own.level_boxes,
         )
 
     def stack(self, names: tuple[str, ...]) -> Part:
@@ -169,7 +172,18 @@ class Elements:
         level = None if known or plain else partial(self._level, expression)
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         steepness = None if known else self._slope_bounds(expression)
-        return Quantity(type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness)
+        boxes = None if enclosure is None else self._boxes(expression, space, certify)
+        return Quantity(
+            type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness, level_boxes=boxes
+        )
+
+    def _boxes(
+        self, expression: Expression, space: BernsteinSpace, ends: Callable[[], tuple[Floats, Floats]]
+    ) -> Callable[[float], LevelBoxes] | None:
+        """As Quantity.boxes, of an expression whose fields lie in a space."""
+        errors = partial(self._leaf_errors, expression.fields)
+        models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors)
+        return models.boxes if models.is_known else None
 
     def _type(self, space: BernsteinSpace) -> tuple[str, str]:
         """The Slang type of elements with this map and fields in a space, and what is to be imported for it."""
@@ -195,6 +209,7 @@ class Elements:
         shape, names = self.geometry.shape, tuple(formula.fields)
         if shape.dimension < 3 or not formula.is_bounded:
             return None
+        kinds = formula.kinds
         return Enclosure(
             f"LeavesOf<{type}, Given>",
             len(names),
@@ -202,7 +217,9 @@ class Elements:
             map_degree=max(self.geometry.degrees),
             is_total=shape is Shape.TETRAHEDRON,
             errors=cache(partial(self._leaf_errors, names)),
-            **formula.kinds,
+            distances=kinds["distances"],
+            continuous=kinds["continuous"],
+            slopes=kinds["slopes"],
         )
 
     def _slope_bounds(self, expression: Expression) -> SlopeBounds | None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.chebyshev_models.level_search import LevelBoxes
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
@@ -59,6 +60,7 @@ class Level:
     number    of the part
     quantity  one of the part's quantities; None is its own field
     buffers   what the stages read and write
+    elements  some of the part's elements; None for all
     """
 
     view: View
@@ -66,6 +68,7 @@ class Level:
     quantity: str | None
     value: float
     buffers: dict[str, Buffer]
+    elements: Ints | None = None
 
 
 class IsosurfaceDrawer:
@@ -104,13 +107,14 @@ class IsosurfaceDrawer:
             stands_in |= own != quantity
             unproved = unproved | self._unproved(view, number, own, level)
             straight = self.traversal.is_straight(number, own)
-            draw = self._kernel("iso_line" if straight else "iso_draw", number, own)
             buffers = {**self.loaded.bindings(number, own), **image, "beyond": before}
             asked = Level(view, number, own, level, buffers)
             if straight:
-                self._draw_straight(draw, asked)
-            else:
-                self._draw_sub_elements(draw, asked)
+                self._draw_straight(self._kernel("iso_line", number, own), asked)
+                continue
+            self.counts["flat"] += int(self.traversal.flat(number, own, level).sum())
+            for some in self._ways(asked):
+                self._draw_sub_elements(self._kernel("iso_draw", number, some.quantity), some)
         hits = _finish(HitBuffer.on_device(self.device, held), value)
         hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
         assert hits.doubt is not None
@@ -160,9 +164,29 @@ class IsosurfaceDrawer:
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
-    def _whole(self, split: Kernel, number: int, quantity: str | None, value: float) -> NDArray[Any]:
-        """The elements of a part that may have the value, as sub-elements."""
+    def _ways(self, level: Level) -> list[Level]:
+        """The level of a quantity by series in boxes of elements, and of the elements without series as it is."""
+        found = self.loaded.in_boxes(level.number, level.quantity, level.value)
+        if found is None:
+            return [level]
+        quantity, boxes = found
+        buffers = {**self.loaded.bindings(level.number, quantity), **level.buffers}
+        in_boxes = replace(level, quantity=quantity, buffers=buffers)
+        return [in_boxes, replace(level, elements=boxes.unmodelled)] if len(boxes.unmodelled) else [in_boxes]
+
+    def _whole(self, split: Kernel, level: Level) -> NDArray[Any]:
+        """The elements of a part that may have the value, or boxes of them, as sub-elements."""
+        number, quantity, value = level.number, level.quantity, level.value
+        enclosure = self._enclosure(number, quantity)
+        if enclosure is not None and enclosure.boxes is not None:
+            boxes = enclosure.boxes
+            sub_elements = np.zeros(len(boxes), split.dtype("sub_elements"))
+            sub_elements["element"], sub_elements["centre"] = boxes.element, boxes.centre
+            sub_elements["half"], sub_elements["error"] = boxes.half[:, None], boxes.error
+            return sub_elements
         elements = np.flatnonzero(self.traversal.holding(number, quantity, value))
+        if level.elements is not None:
+            elements = np.intersect1d(elements, level.elements)
         sub_elements = np.zeros(len(elements), split.dtype("sub_elements"))
         sub_elements["element"], sub_elements["half"] = elements, 1.0
         sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]
@@ -224,7 +248,6 @@ class IsosurfaceDrawer:
 
     def _draw_sub_elements(self, draw: Kernel, level: Level) -> None:
         """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
-        self.counts["flat"] += int(self.traversal.flat(level.number, level.quantity, level.value).sum())
         certified = self._is_certified(level.number, level.quantity)
         for portion, elements in self.portions(level):
             level_view = partial(self._level_view, draw, portion, certified=certified)
@@ -247,7 +270,7 @@ class IsosurfaceDrawer:
         """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
         number, quantity = level.number, level.quantity
         kernel = self._kernel("iso_split", number, quantity)
-        elements = self._whole(kernel, number, quantity, level.value)
+        elements = self._whole(kernel, level)
         enclosure = self._enclosure(number, quantity)
         grid = self.device.empty(np.float64, _OF_POINTS if self._uses_grid(level) else 1)
         level = replace(level, buffers={**level.buffers, "grid": grid})
@@ -256,6 +279,9 @@ class IsosurfaceDrawer:
             return
         leaves = 3 + enclosure.fields
         size = leaves * (enclosure.degree + 1) ** 3
+        if enclosure.boxes is not None:
+            yield from self._boxes_at_once(level, enclosure.boxes, elements)
+            return
         kernel = self._kernel("iso_leaves", number, quantity)
         for some in np.array_split(elements, -(-len(elements) * size // _OF_LEAVES)) if len(elements) else []:
             some["slot"] = np.arange(len(some))
@@ -270,6 +296,21 @@ class IsosurfaceDrawer:
             portion = replace(level, buffers={**level.buffers, **lists})
             kernel(len(some), {**self._constants(number, quantity), **portion.buffers, **own})
             yield portion, some
+
+    def _boxes_at_once(
+        self, level: Level, boxes: LevelBoxes, sub_elements: NDArray[Any]
+    ) -> Iterator[tuple[Level, NDArray[Any]]]:
+        """Boxes that are drawn together, with their series."""
+        records = np.column_stack([boxes.centre, boxes.half, boxes.misfit, boxes.error, boxes.places])
+        numbers = boxes.series[:1].size
+        for rows in np.array_split(np.arange(len(boxes)), -(-len(boxes) * numbers // _OF_LEAVES)) if len(boxes) else []:
+            some = sub_elements[rows]
+            some["slot"] = np.arange(len(rows))
+            lists = {
+                "leaf_series": self.device.buffer(boxes.series[rows]),
+                "box_models": self.device.buffer(records[rows]),
+            }
+            yield replace(level, buffers={**level.buffers, **lists}), some
 
     def _nodes_of_line(self, level: Level) -> int:
         """Nodes of a line of the longest series of a quantity, or of what it is made of."""
@@ -345,7 +386,7 @@ class IsosurfaceDrawer:
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
             "leaf_chebyshev": leaf_series,
-            **dict.fromkeys(("leaf_series", "grid_errors"), np.zeros(1)),
+            **dict.fromkeys(("leaf_series", "grid_errors", "box_models"), np.zeros(1)),
         }
 
     def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:

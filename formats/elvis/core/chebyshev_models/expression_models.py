@@ -1,0 +1,165 @@
+"""Chebyshev models of expressions: of sums, products, quotients and whole powers of fields and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.chebyshev_models.model import Model, constant
+from elvis.core.chebyshev_models.series import (
+    ORDERS,
+    along_axes,
+    shells_of,
+    slopes_of,
+    steepness,
+    sum_rounding,
+    values_at,
+)
+from elvis.core.quantities.tree import LEAVES, Node, fold, leaves, ordered, whole_exponent
+
+#: operations that models have
+_OPERATIONS = ("+", "-", "*", "/", "^")
+#: the highest power that is taken by products
+_HIGHEST_POWER = 8
+
+
+def has_models(root: Node) -> bool:
+    """Whether an expression is made of what models are known for."""
+    operations = [node for node in ordered(root) if node.op not in LEAVES]
+    if any(node.op not in _OPERATIONS for node in operations):
+        return False
+    exponents = [whole_exponent(node) for node in operations if node.op == "^"]
+    if any(exponent is None or not 1 <= abs(exponent) <= _HIGHEST_POWER for exponent in exponents):
+        return False
+    return all(leaf.op == "coordinate" or (leaf.op == "field" and len(leaf.axes) <= 1) for leaf in leaves(root))
+
+
+@dataclass(frozen=True, eq=False)
+class Leaves:
+    """The map and the fields on n boxes, from which models of expressions are made.
+
+    names   of the fields
+    series  (n, 3 + fields, degree + 1 three times) Chebyshev coefficients: x, y, z and the fields
+    errors  (n, 3 + fields) how far values that are computed in an element may be from the true ones
+    off     (n, 3 + fields) how far the series may be from the leaves
+    scale   derivatives along a box's x over those along the coordinates of its element
+    count   nodes of a line
+    """
+
+    names: tuple[str, ...]
+    series: Floats
+    errors: Floats
+    off: Floats
+    scale: float
+    count: int
+    _known: dict[object, Model] = field(default_factory=dict)
+
+    def value(self, leaf: int) -> Model:
+        """A leaf, which is exact on the lattice but for rounding."""
+        return self._evaluated(leaf, (0, 0, 0))
+
+    def slope(self, leaf: int, direction: int) -> Model:
+        """The derivative of a leaf along a coordinate of the element."""
+        key = leaf, direction
+        if key not in self._known:
+            orders = tuple(int(axis == direction) for axis in range(3))
+            self._known[key] = self._evaluated(leaf, orders)
+        return self._known[key]
+
+    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> Model:
+        own = self.series[:, leaf]
+        size = own.shape[-1]
+        error, order = self.errors[:, leaf], int(any(orders))
+        if order:
+            # derivatives of Bernstein polynomials are differences of coefficients, times their degree
+            own = self.scale * slopes_of(own, orders.index(1))
+            error = 2.0 * (size - 1) * error
+
+        # the difference to the true leaf is a polynomial of the same degree, as are its derivatives
+        total = np.abs(self.series[:, leaf]).reshape(len(own), -1).sum(axis=1)
+        off = self.off[:, leaf] + sum_rounding(size) * total
+        remainder = np.stack([off * steepness(size, k + order) * self.scale**order for k in range(ORDERS)])
+        shells = np.pad(shells_of(own), ((0, 0), (0, self.count - size)))
+        values = along_axes(own, *3 * [values_at(self.count, size)])
+        return Model(values, remainder, error, shells)
+
+    def cofactor(self, direction: int, axis: int) -> Model:
+        """An entry of the matrix of cofactors of the map: the gradient of a coordinate times the determinant."""
+        key = "cofactor", direction, axis
+        if key not in self._known:
+            second, third = (direction + 1) % 3, (direction + 2) % 3
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            positive = self.slope(a, second) * self.slope(b, third)
+            negative = self.slope(b, second) * self.slope(a, third)
+            self._known[key] = positive - negative
+        return self._known[key]
+
+    def inverse_determinant(self) -> Model:
+        """One over the determinant of the map."""
+        if "inverse" not in self._known:
+            terms = [self.slope(0, direction) * self.cofactor(direction, 0) for direction in range(3)]
+            self._known["inverse"] = (terms[0] + terms[1] + terms[2]).reciprocal()
+        return self._known["inverse"]
+
+    def derivative(self, name: str, axis: int) -> Model:
+        """The derivative of a field along x, y or z."""
+        leaf = 3 + self.names.index(name)
+        terms = [self.slope(leaf, direction) * self.cofactor(direction, axis) for direction in range(3)]
+        return (terms[0] + terms[1] + terms[2]) * self.inverse_determinant()
+
+
+def model_of(root: Node, leaves_of_boxes: Leaves) -> Model:
+    """The model of an expression on boxes."""
+    like = leaves_of_boxes.value(0)
+
+    def leaf(node: Node) -> Model | float:
+        if node.op == "number":
+            return node.value
+        if node.op == "coordinate":
+            return leaves_of_boxes.value(node.axes[0])
+        if node.axes:
+            return leaves_of_boxes.derivative(node.name, node.axes[0])
+        return leaves_of_boxes.value(3 + leaves_of_boxes.names.index(node.name))
+
+    def inner(node: Node, operands: list[Model | float]) -> Model | float:
+        exponent = whole_exponent(node)
+        if exponent is not None and isinstance(operands[0], Model):
+            power = operands[0].power(abs(exponent))
+            return power if exponent > 0 else power.reciprocal()
+        return _RULES[node.op](*operands)
+
+    found = fold(root, leaf, inner)
+    return found if isinstance(found, Model) else constant(like, found)
+
+
+def _sum(a: Model | float, b: Model | float) -> Model | float:
+    if isinstance(a, Model):
+        return a + b if isinstance(b, Model) else a.plus(b)
+    return b.plus(a) if isinstance(b, Model) else a + b
+
+
+def _difference(a: Model | float, b: Model | float) -> Model | float:
+    return _sum(a, b.times(-1.0) if isinstance(b, Model) else -b)
+
+
+def _product(a: Model | float, b: Model | float) -> Model | float:
+    if isinstance(a, Model):
+        return a * b if isinstance(b, Model) else a.times(b)
+    return b.times(a) if isinstance(b, Model) else a * b
+
+
+def _quotient(a: Model | float, b: Model | float) -> Model | float:
+    if isinstance(b, Model):
+        return _product(a, b.reciprocal())
+    return a.times(1.0 / b) if isinstance(a, Model) else a / b
+
+
+_RULES: Mapping[str, Callable[[Model | float, Model | float], Model | float]] = {
+    "+": _sum,
+    "-": _difference,
+    "*": _product,
+    "/": _quotient,
+}

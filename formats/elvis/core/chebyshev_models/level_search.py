@@ -1,0 +1,361 @@
+"""Boxes of elements that may hold a level of a quantity, each with series of low degree for the map and the quantity.
+
+1. The boxes of all elements are halved in each direction until the remainder of the quantity's model is small.
+2. Boxes whose model is nowhere near the level are dropped.
+3. The others are halved until the terms of the model beyond a low degree are small, too, and dropped likewise.
+
+Restricting a series to an eighth of its box is exact but for rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.chebyshev_models.expression_models import Leaves, model_of
+from elvis.core.chebyshev_models.series import (
+    ORDERS,
+    ROOM,
+    along_axes,
+    amplification,
+    shells_of,
+    sizes_of,
+    steepness,
+    sum_rounding,
+    to_half,
+)
+from elvis.core.quantities.tree import Node
+
+#: halvings of elements' boxes and nodes of a line of models that are tried first, those of least cost before others
+_PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (3, 12))
+#: elements on which a plan is tried, and the part of them for which it must do
+_TRIED, _MOST_OF_THEM = 8, 0.75
+#: halvings of an element's box before its models are given up
+_MOST_HALVINGS = 5
+#: halvings of a model's box before its series are taken as they are
+_MOST_LOCAL_HALVINGS = 4
+#: what models lack, in parts of their range
+_MODEL_PART = 2e-4
+#: the same with the terms that local series leave out
+_LOCAL_PART = 3e-4
+#: pixels of a box of a picture, in one of which the quantity changes by more than what its series lacks
+_PIXELS = 16.0
+#: boxes whose models are made together: what is made on the way stays in the processor's cache
+_AT_ONCE = 64
+#: the eight eighths of a box
+_EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes of elements, in the coordinates of the cubes that hold them, with series in x = s / ROOM.
+
+    element  (n,) rows of elements
+    centre   (n, 3) and half (n,) half sides
+    leaves   (n, 3 + fields, degree + 1 three times) series of the map and of fields
+    off      (n, 3 + fields) how far these may be from the true ones
+    """
+
+    element: Ints
+    centre: Floats
+    half: Floats
+    leaves: Floats
+    off: Floats
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+    def part(self, rows: Ints | Bools) -> Boxes:
+        """Some of the boxes."""
+        return Boxes(self.element[rows], self.centre[rows], self.half[rows], self.leaves[rows], self.off[rows])
+
+    def eighths(self, inside: Inside) -> Boxes:
+        """Eighths of all boxes that may lie in their elements."""
+        parts = [self.eighth(sides) for sides in _EIGHTHS]
+        found = joined(parts)
+        return found.part(inside.holds(found.centre, found.half))
+
+    def of_map(self) -> Boxes:
+        """The same boxes with the map alone."""
+        return Boxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
+
+    def moved(self, axis: int, side: int) -> Boxes:
+        """The halves along an axis on one side, of whose sizes nothing is said yet."""
+        centre = self.centre.copy()
+        centre[:, axis] += 0.5 * side * self.half
+        totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
+        off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
+        return Boxes(self.element, centre, self.half, half_along(self.leaves, axis, side), off)
+
+    def eighth(self, sides: tuple[int, int, int]) -> Boxes:
+        """The eighth of each box on these sides."""
+        half = 0.5 * self.half
+        centre = self.centre + half[:, None] * np.array(sides)
+        totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
+        off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
+        return Boxes(self.element, centre, half, restricted(self.leaves, sides), off)
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """Which boxes of a cube may lie in the shape of its elements: the half spaces (k, 4) whose meet it is."""
+
+    facets: Floats
+
+    def holds(self, centre: Floats, half: Floats) -> Bools:
+        """(n,) whether boxes may meet the shape."""
+        normal, offset = self.facets[:, :3], self.facets[:, 3]
+        farthest = centre @ normal.T + half[:, None] * np.abs(normal).sum(axis=1) + offset
+        return np.asarray((farthest >= -1e-9).all(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class LevelBoxes:
+    """Boxes that may hold a level, with series of one degree for x, y, z and the quantity.
+
+    element    (n,) rows of elements
+    centre     (n, 3), half (n,) in the coordinates of the elements' cubes
+    series     (n, 4, degree + 1 three times) Chebyshev coefficients in x = s / ROOM
+    misfit     (n, ORDERS) bounds, where |s| <= REACH, of what the series of the quantity lacks, and of its derivatives
+               in s
+    error      (n,) how far computed values of the quantity may be from the true ones
+    places     (n,) the same of places in the world
+    unmodelled (m,) rows of elements of which no model is known
+    """
+
+    element: Ints
+    centre: Floats
+    half: Floats
+    series: Floats
+    misfit: Floats
+    error: Floats
+    places: Floats
+    unmodelled: Ints
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+
+def in_batches(boxes: Boxes, count: int) -> Iterator[Boxes]:
+    """Boxes, so many at a time at most."""
+    for first in range(0, len(boxes), count):
+        yield boxes.part(np.arange(first, min(first + count, len(boxes))))
+
+
+def joined(parts: list[Boxes]) -> Boxes:
+    """The boxes of several."""
+    return Boxes(
+        np.concatenate([part.element for part in parts]),
+        np.concatenate([part.centre for part in parts]),
+        np.concatenate([part.half for part in parts]),
+        np.concatenate([part.leaves for part in parts]),
+        np.concatenate([part.off for part in parts]),
+    )
+
+
+def half_along(series: Floats, axis: int, side: int) -> Floats:
+    """Series (..., n, n, n) on the half of their boxes on one side along an axis."""
+    matrix = to_half(series.shape[-1], side)
+    if axis == 0:
+        return np.asarray(np.matmul(series, matrix.T))
+    if axis == 1:
+        return np.asarray(np.matmul(matrix, series))
+    flat = np.matmul(matrix, series.reshape(*series.shape[:-2], -1))
+    return np.asarray(flat.reshape(series.shape))
+
+
+def restricted(series: Floats, sides: tuple[int, int, int]) -> Floats:
+    """Series (..., n, n, n) on one eighth of their boxes."""
+    count = series.shape[-1]
+    return along_axes(series, *(to_half(count, side) for side in sides))
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSearch:
+    """What is searched for a level of a quantity.
+
+    root    the expression
+    names   of the fields of the leaves
+    errors  (elements, 3 + fields) how far computed values of leaves may be from the true ones
+    inside  the shape
+    degree  of local series, that of the map at least
+    """
+
+    root: Node
+    names: tuple[str, ...]
+    errors: Floats
+    inside: Inside
+    degree: int
+
+    def find(self, elements: Boxes, level: float) -> LevelBoxes:
+        """The boxes of elements that may hold a level."""
+        found: list[LevelBoxes] = [self._none()]
+        halvings, count = self._plan(elements)
+        for boxes in in_batches(elements, _AT_ONCE):
+            for _ in range(halvings):
+                boxes = boxes.eighths(self.inside)
+            found.extend(self._search(boxes, level, count, _MOST_HALVINGS - halvings))
+        return _together(found)
+
+    def _plan(self, elements: Boxes) -> tuple[int, int]:
+        """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
+        tried = elements.part(np.unique(np.linspace(0, len(elements) - 1, _TRIED).astype(np.int64)))
+        sides = np.random.default_rng(1).choice((-1, 1), size=(_MOST_HALVINGS, 3))
+        for halvings, count in _PLANS:
+            boxes = tried
+            for own in sides[:halvings]:
+                boxes = boxes.eighth(tuple(own))
+            if self._models(boxes, count).is_good.mean() >= _MOST_OF_THEM:
+                return halvings, count
+        return _PLANS[-1]
+
+    def _search(self, boxes: Boxes, level: float, count: int, halvings: int) -> Iterator[LevelBoxes]:
+        """The boxes that may hold the level among some of one size and their parts."""
+        for some in in_batches(boxes, _AT_ONCE):
+            models = self._models(some, count)
+            yield from self._local(models.part(models.is_good), level, 0)
+            rest = some.part(~models.is_good & models.may_hold(level))
+            if halvings and len(rest):
+                yield from self._search(rest.eighths(self.inside), level, count, halvings - 1)
+            elif len(rest):
+                yield self._none(np.unique(rest.element))
+
+    def _models(self, boxes: Boxes, count: int) -> _Modelled:
+        """The models of the quantity on boxes of one size."""
+        scale = 1.0 / (ROOM * boxes.half[0])
+        leaves = Leaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
+        model = model_of(self.root, leaves)
+        # values at the nodes are rounded, so that the series is off by a polynomial of its degree
+        steep = np.array([steepness(count, order) for order in range(ORDERS)])
+        rounding = amplification(count) * np.outer(steep, model.error)
+        return _Modelled(boxes.of_map(), model.coefficients, model.remainder + rounding, model.error)
+
+    def _local(self, models: _Modelled, level: float, halvings: int) -> Iterator[LevelBoxes]:
+        """Series of low degree on the parts of models that may hold the level."""
+        models = models.part(models.may_hold(level))
+        if not len(models.boxes):
+            return
+        misfit = models.misfit(self.degree)
+        small = np.maximum(_PIXELS * misfit[0], misfit[1]) <= _LOCAL_PART * models.range
+        done = small if halvings < _MOST_LOCAL_HALVINGS else np.ones(len(small), bool)
+        if done.any():
+            yield models.part(done).as_level_boxes(self.degree, misfit[:, done])
+        rest = models.part(~done)
+        if len(rest.boxes):
+            yield from self._local(rest.eighths(self.inside, level), level, halvings + 1)
+
+    def _none(self, unmodelled: Ints | None = None) -> LevelBoxes:
+        """No boxes, and elements without models."""
+        size = self.degree + 1
+        return LevelBoxes(
+            np.zeros(0, np.int64),
+            np.zeros((0, 3)),
+            np.zeros(0),
+            np.zeros((0, 4, size, size, size)),
+            np.zeros((0, ORDERS)),
+            np.zeros(0),
+            np.zeros(0),
+            np.zeros(0, np.int64) if unmodelled is None else unmodelled,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Modelled:
+    """Boxes with the series of a quantity.
+
+    coefficients  (n, count, count, count) of the quantity's series
+    remainder     (ORDERS, n) bounds of what it lacks, and of the derivatives in x of that
+    error         (n,) how far computed values of the quantity may be from the true ones
+    """
+
+    boxes: Boxes
+    coefficients: Floats
+    remainder: Floats
+    error: Floats
+
+    def part(self, rows: Ints | Bools) -> _Modelled:
+        """Some of the boxes."""
+        return _Modelled(self.boxes.part(rows), self.coefficients[rows], self.remainder[:, rows], self.error[rows])
+
+    @property
+    def range(self) -> Floats:
+        """(n,) how far the series goes from its mean."""
+        flat = np.abs(self.coefficients).reshape(len(self.coefficients), self.coefficients.shape[-1] ** 3)
+        return np.asarray(flat[:, 1:].sum(axis=1))
+
+    @property
+    def is_good(self) -> Bools:
+        """(n,) whether what the series lacks is small beside what it tells, or is rounding."""
+        lacking = np.maximum(_PIXELS * self.remainder[0], self.remainder[1])
+        count = self.coefficients.shape[-1]
+        rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
+        return np.asarray(lacking <= np.maximum(_MODEL_PART * self.range, 2.0 * rounding))
+
+    def may_hold(self, level: float) -> Bools:
+        """(n,) whether the quantity may have the level in a box."""
+        mean = self.coefficients[:, 0, 0, 0]
+        return np.asarray(~(np.abs(mean - level) > self.range + self.remainder[0] + self.error))
+
+    def misfit(self, degree: int) -> Floats:
+        """(ORDERS, n) the remainders with the terms beyond a degree."""
+        shells = shells_of(self.coefficients)
+        shells[:, : degree + 1] = 0.0
+        return np.asarray(self.remainder + sizes_of(shells))
+
+    def eighths(self, inside: Inside, level: float) -> _Modelled:
+        """Eighths of all boxes that may hold a level and lie in their elements; derivatives are half as great."""
+        found = self
+        for axis in range(3):
+            found = found._halves(axis, level)
+        boxes = replace(found.boxes, half=0.5 * found.boxes.half)
+        remainder = found.remainder * (0.5 ** np.arange(ORDERS))[:, None]
+        found = _Modelled(boxes, found.coefficients, remainder, found.error)
+        return found.part(inside.holds(boxes.centre, boxes.half))
+
+    def _halves(self, axis: int, level: float) -> _Modelled:
+        """Halves along an axis that may hold a level; of their sizes nothing is said yet."""
+        total = self.range + np.abs(self.coefficients[:, 0, 0, 0])
+        error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
+        parts = []
+        for side in (-1, 1):
+            half = _Modelled(self.boxes, half_along(self.coefficients, axis, side), self.remainder, error)
+            half = half.part(half.may_hold(level))
+            parts.append(replace(half, boxes=half.boxes.moved(axis, side)))
+        return _Modelled(
+            joined([part.boxes for part in parts]),
+            np.concatenate([part.coefficients for part in parts]),
+            np.concatenate([part.remainder for part in parts], axis=1),
+            np.concatenate([part.error for part in parts]),
+        )
+
+    def as_level_boxes(self, degree: int, misfit: Floats) -> LevelBoxes:
+        """The boxes with series of a degree, and what those lack (ORDERS, n), in x."""
+        size = degree + 1
+        series = np.zeros((len(self.boxes), 4, size, size, size))
+        own = self.boxes.leaves.shape[-1]
+        series[:, :3, :own, :own, :own] = self.boxes.leaves[:, :3]
+        count = min(size, self.coefficients.shape[-1])
+        series[:, 3, :count, :count, :count] = self.coefficients[:, :count, :count, :count]
+        in_box = misfit.T / ROOM ** np.arange(ORDERS)
+        boxes = self.boxes
+        places = boxes.off.sum(axis=1)
+        return LevelBoxes(
+            boxes.element, boxes.centre, boxes.half, series, in_box, self.error, places, np.zeros(0, np.int64)
+        )
+
+
+def _together(found: list[LevelBoxes]) -> LevelBoxes:
+    """The boxes of several searches."""
+    return LevelBoxes(
+        np.concatenate([part.element for part in found]),
+        np.concatenate([part.centre for part in found]),
+        np.concatenate([part.half for part in found]),
+        np.concatenate([part.series for part in found]),
+        np.concatenate([part.misfit for part in found]),
+        np.concatenate([part.error for part in found]),
+        np.concatenate([part.places for part in found]),
+        np.unique(np.concatenate([part.unmodelled for part in found])),
+    )

@@ -1,0 +1,137 @@
+"""Arithmetic of Chebyshev models.
+
+A model of a quantity f over a box is its values at a lattice of Chebyshev nodes, which are those of a polynomial P, and
+bounds of the remainder f - P and of its derivatives.  Sums, products and reciprocals of models are models:
+
+    product     P_f P_g has terms that the lattice takes for others.  The coefficients of degrees i and j make terms of
+                degree i + j at most, so that those beyond the lattice sum to what the shells of both say; each counts
+                twice, once where it is missing and once where it is taken for another.
+    reciprocal  p interpolates 1 / P_g, so 1 - P_g p vanishes at the nodes and is bounded like what a product lacks.
+                e = 1/g - p satisfies g e = 1 - g p, which bounds e and, differentiated, its derivatives.
+
+Brisebarre and Joldes 2010, Chebyshev interpolation polynomial-based tools for rigorous computing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.chebyshev_models.series import ORDERS, coefficients_of, growth, shells_of, sizes_of
+from elvis.core.polynomials.rounding import UNIT
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Polynomials that stand for a quantity on n boxes.
+
+    values     (n, count, count, count) at the nodes, those along x last
+    remainder  (ORDERS, n) bounds of what the quantity differs by, and of the derivatives in x of that
+    error      (n,) how far values that are computed from those of leaves may be from the true ones
+    known      shells, where they are known already
+    """
+
+    values: Floats
+    remainder: Floats
+    error: Floats
+    known: Floats | None = None
+
+    @cached_property
+    def coefficients(self) -> Floats:
+        """(n, count, count, count) Chebyshev coefficients."""
+        return coefficients_of(self.values)
+
+    @cached_property
+    def shells(self) -> Floats:
+        """(n, count) sums of magnitudes of coefficients, by their highest degree."""
+        return shells_of(self.coefficients) if self.known is None else self.known
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(ORDERS, n) bounds of the polynomials and of their derivatives."""
+        return sizes_of(self.shells)
+
+    @property
+    def size(self) -> Floats:
+        """(n,) bounds of the quantity."""
+        return np.asarray(self.sizes[0] + self.remainder[0] + self.error)
+
+    def __add__(self, other: Model) -> Model:
+        """The sum."""
+        return _rounded(self.values + other.values, self.remainder + other.remainder, self.error + other.error)
+
+    def __sub__(self, other: Model) -> Model:
+        """The difference."""
+        return self + other.times(-1.0)
+
+    def times(self, factor: float) -> Model:
+        """The quantity times an exact number."""
+        return _rounded(factor * self.values, abs(factor) * self.remainder, abs(factor) * self.error)
+
+    def plus(self, number: float) -> Model:
+        """The quantity and an exact number."""
+        return _rounded(self.values + number, self.remainder, self.error)
+
+    def __mul__(self, other: Model) -> Model:
+        """The product."""
+        lost = leibniz(self.sizes, other.remainder) + leibniz(self.remainder, other.sizes)
+        lost += leibniz(self.remainder, other.remainder) + _aliased(self.shells, other.shells)
+        error = self.size * other.error + self.error * other.size
+        return _rounded(self.values * other.values, lost, error)
+
+    def reciprocal(self) -> Model:
+        """One over the quantity; remainders are infinite where it may be zero."""
+        with np.errstate(all="ignore"):
+            values = 1.0 / self.values
+            none = np.zeros_like(self.remainder)
+            inverse = Model(values, none, none[0])
+            aliased = _aliased(self.shells, inverse.shells)
+            defect = aliased + leibniz(self.remainder, inverse.sizes)
+            least = (1.0 - aliased[0]) / inverse.sizes[0] - self.remainder[0] - self.error
+            steep = self.sizes + self.remainder
+            value = defect[0] / least
+            first = (defect[1] + steep[1] * value) / least
+            second = (defect[2] + 2.0 * steep[1] * first + steep[2] * value) / least
+            remainder = np.stack([value, first, second])
+            remainder[:, ~((least > 0.0) & np.isfinite(second))] = np.inf
+            error = np.where(least > 0.0, self.error / least**2, np.inf)
+            return _rounded(values, remainder, error)
+
+    def power(self, exponent: int) -> Model:
+        """A whole power, 1 at least, by repeated products."""
+        found = self
+        for _ in range(exponent - 1):
+            found = found * self
+        return found
+
+
+def leibniz(first: Floats, second: Floats) -> Floats:
+    """(ORDERS, n) bounds of a product and of its derivatives, from those of its factors."""
+    (a, da, dda), (b, db, ddb) = first, second
+    return np.stack([a * b, da * b + a * db, dda * b + 2.0 * da * db + a * ddb])
+
+
+def _aliased(first: Floats, second: Floats) -> Floats:
+    """(ORDERS, n) bounds of what a lattice makes wrong of products of series with these shells (n, count)."""
+    boxes, count = first.shape
+    beyond = np.zeros((boxes, 2 * count - 1))
+    for k in range(count):
+        beyond[:, k : k + count] += first[:, k : k + 1] * second
+    # where a term is missing it has its own degree, where it is taken for another at most that of the lattice
+    bounds = growth(2 * count - 1)[:, count:] + growth(count)[:, -1:]
+    return np.asarray(bounds @ beyond[:, count:].T)
+
+
+def _rounded(values: Floats, remainder: Floats, error: Floats) -> Model:
+    """A model after one more operation, whose rounding counts for the greatest value at the nodes, four times."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        greatest = np.abs(values).reshape(len(values), -1).max(axis=1)
+        return Model(values, remainder, error + 4.0 * UNIT * greatest)
+
+
+def constant(like: Model, number: float) -> Model:
+    """A number, as a model over the boxes of another."""
+    return Model(np.full_like(like.values, number), np.zeros((ORDERS, len(like.error))), np.zeros(len(like.error)))

@@ -1,0 +1,155 @@
+"""Tensor Chebyshev series over boxes, and bounds of their terms.
+
+A box has the coordinates s in [-1, 1]^3.  Its series live on a box that is ROOM times as large, with the coordinates
+x = s / ROOM, and their bounds hold where |s| is at most REACH: rays that are followed through a box may leave it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
+from elvis.core.polynomials.rounding import UNIT
+
+#: half sides of the box of a series in s, and of the box on which its bounds hold
+ROOM, REACH = 1.25, 1.12
+#: orders of derivatives that are bounded: values, first and second derivatives
+ORDERS = 3
+_INNER = REACH / ROOM
+
+
+@bounded_cache
+def nodes(count: int) -> Floats:
+    """(count,) zeros of the Chebyshev polynomial of that degree, in x."""
+    return frozen_floats(np.cos(np.pi * (np.arange(count) + 0.5) / count))
+
+
+@bounded_cache
+def to_coefficients(count: int) -> Floats:
+    """(count, count) from values at the nodes to Chebyshev coefficients."""
+    angles = np.outer(np.arange(count), np.arange(count) + 0.5) * np.pi / count
+    matrix = 2.0 / count * np.cos(angles)
+    matrix[0] /= 2.0
+    return frozen_floats(matrix)
+
+
+@bounded_cache
+def values_at(count: int, size: int) -> Floats:
+    """(count, size) values at ``count`` nodes of T_0 to T_(size - 1)."""
+    return frozen_floats(np.polynomial.chebyshev.chebvander(nodes(count), size - 1))
+
+
+@bounded_cache
+def _derivative(size: int) -> Floats:
+    """(size, size) from the coefficients of a series to those of its derivative."""
+    matrix = np.zeros((size, size))
+    for degree in range(1, size):
+        matrix[:degree, degree] = np.polynomial.Chebyshev.basis(degree).deriv().coef
+    return frozen_floats(matrix)
+
+
+def slopes_of(coefficients: Floats, direction: int) -> Floats:
+    """(..., size, size, size) coefficients of the derivative along an axis: 0 is the last of the array, that of x."""
+    matrix = _derivative(coefficients.shape[-1])
+    if direction == 0:
+        return np.asarray(np.matmul(coefficients, matrix.T))
+    if direction == 1:
+        return np.asarray(np.matmul(matrix, coefficients))
+    return np.asarray(np.einsum("ck,...kba->...cba", matrix, coefficients, optimize=True))
+
+
+@bounded_cache
+def to_half(count: int, side: int) -> Floats:
+    """(count, count) from the coefficients of a series to those on the half of its box on one side, -1 or 1.
+
+    The half has s' in [-1, 1], s = (side + s') / 2, so that x = side / (2 ROOM) + x' / 2.
+    """
+    points = nodes(count)
+    inside = side / (2.0 * ROOM) + points / 2.0
+    return frozen_floats(to_coefficients(count) @ np.polynomial.chebyshev.chebvander(inside, count - 1))
+
+
+def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) -> Floats:
+    """(..., a, b, c) matrices applied to the last three axes, the first to the last axis, which is that of x."""
+    numbers = np.matmul(numbers, first.T)
+    numbers = np.matmul(second, numbers)
+    shape = numbers.shape
+    flat = np.matmul(third, numbers.reshape(*shape[:-2], shape[-2] * shape[-1]))
+    return np.asarray(flat.reshape(*shape[:-3], len(third), *shape[-2:]))
+
+
+def coefficients_of(values: Floats) -> Floats:
+    """(..., count, count, count) Chebyshev coefficients of values at the nodes."""
+    matrix = to_coefficients(values.shape[-1])
+    return along_axes(values, matrix, matrix, matrix)
+
+
+@bounded_cache
+def _shell_order(count: int) -> Ints:
+    """(2, count^3) the terms by their shells, which are their highest degrees, and the shells of all terms."""
+    k = np.arange(count)
+    shell = np.maximum(np.maximum(k[:, None, None], k[:, None]), k).reshape(-1)
+    return frozen_ints(np.stack([np.argsort(shell, kind="stable"), shell]))
+
+
+def shells_of(coefficients: Floats) -> Floats:
+    """(n, count) sums of the magnitudes of the coefficients (n, count, count, count) whose highest degree is k."""
+    count = coefficients.shape[-1]
+    order, shell = _shell_order(count)
+    starts = np.searchsorted(shell[order], np.arange(count))
+    flat = np.abs(coefficients).reshape(len(coefficients), -1)[:, order]
+    return np.asarray(np.add.reduceat(flat, starts, axis=1))
+
+
+@cache
+def growth(count: int) -> Floats:
+    """(ORDERS, count) bounds, where |s| <= REACH, of terms of shell k and of their derivatives in x.
+
+    |T_k| <= 1; |T_k'| <= k / sqrt(1 - x^2), and k^2 at most; from (1 - x^2) T_k'' = x T_k' - k^2 T_k follows the
+    second, and mixed derivatives are products of first ones.
+    """
+    k = np.arange(count, dtype=float)
+    steep = 1.0 / np.sqrt(1.0 - _INNER * _INNER)
+    first = np.minimum(k * k, k * steep)
+    second = np.minimum(k * k * (k * k - 1.0) / 3.0, (_INNER * k * steep + k * k) * steep * steep)
+    return frozen_floats(np.stack([np.ones(count), first, np.maximum(np.maximum(second, 0.0), first * first)]))
+
+
+def sizes_of(shells: Floats) -> Floats:
+    """(ORDERS, n) bounds of series and of their derivatives in x, from their shells (n, count)."""
+    return np.asarray(growth(shells.shape[1]) @ shells.T)
+
+
+@cache
+def steepness(count: int, order: int) -> float:
+    """By how much a derivative in x, where |s| <= REACH, may exceed a polynomial of ``count`` terms on its whole box.
+
+    Bernstein: |p'| <= n / sqrt(1 - x^2); for higher orders on one box within another.  At most n^2 for each order
+    (A. A. Markov 1889).
+    """
+    degree, found = count - 1, 1.0
+    boxes = np.linspace(1.0, _INNER, order + 1)
+    for outer, inner in pairwise(boxes):
+        found *= degree * min(degree, 1.0 / np.sqrt(1.0 - (inner / outer) ** 2)) / outer
+    return float(found)
+
+
+def amplification(count: int) -> float:
+    """By how much the error of a series may exceed that of its values at the nodes: the Lebesgue constant, cubed.
+
+    Of n Chebyshev points it is at most 1 + 2 / pi log(n) (Rivlin 1974, The Chebyshev polynomials, 1.3).
+    """
+    return float((1.0 + 0.637 * np.log(count)) ** 3)
+
+
+def sum_rounding(count: int) -> float:
+    """Rounding of a sum of three passes over ``count`` terms, in parts of the sum of magnitudes.
+
+    A pass has products and sums of ``count`` terms and table entries that are right to 8 units (Higham 2002, Accuracy
+    and Stability of Numerical Algorithms, 3.1 and 3.5).
+    """
+    return 3.0 * (count + 8) * UNIT

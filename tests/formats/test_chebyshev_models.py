@@ -1,0 +1,189 @@
+"""Chebyshev models against the functions they stand for, on boxes so coarse that remainders are large."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.polynomial import chebyshev
+
+from elvis.core.arrays import Floats
+from elvis.core.chebyshev_models import model as models
+from elvis.core.chebyshev_models.expression_models import Leaves, has_models, model_of
+from elvis.core.chebyshev_models.level_search import Boxes, Inside, LevelSearch
+from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, to_half
+from elvis.core.quantities.names import Names
+from elvis.core.quantities.parsing import Parser
+from elvis.core.quantities.tree import Node, fold
+
+NAMES = ("u", "v")
+#: expressions on a curved map, with what makes their remainders: products, reciprocals, and both
+EXPRESSIONS = (
+    "u*v^2",
+    "1/(3+u)",
+    "u/(3+v)^2",
+    "d(u,x)",
+    "d(u,x)*d(v,y)-d(u,y)*d(v,x)",
+    "(x+y)*d(v,z)/(4+d(u,x))",
+)
+CUBE = np.array([[sign * float(axis == k) for k in range(3)] + [1.0] for axis in range(3) for sign in (1, -1)])
+
+
+def root_of(text: str) -> Node:
+    """The expression of a text over the fields of these tests."""
+    return Parser(text, Names(NAMES)).whole()
+
+
+def random_series(boxes: int, degree: int, seed: int) -> Floats:
+    """Series of x, y, z, u and v: a map near the identity, and fields of order one."""
+    rng = np.random.default_rng(seed)
+    size = degree + 1
+    decay = 0.35 ** np.add.outer(np.add.outer(np.arange(size), np.arange(size)), np.arange(size))
+    series = 0.5 * decay * rng.uniform(-1, 1, (boxes, 5, size, size, size))
+    series[:, :3] *= 0.2
+    series[:, 0, 0, 0, 1] += 1.0
+    series[:, 1, 0, 1, 0] += 1.0
+    series[:, 2, 1, 0, 0] += 1.0
+    return series
+
+
+def values(series: Floats, x: Floats) -> Floats:
+    """(n,) a series at points (n, 3), in extended precision."""
+    x = x.astype(np.longdouble)
+    tables = [chebyshev.chebvander(x[:, axis], series.shape[-1] - 1) for axis in range(3)]
+    return np.einsum("cba,na,nb,nc->n", series.astype(np.longdouble), *tables)
+
+
+def slope(series: Floats, x: Floats, axis: int) -> Floats:
+    """(n,) the derivative of a series along an axis of x."""
+    derivative = chebyshev.chebder(series.astype(np.longdouble), axis=2 - axis)
+    x = x.astype(np.longdouble)
+    tables = [chebyshev.chebvander(x[:, k], derivative.shape[2 - k] - 1) for k in range(3)]
+    return np.einsum("cba,na,nb,nc->n", derivative, *tables)
+
+
+def truth(root: Node, series: Floats, x: Floats, scale: float) -> Floats:
+    """(n,) an expression at points of one box, by the inverse of the map's Jacobian."""
+    jacobian = np.stack([[scale * slope(series[k], x, axis) for axis in range(3)] for k in range(3)])
+    inverse = np.linalg.inv(np.moveaxis(jacobian, -1, 0).astype(float))
+
+    def leaf(node: Node) -> Floats:
+        if node.op == "number":
+            return np.full(len(x), node.value)
+        if node.op == "coordinate":
+            return values(series[node.axes[0]], x)
+        own = series[3 + NAMES.index(node.name)]
+        if not node.axes:
+            return values(own, x)
+        gradient = np.stack([scale * slope(own, x, axis) for axis in range(3)], axis=1).astype(float)
+        return np.asarray((gradient * inverse[:, :, node.axes[0]]).sum(axis=1))
+
+    operations = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
+    return np.asarray(fold(root, leaf, lambda node, parts: operations[node.op](*parts)))
+
+
+def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, Floats]:
+    """(ORDERS, boxes) greatest differences found between a quantity and its model, and the bounds of them, in x."""
+    root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
+    exact = np.zeros(series.shape[:2])
+    model = model_of(root, Leaves(NAMES, series, exact, exact, scale, count))
+    inner, step = REACH / ROOM, 1e-4
+    points = np.random.default_rng(seed + 1).uniform(-inner, inner, (200, 3))
+    points[:100] = inner * np.sign(points[:100])
+
+    found = np.zeros((ORDERS, len(series)))
+    for box, own in enumerate(series):
+
+        def lacking(x: Floats, own: Floats = own, box: int = box) -> Floats:
+            return truth(root, own, x, scale) - values(model.coefficients[box], x)
+
+        found[0, box] = np.abs(lacking(points)).max()
+        for axis in np.eye(3):
+            before, here, after = (lacking(points + shift * step * axis) for shift in (-1, 0, 1))
+            found[1, box] = max(found[1, box], np.abs(after - before).max() / (2 * step))
+            found[2, box] = max(found[2, box], np.abs(after - 2 * here + before).max() / step**2)
+    return found, model.remainder
+
+
+@pytest.mark.parametrize("text", EXPRESSIONS)
+@pytest.mark.parametrize("count", [5, 7])
+def test_no_remainder_is_less_than_the_difference(text: str, count: int) -> None:
+    found, bounds = differences(text, count, 0.5, seed=count)
+    assert np.isfinite(bounds).all()
+    assert (found <= 1.001 * bounds + [[1e-13], [1e-9], [1e-5]]).all()
+    # the bounds are no worse than they must be for what they decide
+    assert (found[0] > 1e-4 * bounds[0]).all()
+
+
+@pytest.mark.parametrize("text", ["u*v^2", "1/(3+u)", "d(u,x)"])
+def test_terms_beyond_the_lattice_are_needed(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "_aliased", lambda first, second: np.zeros((ORDERS, len(first))))
+    found, bounds = differences(text, 5, 0.5, seed=5)
+    assert (found[0] > bounds[0]).any()
+
+
+def test_products_carry_the_remainders_of_their_factors() -> None:
+    series = random_series(1, 4, 3)
+    leaves = Leaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 12)
+    factor = leaves.value(3)
+    for remainder, error in ((0.25, 0.0), (0.0, 0.125)):
+        inexact = models.Model(factor.values, np.full((ORDERS, 1), remainder), np.full(1, error))
+        product, quotient = inexact * factor, inexact.plus(3.0).reciprocal()
+        greatest = np.abs(factor.values).max()
+        assert product.remainder[0] >= remainder * greatest
+        assert product.error >= error * greatest
+        least = (factor.values + 3.0).min()
+        assert quotient.remainder[0] >= remainder / (least * (least + remainder))
+        assert quotient.error >= error / (least * (least + error))
+
+
+def test_reciprocals_of_what_vanishes_have_no_model() -> None:
+    series = random_series(1, 4, 3)
+    leaves = Leaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 8)
+    assert np.isinf(leaves.value(0).reciprocal().remainder).all()
+
+
+def test_series_on_a_half_are_the_same_polynomials() -> None:
+    rng = np.random.default_rng(1)
+    for side in (-1, 1):
+        series, x = rng.uniform(-1, 1, 8), rng.uniform(-1, 1, 20)
+        half = to_half(8, side) @ series
+        assert chebyshev.chebval(x, half) == pytest.approx(
+            chebyshev.chebval((side + ROOM * x) / (2 * ROOM), series), abs=1e-13
+        )
+
+
+def test_boxes_hold_all_of_a_level() -> None:
+    root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
+    series = random_series(2, 3, 11)
+    exact = np.zeros(series.shape[:2])
+    elements = Boxes(np.arange(2), np.zeros((2, 3)), np.ones(2), series, exact)
+    search = LevelSearch(root, NAMES, exact, Inside(CUBE), 7)
+    boxes = search.find(elements, level)
+    assert len(boxes.unmodelled) == 0
+    assert len(boxes) > 0
+    line = np.linspace(-1, 1, 24)
+    lattice = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    for element in range(2):
+        above = truth(root, series[element], lattice / ROOM, 1.0 / ROOM) > level
+        crossed = np.argwhere(np.diff(above.reshape(24, 24, 24), axis=0))
+        ends = np.stack([line[crossed], line[crossed + np.array([1, 0, 0])]], axis=1)
+        own = boxes.element == element
+        inside = np.abs(ends[:, :, None] - boxes.centre[own]).max(axis=-1) <= boxes.half[own] + 1e-12
+        # an end at least lies in a box where the level passes between two points of a line
+        assert inside.any(axis=(1, 2)).all()
+
+    # series of boxes are those of the quantity within what they state
+    rng = np.random.default_rng(2)
+    for number in rng.choice(len(boxes), 10):
+        s = rng.uniform(-REACH, REACH, (50, 3))
+        point = boxes.centre[number] + boxes.half[number] * s
+        value = truth(root, series[boxes.element[number]], point / ROOM, 1.0 / ROOM)
+        stated = values(boxes.series[number, 3], s / ROOM)
+        assert np.abs(stated - value).max() <= boxes.misfit[number, 0] + boxes.error[number]
+        places = values(boxes.series[number, 0], s / ROOM)
+        assert np.abs(places - values(series[boxes.element[number], 0], point / ROOM)).max() < 1e-12
+
+
+def test_only_sums_products_and_quotients_have_models() -> None:
+    assert all(has_models(root_of(text)) for text in EXPRESSIONS)
+    assert not any(has_models(root_of(text)) for text in ("sqrt(u)", "u^0.5", "max(u,v)", "d(d(u,x),x)"))
