@@ -8,8 +8,8 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats
 from elvis.core.chebyshev_models import model as models
-from elvis.core.chebyshev_models.expression_models import Leaves, has_models, model_of
-from elvis.core.chebyshev_models.level_search import Boxes, Inside, LevelSearch
+from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
+from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, to_half
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
@@ -85,7 +85,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
     """(ORDERS, boxes) greatest differences found between a quantity and its model, and the bounds of them, in x."""
     root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
     exact = np.zeros(series.shape[:2])
-    model = model_of(root, Leaves(NAMES, series, exact, exact, scale, count))
+    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, scale, count))
     inner, step = REACH / ROOM, 1e-4
     points = np.random.default_rng(seed + 1).uniform(-inner, inner, (200, 3))
     points[:100] = inner * np.sign(points[:100])
@@ -123,10 +123,10 @@ def test_terms_beyond_the_lattice_are_needed(text: str, monkeypatch: pytest.Monk
 
 def test_products_carry_the_remainders_of_their_factors() -> None:
     series = random_series(1, 4, 3)
-    leaves = Leaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 12)
+    leaves = BoxLeaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 12)
     factor = leaves.value(3)
     for remainder, error in ((0.25, 0.0), (0.0, 0.125)):
-        inexact = models.Model(factor.values, np.full((ORDERS, 1), remainder), np.full(1, error))
+        inexact = models.ChebyshevModel(factor.values, np.full((ORDERS, 1), remainder), np.full(1, error))
         product, quotient = inexact * factor, inexact.plus(3.0).reciprocal()
         greatest = np.abs(factor.values).max()
         assert product.remainder[0] >= remainder * greatest
@@ -138,7 +138,7 @@ def test_products_carry_the_remainders_of_their_factors() -> None:
 
 def test_reciprocals_of_what_vanishes_have_no_model() -> None:
     series = random_series(1, 4, 3)
-    leaves = Leaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 8)
+    leaves = BoxLeaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 8)
     assert np.isinf(leaves.value(0).reciprocal().remainder).all()
 
 
@@ -156,8 +156,8 @@ def test_boxes_hold_all_of_a_level() -> None:
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
-    elements = Boxes(np.arange(2), np.zeros((2, 3)), np.ones(2), series, exact)
-    search = LevelSearch(root, NAMES, exact, Inside(CUBE), 7)
+    elements = ModelBoxes(np.arange(2), np.zeros((2, 3)), np.ones(2), series, exact)
+    search = LevelSearch(root, NAMES, exact, ShapeFacets(CUBE), 7)
     boxes = search.find(elements, level)
     assert len(boxes.unmodelled) == 0
     assert len(boxes) > 0

@@ -8,7 +8,7 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from elvis import Camera, Status
-from elvis.core.chebyshev_models.level_search import LevelBoxes
+from elvis.core.chebyshev_models.level_search import SeriesBoxes
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
@@ -129,7 +129,7 @@ def test_elements_without_a_model_are_drawn_by_discs(iso, monkeypatch):
         none = np.zeros(0, np.int64)
         boxes = found(models, level)
         fields = {name: getattr(boxes, name)[none] for name in vars(boxes) if name != "unmodelled"}
-        return LevelBoxes(**fields, unmodelled=np.unique(boxes.element))
+        return SeriesBoxes(**fields, unmodelled=np.unique(boxes.element))
 
     monkeypatch.setattr(LevelModels, "boxes", no_models)
     by_discs = iso(dataset, view, "d(u,x)", 0.5)

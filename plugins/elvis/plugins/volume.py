@@ -14,7 +14,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
-    from elvis.core.chebyshev_models.level_search import LevelBoxes
+    from elvis.core.chebyshev_models.level_search import SeriesBoxes
     from elvis.plugins.faces import Faces
 
 
@@ -61,7 +61,7 @@ class Enclosure:
     distances: bool = False
     continuous: bool = True
     slopes: bool = True
-    boxes: LevelBoxes | None = None
+    boxes: SeriesBoxes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Quantity:
     condition: Quantity | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
-    level_boxes: Callable[[float], LevelBoxes] | None = None
+    level_boxes: Callable[[float], SeriesBoxes] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ class Part:
     enclosure: Enclosure | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
-    level_boxes: Callable[[float], LevelBoxes] | None = None
+    level_boxes: Callable[[float], SeriesBoxes] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

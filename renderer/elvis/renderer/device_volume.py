@@ -22,7 +22,7 @@ from elvis.renderer.pixels import BORDER
 from elvis.scene.fitting import surrounding
 
 if TYPE_CHECKING:
-    from elvis.core.chebyshev_models.level_search import LevelBoxes
+    from elvis.core.chebyshev_models.level_search import SeriesBoxes
 
 T = TypeVar("T")
 #: bytes of the series in boxes that stay from one picture to the next
@@ -45,7 +45,7 @@ class DeviceVolume:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
-        self._in_boxes: OrderedDict[tuple[int, str], LevelBoxes] = OrderedDict()
+        self._in_boxes: OrderedDict[tuple[int, str], SeriesBoxes] = OrderedDict()
         self._brought = {} if before is None or before.device is not device else before._shared_with(self.parts)
         self.bytes = sum(data.nbytes for data, _ in self._brought.values())
         is_same = before is not None and before.device is device and _has_same_elements(before.parts, self.parts)
@@ -124,7 +124,7 @@ class DeviceVolume:
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
 
-    def in_boxes(self, number: int, quantity: str | None, value: float) -> tuple[str, LevelBoxes] | None:
+    def in_boxes(self, number: int, quantity: str | None, value: float) -> tuple[str, SeriesBoxes] | None:
         """A quantity in boxes of elements that may have a value, by series, and these; None where none are known."""
         own = self.quantity(number, quantity)
         if own.degree or own.level_boxes is None or enclosure_of(own) is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.chebyshev_models.model import Model, constant
+from elvis.core.chebyshev_models.model import ChebyshevModel, constant
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     along_axes,
@@ -38,7 +38,7 @@ def has_models(root: Node) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Leaves:
+class BoxLeaves:
     """The map and the fields on n boxes, from which models of expressions are made.
 
     names   of the fields
@@ -55,13 +55,13 @@ class Leaves:
     off: Floats
     scale: float
     count: int
-    _known: dict[object, Model] = field(default_factory=dict)
+    _known: dict[object, ChebyshevModel] = field(default_factory=dict)
 
-    def value(self, leaf: int) -> Model:
+    def value(self, leaf: int) -> ChebyshevModel:
         """A leaf, which is exact on the lattice but for rounding."""
         return self._evaluated(leaf, (0, 0, 0))
 
-    def slope(self, leaf: int, direction: int) -> Model:
+    def slope(self, leaf: int, direction: int) -> ChebyshevModel:
         """The derivative of a leaf along a coordinate of the element."""
         key = leaf, direction
         if key not in self._known:
@@ -69,7 +69,7 @@ class Leaves:
             self._known[key] = self._evaluated(leaf, orders)
         return self._known[key]
 
-    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> Model:
+    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
         own = self.series[:, leaf]
         size = own.shape[-1]
         error, order = self.errors[:, leaf], int(any(orders))
@@ -84,9 +84,9 @@ class Leaves:
         remainder = np.stack([off * steepness(size, k + order) * self.scale**order for k in range(ORDERS)])
         shells = np.pad(shells_of(own), ((0, 0), (0, self.count - size)))
         values = along_axes(own, *3 * [values_at(self.count, size)])
-        return Model(values, remainder, error, shells)
+        return ChebyshevModel(values, remainder, error, shells)
 
-    def cofactor(self, direction: int, axis: int) -> Model:
+    def cofactor(self, direction: int, axis: int) -> ChebyshevModel:
         """An entry of the matrix of cofactors of the map: the gradient of a coordinate times the determinant."""
         key = "cofactor", direction, axis
         if key not in self._known:
@@ -97,25 +97,25 @@ class Leaves:
             self._known[key] = positive - negative
         return self._known[key]
 
-    def inverse_determinant(self) -> Model:
+    def inverse_determinant(self) -> ChebyshevModel:
         """One over the determinant of the map."""
         if "inverse" not in self._known:
             terms = [self.slope(0, direction) * self.cofactor(direction, 0) for direction in range(3)]
             self._known["inverse"] = (terms[0] + terms[1] + terms[2]).reciprocal()
         return self._known["inverse"]
 
-    def derivative(self, name: str, axis: int) -> Model:
+    def derivative(self, name: str, axis: int) -> ChebyshevModel:
         """The derivative of a field along x, y or z."""
         leaf = 3 + self.names.index(name)
         terms = [self.slope(leaf, direction) * self.cofactor(direction, axis) for direction in range(3)]
         return (terms[0] + terms[1] + terms[2]) * self.inverse_determinant()
 
 
-def model_of(root: Node, leaves_of_boxes: Leaves) -> Model:
+def model_of(root: Node, leaves_of_boxes: BoxLeaves) -> ChebyshevModel:
     """The model of an expression on boxes."""
     like = leaves_of_boxes.value(0)
 
-    def leaf(node: Node) -> Model | float:
+    def leaf(node: Node) -> ChebyshevModel | float:
         if node.op == "number":
             return node.value
         if node.op == "coordinate":
@@ -124,40 +124,40 @@ def model_of(root: Node, leaves_of_boxes: Leaves) -> Model:
             return leaves_of_boxes.derivative(node.name, node.axes[0])
         return leaves_of_boxes.value(3 + leaves_of_boxes.names.index(node.name))
 
-    def inner(node: Node, operands: list[Model | float]) -> Model | float:
+    def inner(node: Node, operands: list[ChebyshevModel | float]) -> ChebyshevModel | float:
         exponent = whole_exponent(node)
-        if exponent is not None and isinstance(operands[0], Model):
+        if exponent is not None and isinstance(operands[0], ChebyshevModel):
             power = operands[0].power(abs(exponent))
             return power if exponent > 0 else power.reciprocal()
         return _RULES[node.op](*operands)
 
     found = fold(root, leaf, inner)
-    return found if isinstance(found, Model) else constant(like, found)
+    return found if isinstance(found, ChebyshevModel) else constant(like, found)
 
 
-def _sum(a: Model | float, b: Model | float) -> Model | float:
-    if isinstance(a, Model):
-        return a + b if isinstance(b, Model) else a.plus(b)
-    return b.plus(a) if isinstance(b, Model) else a + b
+def _sum(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:
+    if isinstance(a, ChebyshevModel):
+        return a + b if isinstance(b, ChebyshevModel) else a.plus(b)
+    return b.plus(a) if isinstance(b, ChebyshevModel) else a + b
 
 
-def _difference(a: Model | float, b: Model | float) -> Model | float:
-    return _sum(a, b.times(-1.0) if isinstance(b, Model) else -b)
+def _difference(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:
+    return _sum(a, b.times(-1.0) if isinstance(b, ChebyshevModel) else -b)
 
 
-def _product(a: Model | float, b: Model | float) -> Model | float:
-    if isinstance(a, Model):
-        return a * b if isinstance(b, Model) else a.times(b)
-    return b.times(a) if isinstance(b, Model) else a * b
+def _product(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:
+    if isinstance(a, ChebyshevModel):
+        return a * b if isinstance(b, ChebyshevModel) else a.times(b)
+    return b.times(a) if isinstance(b, ChebyshevModel) else a * b
 
 
-def _quotient(a: Model | float, b: Model | float) -> Model | float:
-    if isinstance(b, Model):
+def _quotient(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:
+    if isinstance(b, ChebyshevModel):
         return _product(a, b.reciprocal())
-    return a.times(1.0 / b) if isinstance(a, Model) else a / b
+    return a.times(1.0 / b) if isinstance(a, ChebyshevModel) else a / b
 
 
-_RULES: Mapping[str, Callable[[Model | float, Model | float], Model | float]] = {
+_RULES: Mapping[str, Callable[[ChebyshevModel | float, ChebyshevModel | float], ChebyshevModel | float]] = {
     "+": _sum,
     "-": _difference,
     "*": _product,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.expression_models import Leaves, model_of
+from elvis.core.chebyshev_models.expression_models import BoxLeaves, model_of
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     ROOM,
@@ -50,7 +50,7 @@ _EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class ModelBoxes:
     """Boxes of elements, in the coordinates of the cubes that hold them, with series in x = s / ROOM.
 
     element  (n,) rows of elements
@@ -68,39 +68,39 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.element)
 
-    def part(self, rows: Ints | Bools) -> Boxes:
+    def part(self, rows: Ints | Bools) -> ModelBoxes:
         """Some of the boxes."""
-        return Boxes(self.element[rows], self.centre[rows], self.half[rows], self.leaves[rows], self.off[rows])
+        return ModelBoxes(self.element[rows], self.centre[rows], self.half[rows], self.leaves[rows], self.off[rows])
 
-    def eighths(self, inside: Inside) -> Boxes:
+    def eighths(self, inside: ShapeFacets) -> ModelBoxes:
         """Eighths of all boxes that may lie in their elements."""
         parts = [self.eighth(sides) for sides in _EIGHTHS]
         found = joined(parts)
         return found.part(inside.holds(found.centre, found.half))
 
-    def of_map(self) -> Boxes:
+    def of_map(self) -> ModelBoxes:
         """The same boxes with the map alone."""
-        return Boxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
+        return ModelBoxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
 
-    def moved(self, axis: int, side: int) -> Boxes:
+    def moved(self, axis: int, side: int) -> ModelBoxes:
         """The halves along an axis on one side, of whose sizes nothing is said yet."""
         centre = self.centre.copy()
         centre[:, axis] += 0.5 * side * self.half
         totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
         off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
-        return Boxes(self.element, centre, self.half, half_along(self.leaves, axis, side), off)
+        return ModelBoxes(self.element, centre, self.half, half_along(self.leaves, axis, side), off)
 
-    def eighth(self, sides: tuple[int, int, int]) -> Boxes:
+    def eighth(self, sides: tuple[int, int, int]) -> ModelBoxes:
         """The eighth of each box on these sides."""
         half = 0.5 * self.half
         centre = self.centre + half[:, None] * np.array(sides)
         totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
         off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
-        return Boxes(self.element, centre, half, restricted(self.leaves, sides), off)
+        return ModelBoxes(self.element, centre, half, restricted(self.leaves, sides), off)
 
 
 @dataclass(frozen=True, eq=False)
-class Inside:
+class ShapeFacets:
     """Which boxes of a cube may lie in the shape of its elements: the half spaces (k, 4) whose meet it is."""
 
     facets: Floats
@@ -113,7 +113,7 @@ class Inside:
 
 
 @dataclass(frozen=True, eq=False)
-class LevelBoxes:
+class SeriesBoxes:
     """Boxes that may hold a level, with series of one degree for x, y, z and the quantity.
 
     element    (n,) rows of elements
@@ -139,15 +139,15 @@ class LevelBoxes:
         return len(self.element)
 
 
-def in_batches(boxes: Boxes, count: int) -> Iterator[Boxes]:
-    """Boxes, so many at a time at most."""
+def in_batches(boxes: ModelBoxes, count: int) -> Iterator[ModelBoxes]:
+    """Boxes, at most so many at a time."""
     for first in range(0, len(boxes), count):
         yield boxes.part(np.arange(first, min(first + count, len(boxes))))
 
 
-def joined(parts: list[Boxes]) -> Boxes:
+def joined(parts: list[ModelBoxes]) -> ModelBoxes:
     """The boxes of several."""
-    return Boxes(
+    return ModelBoxes(
         np.concatenate([part.element for part in parts]),
         np.concatenate([part.centre for part in parts]),
         np.concatenate([part.half for part in parts]),
@@ -187,12 +187,12 @@ class LevelSearch:
     root: Node
     names: tuple[str, ...]
     errors: Floats
-    inside: Inside
+    inside: ShapeFacets
     degree: int
 
-    def find(self, elements: Boxes, level: float) -> LevelBoxes:
+    def find(self, elements: ModelBoxes, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        found: list[LevelBoxes] = [self._none()]
+        found: list[SeriesBoxes] = [self._none()]
         halvings, count = self._plan(elements)
         for boxes in in_batches(elements, _AT_ONCE):
             for _ in range(halvings):
@@ -200,7 +200,7 @@ class LevelSearch:
             found.extend(self._search(boxes, level, count, _MOST_HALVINGS - halvings))
         return _together(found)
 
-    def _plan(self, elements: Boxes) -> tuple[int, int]:
+    def _plan(self, elements: ModelBoxes) -> tuple[int, int]:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
         tried = elements.part(np.unique(np.linspace(0, len(elements) - 1, _TRIED).astype(np.int64)))
         sides = np.random.default_rng(1).choice((-1, 1), size=(_MOST_HALVINGS, 3))
@@ -212,7 +212,7 @@ class LevelSearch:
                 return halvings, count
         return _PLANS[-1]
 
-    def _search(self, boxes: Boxes, level: float, count: int, halvings: int) -> Iterator[LevelBoxes]:
+    def _search(self, boxes: ModelBoxes, level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
         """The boxes that may hold the level among some of one size and their parts."""
         for some in in_batches(boxes, _AT_ONCE):
             models = self._models(some, count)
@@ -223,17 +223,17 @@ class LevelSearch:
             elif len(rest):
                 yield self._none(np.unique(rest.element))
 
-    def _models(self, boxes: Boxes, count: int) -> _Modelled:
+    def _models(self, boxes: ModelBoxes, count: int) -> _ModelledBoxes:
         """The models of the quantity on boxes of one size."""
         scale = 1.0 / (ROOM * boxes.half[0])
-        leaves = Leaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
+        leaves = BoxLeaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
         model = model_of(self.root, leaves)
         # values at the nodes are rounded, so that the series is off by a polynomial of its degree
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
         rounding = amplification(count) * np.outer(steep, model.error)
-        return _Modelled(boxes.of_map(), model.coefficients, model.remainder + rounding, model.error)
+        return _ModelledBoxes(boxes.of_map(), model.coefficients, model.remainder + rounding, model.error)
 
-    def _local(self, models: _Modelled, level: float, halvings: int) -> Iterator[LevelBoxes]:
+    def _local(self, models: _ModelledBoxes, level: float, halvings: int) -> Iterator[SeriesBoxes]:
         """Series of low degree on the parts of models that may hold the level."""
         models = models.part(models.may_hold(level))
         if not len(models.boxes):
@@ -242,15 +242,15 @@ class LevelSearch:
         small = np.maximum(_PIXELS * misfit[0], misfit[1]) <= _LOCAL_PART * models.range
         done = small if halvings < _MOST_LOCAL_HALVINGS else np.ones(len(small), bool)
         if done.any():
-            yield models.part(done).as_level_boxes(self.degree, misfit[:, done])
+            yield models.part(done).as_series_boxes(self.degree, misfit[:, done])
         rest = models.part(~done)
         if len(rest.boxes):
             yield from self._local(rest.eighths(self.inside, level), level, halvings + 1)
 
-    def _none(self, unmodelled: Ints | None = None) -> LevelBoxes:
+    def _none(self, unmodelled: Ints | None = None) -> SeriesBoxes:
         """No boxes, and elements without models."""
         size = self.degree + 1
-        return LevelBoxes(
+        return SeriesBoxes(
             np.zeros(0, np.int64),
             np.zeros((0, 3)),
             np.zeros(0),
@@ -263,7 +263,7 @@ class LevelSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Modelled:
+class _ModelledBoxes:
     """Boxes with the series of a quantity.
 
     coefficients  (n, count, count, count) of the quantity's series
@@ -271,14 +271,14 @@ class _Modelled:
     error         (n,) how far computed values of the quantity may be from the true ones
     """
 
-    boxes: Boxes
+    boxes: ModelBoxes
     coefficients: Floats
     remainder: Floats
     error: Floats
 
-    def part(self, rows: Ints | Bools) -> _Modelled:
+    def part(self, rows: Ints | Bools) -> _ModelledBoxes:
         """Some of the boxes."""
-        return _Modelled(self.boxes.part(rows), self.coefficients[rows], self.remainder[:, rows], self.error[rows])
+        return _ModelledBoxes(self.boxes.part(rows), self.coefficients[rows], self.remainder[:, rows], self.error[rows])
 
     @property
     def range(self) -> Floats:
@@ -305,33 +305,33 @@ class _Modelled:
         shells[:, : degree + 1] = 0.0
         return np.asarray(self.remainder + sizes_of(shells))
 
-    def eighths(self, inside: Inside, level: float) -> _Modelled:
+    def eighths(self, inside: ShapeFacets, level: float) -> _ModelledBoxes:
         """Eighths of all boxes that may hold a level and lie in their elements; derivatives are half as great."""
         found = self
         for axis in range(3):
             found = found._halves(axis, level)
         boxes = replace(found.boxes, half=0.5 * found.boxes.half)
         remainder = found.remainder * (0.5 ** np.arange(ORDERS))[:, None]
-        found = _Modelled(boxes, found.coefficients, remainder, found.error)
+        found = _ModelledBoxes(boxes, found.coefficients, remainder, found.error)
         return found.part(inside.holds(boxes.centre, boxes.half))
 
-    def _halves(self, axis: int, level: float) -> _Modelled:
+    def _halves(self, axis: int, level: float) -> _ModelledBoxes:
         """Halves along an axis that may hold a level; of their sizes nothing is said yet."""
         total = self.range + np.abs(self.coefficients[:, 0, 0, 0])
         error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
         parts = []
         for side in (-1, 1):
-            half = _Modelled(self.boxes, half_along(self.coefficients, axis, side), self.remainder, error)
+            half = _ModelledBoxes(self.boxes, half_along(self.coefficients, axis, side), self.remainder, error)
             half = half.part(half.may_hold(level))
             parts.append(replace(half, boxes=half.boxes.moved(axis, side)))
-        return _Modelled(
+        return _ModelledBoxes(
             joined([part.boxes for part in parts]),
             np.concatenate([part.coefficients for part in parts]),
             np.concatenate([part.remainder for part in parts], axis=1),
             np.concatenate([part.error for part in parts]),
         )
 
-    def as_level_boxes(self, degree: int, misfit: Floats) -> LevelBoxes:
+    def as_series_boxes(self, degree: int, misfit: Floats) -> SeriesBoxes:
         """The boxes with series of a degree, and what those lack (ORDERS, n), in x."""
         size = degree + 1
         series = np.zeros((len(self.boxes), 4, size, size, size))
@@ -342,14 +342,14 @@ class _Modelled:
         in_box = misfit.T / ROOM ** np.arange(ORDERS)
         boxes = self.boxes
         places = boxes.off.sum(axis=1)
-        return LevelBoxes(
+        return SeriesBoxes(
             boxes.element, boxes.centre, boxes.half, series, in_box, self.error, places, np.zeros(0, np.int64)
         )
 
 
-def _together(found: list[LevelBoxes]) -> LevelBoxes:
+def _together(found: list[SeriesBoxes]) -> SeriesBoxes:
     """The boxes of several searches."""
-    return LevelBoxes(
+    return SeriesBoxes(
         np.concatenate([part.element for part in found]),
         np.concatenate([part.centre for part in found]),
         np.concatenate([part.half for part in found]),

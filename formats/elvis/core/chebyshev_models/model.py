@@ -25,7 +25,7 @@ from elvis.core.polynomials.rounding import UNIT
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ChebyshevModel:
     """Polynomials that stand for a quantity on n boxes.
 
     values     (n, count, count, count) at the nodes, those along x last
@@ -59,35 +59,35 @@ class Model:
         """(n,) bounds of the quantity."""
         return np.asarray(self.sizes[0] + self.remainder[0] + self.error)
 
-    def __add__(self, other: Model) -> Model:
+    def __add__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The sum."""
         return _rounded(self.values + other.values, self.remainder + other.remainder, self.error + other.error)
 
-    def __sub__(self, other: Model) -> Model:
+    def __sub__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The difference."""
         return self + other.times(-1.0)
 
-    def times(self, factor: float) -> Model:
+    def times(self, factor: float) -> ChebyshevModel:
         """The quantity times an exact number."""
         return _rounded(factor * self.values, abs(factor) * self.remainder, abs(factor) * self.error)
 
-    def plus(self, number: float) -> Model:
+    def plus(self, number: float) -> ChebyshevModel:
         """The quantity and an exact number."""
         return _rounded(self.values + number, self.remainder, self.error)
 
-    def __mul__(self, other: Model) -> Model:
+    def __mul__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The product."""
         lost = leibniz(self.sizes, other.remainder) + leibniz(self.remainder, other.sizes)
         lost += leibniz(self.remainder, other.remainder) + _aliased(self.shells, other.shells)
         error = self.size * other.error + self.error * other.size
         return _rounded(self.values * other.values, lost, error)
 
-    def reciprocal(self) -> Model:
+    def reciprocal(self) -> ChebyshevModel:
         """One over the quantity; remainders are infinite where it may be zero."""
         with np.errstate(all="ignore"):
             values = 1.0 / self.values
             none = np.zeros_like(self.remainder)
-            inverse = Model(values, none, none[0])
+            inverse = ChebyshevModel(values, none, none[0])
             aliased = _aliased(self.shells, inverse.shells)
             defect = aliased + leibniz(self.remainder, inverse.sizes)
             least = (1.0 - aliased[0]) / inverse.sizes[0] - self.remainder[0] - self.error
@@ -100,7 +100,7 @@ class Model:
             error = np.where(least > 0.0, self.error / least**2, np.inf)
             return _rounded(values, remainder, error)
 
-    def power(self, exponent: int) -> Model:
+    def power(self, exponent: int) -> ChebyshevModel:
         """A whole power, 1 at least, by repeated products."""
         found = self
         for _ in range(exponent - 1):
@@ -125,13 +125,15 @@ def _aliased(first: Floats, second: Floats) -> Floats:
     return np.asarray(bounds @ beyond[:, count:].T)
 
 
-def _rounded(values: Floats, remainder: Floats, error: Floats) -> Model:
+def _rounded(values: Floats, remainder: Floats, error: Floats) -> ChebyshevModel:
     """A model after one more operation, whose rounding counts for the greatest value at the nodes, four times."""
     with np.errstate(invalid="ignore", over="ignore"):
         greatest = np.abs(values).reshape(len(values), -1).max(axis=1)
-        return Model(values, remainder, error + 4.0 * UNIT * greatest)
+        return ChebyshevModel(values, remainder, error + 4.0 * UNIT * greatest)
 
 
-def constant(like: Model, number: float) -> Model:
+def constant(like: ChebyshevModel, number: float) -> ChebyshevModel:
     """A number, as a model over the boxes of another."""
-    return Model(np.full_like(like.values, number), np.zeros((ORDERS, len(like.error))), np.zeros(len(like.error)))
+    return ChebyshevModel(
+        np.full_like(like.values, number), np.zeros((ORDERS, len(like.error))), np.zeros(len(like.error))
+    )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.chebyshev_models.level_search import LevelBoxes
+from elvis.core.chebyshev_models.level_search import SeriesBoxes
 from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
@@ -179,7 +179,7 @@ class Elements:
 
     def _boxes(
         self, expression: Expression, space: BernsteinSpace, ends: Callable[[], tuple[Floats, Floats]]
-    ) -> Callable[[float], LevelBoxes] | None:
+    ) -> Callable[[float], SeriesBoxes] | None:
         """As Quantity.boxes, of an expression whose fields lie in a space."""
         errors = partial(self._leaf_errors, expression.fields)
         models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors)

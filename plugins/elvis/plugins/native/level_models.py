@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.chebyshev_models.expression_models import has_models
-from elvis.core.chebyshev_models.level_search import Boxes, Inside, LevelBoxes, LevelSearch
+from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, SeriesBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import (
     ROOM,
     along_axes,
@@ -59,14 +59,14 @@ class LevelModels:
         is_solid = shape.dimension == 3 and shape is not Shape.PYRAMID
         return is_solid and degree >= _FROM_DEGREE and has_models(self.expression.root)
 
-    def boxes(self, level: float) -> LevelBoxes:
+    def boxes(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
         low, high = self.ends()
         rows = np.flatnonzero(~((low > level) | (high < level)))
         leaves, rounding = self._leaves(rows)
-        elements = Boxes(np.arange(len(rows)), np.zeros((len(rows), 3)), np.ones(len(rows)), leaves, rounding)
+        elements = ModelBoxes(np.arange(len(rows)), np.zeros((len(rows), 3)), np.ones(len(rows)), leaves, rounding)
         normals, offsets = facets(self.geometry.shape)
-        inside = Inside(np.column_stack([normals, offsets]))
+        inside = ShapeFacets(np.column_stack([normals, offsets]))
         degree = max(_LEAST_DEGREE, *self.geometry.degrees)
         search = LevelSearch(self.expression.root, self.expression.fields, self.errors()[rows], inside, degree)
         found = search.find(elements, level)

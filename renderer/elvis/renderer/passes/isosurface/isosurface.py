@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.level_search import LevelBoxes
+from elvis.core.chebyshev_models.level_search import SeriesBoxes
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
@@ -298,7 +298,7 @@ class IsosurfaceDrawer:
             yield portion, some
 
     def _boxes_at_once(
-        self, level: Level, boxes: LevelBoxes, sub_elements: NDArray[Any]
+        self, level: Level, boxes: SeriesBoxes, sub_elements: NDArray[Any]
     ) -> Iterator[tuple[Level, NDArray[Any]]]:
         """Boxes that are drawn together, with their series."""
         records = np.column_stack([boxes.centre, boxes.half, boxes.misfit, boxes.error, boxes.places])
