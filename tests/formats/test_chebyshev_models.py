@@ -184,6 +184,17 @@ def test_boxes_hold_all_of_a_level() -> None:
         assert np.abs(places - values(series[boxes.element[number], 0], point / ROOM)).max() < 1e-12
 
 
+def test_elements_without_numbers_or_with_a_flat_map_have_no_model() -> None:
+    series = random_series(3, 3, 5)
+    series[1, 3] = np.nan
+    series[2, 2] = 0.0
+    exact = np.zeros(series.shape[:2])
+    elements = ModelBoxes(np.arange(3), np.zeros((3, 3)), np.ones(3), series, exact)
+    boxes = LevelSearch(root_of("d(u,x)"), NAMES, exact, ShapeFacets(CUBE), 7).find(elements, 0.05)
+    assert boxes.unmodelled.tolist() == [1, 2]
+    assert set(boxes.element) <= {0}
+
+
 def test_only_sums_products_and_quotients_have_models() -> None:
     assert all(has_models(root_of(text)) for text in EXPRESSIONS)
     assert not any(has_models(root_of(text)) for text in ("sqrt(u)", "u^0.5", "max(u,v)", "d(d(u,x),x)"))

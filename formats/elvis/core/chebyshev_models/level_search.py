@@ -33,8 +33,8 @@ from elvis.core.quantities.tree import Node
 _PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (3, 12))
 #: elements on which a plan is tried, and the part of them for which it must do
 _TRIED, _MOST_OF_THEM = 8, 0.75
-#: halvings of an element's box before its models are given up
-_MOST_HALVINGS = 5
+#: more halvings of boxes whose models are not good enough, before these are given up
+_MOST_MORE_HALVINGS = 2
 #: halvings of a model's box before its series are taken as they are
 _MOST_LOCAL_HALVINGS = 4
 #: what models lack, in parts of their range
@@ -192,18 +192,22 @@ class LevelSearch:
 
     def find(self, elements: ModelBoxes, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        found: list[SeriesBoxes] = [self._none()]
-        halvings, count = self._plan(elements)
-        for boxes in in_batches(elements, _AT_ONCE):
-            for _ in range(halvings):
-                boxes = boxes.eighths(self.inside)
-            found.extend(self._search(boxes, level, count, _MOST_HALVINGS - halvings))
+        finite = np.isfinite(elements.leaves).all(axis=(1, 2, 3, 4))
+        found = [self._none(elements.element[~finite])]
+        elements = elements.part(finite)
+        # infinite remainders become NaN where they meet; neither is ever taken for a small one
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            halvings, count = self._plan(elements) if len(elements) else _PLANS[0]
+            for boxes in in_batches(elements, _AT_ONCE):
+                for _ in range(halvings):
+                    boxes = boxes.eighths(self.inside)
+                found.extend(self._search(boxes, level, count, _MOST_MORE_HALVINGS))
         return _together(found)
 
     def _plan(self, elements: ModelBoxes) -> tuple[int, int]:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
         tried = elements.part(np.unique(np.linspace(0, len(elements) - 1, _TRIED).astype(np.int64)))
-        sides = np.random.default_rng(1).choice((-1, 1), size=(_MOST_HALVINGS, 3))
+        sides = np.random.default_rng(1).choice((-1, 1), size=(max(_PLANS)[0], 3))
         for halvings, count in _PLANS:
             boxes = tried
             for own in sides[:halvings]:
