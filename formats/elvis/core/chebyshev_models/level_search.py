@@ -31,7 +31,7 @@ from elvis.core.quantities.tree import Node
 
 #: halvings of elements' boxes and nodes of a line of models that are tried first, those of least cost before others
 _PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (3, 12))
-#: elements on which a plan is tried, and the part of them for which it must do
+#: elements on which plans are tried, and the part of the most that any does for
 _TRIED, _MOST_OF_THEM = 8, 0.75
 #: more halvings of boxes whose models are not good enough, before these are given up
 _MOST_MORE_HALVINGS = 2
@@ -207,14 +207,19 @@ class LevelSearch:
     def _plan(self, elements: ModelBoxes) -> tuple[int, int]:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
         tried = elements.part(np.unique(np.linspace(0, len(elements) - 1, _TRIED).astype(np.int64)))
+        # the first eighth is within all shapes, others meet them at least
         sides = np.random.default_rng(1).choice((-1, 1), size=(max(_PLANS)[0], 3))
+        sides[0] = -1
+        good = []
         for halvings, count in _PLANS:
             boxes = tried
             for own in sides[:halvings]:
                 boxes = boxes.eighth(tuple(own))
-            if self._models(boxes, count).is_good.mean() >= _MOST_OF_THEM:
-                return halvings, count
-        return _PLANS[-1]
+            good.append(self._models(boxes, count).is_good.mean())
+            if good[-1] == 1.0:
+                break
+        # where the map is singular no plan does
+        return _PLANS[int(np.argmax(np.array(good) >= _MOST_OF_THEM * max(good)))]
 
     def _search(self, boxes: ModelBoxes, level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
         """The boxes that may hold the level among some of one size and their parts."""
