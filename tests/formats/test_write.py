@@ -223,12 +223,12 @@ def test_a_failed_write_leaves_everything_as_it_was(case_files, tmp_path, monkey
     ("arguments", "message"),
     [
         ({}, "expected the name of a file to write, found none"),
-        ({"mesh_path": "a.xml", "field_path": "a.xml"}, "a.xml: expected two names"),
-        ({"mesh_path": "a.nekg", "mesh_format": "hdf5"}, "a.nekg: expected the name of the XML file"),
-        ({"mesh_path": "a.xml", "mesh_format": "binary"}, "expected one of the formats compressed, text, hdf5"),
+        ({"path": "a.xml", "field_path": "a.xml"}, "a.xml: expected two names"),
+        ({"path": "a.nekg", "mesh_format": "hdf5"}, "a.nekg: expected the name of the XML file"),
+        ({"path": "a.xml", "mesh_format": "binary"}, "expected one of the formats compressed, text, hdf5"),
         ({"field_path": "a.fld.gz", "field_format": "hdf5"}, "a.fld.gz: expected a name without .gz"),
-        ({"mesh_path": "a\udcff.xml", "mesh_format": "hdf5"}, "a\udcff.xml: expected a name that is UTF-8"),
-        ({"mesh_path": "nowhere/a.xml"}, "nowhere/a.xml: cannot be written: there is no folder"),
+        ({"path": "a\udcff.xml", "mesh_format": "hdf5"}, "a\udcff.xml: expected a name that is UTF-8"),
+        ({"path": "nowhere/a.xml"}, "nowhere/a.xml: cannot be written: there is no folder"),
     ],
 )
 def test_what_cannot_be_written_is_said_in_a_sentence(arguments, message, case_files, tmp_path, monkeypatch):

@@ -9,10 +9,17 @@ class ElvisError(Exception):
     """Anything that stops a command for a reason that a user can act on; the message is one sentence.
 
     A message that quotes texts is one line; of long ones it keeps the beginning and the end.
+
+    keeps_lines  whether messages quote a compiler, line by line
     """
 
+    keeps_lines = False
+
     def __init__(self, *args: object) -> None:
-        super().__init__(*(_in_a_line(each, _LONGEST_OF_ALL) if isinstance(each, str) else each for each in args))
+        super().__init__(*(self._limited(each) if isinstance(each, str) else each for each in args))
+
+    def _limited(self, message: str) -> str:
+        return _shortened(message, _LONGEST_OF_ALL) if self.keeps_lines else _in_a_line(message, _LONGEST_OF_ALL)
 
 
 def fault_sentence(error: Exception) -> str:
@@ -44,6 +51,10 @@ class FormatError(ElvisError):
 
 def _in_a_line(text: str, longest: int) -> str:
     """The text without ends of lines; of one that is longer than ``longest``, the beginning and the end."""
-    line = " ".join(part.strip() for part in text.splitlines())
+    return _shortened(" ".join(part.strip() for part in text.splitlines()), longest)
+
+
+def _shortened(text: str, longest: int) -> str:
+    """The text; of one that is longer than ``longest``, the beginning and the end."""
     half = longest // 2
-    return line if len(line) <= longest else f"{line[:half]} … {line[-half:]}"
+    return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"

@@ -8,6 +8,8 @@ from elvis.core.errors import ElvisError
 class DeviceError(ElvisError):
     """No such device, or one that can't do what the kernels need."""
 
+    keeps_lines = True
+
 
 class DeviceLostError(DeviceError):
     """A device that failed while it worked; smaller batches of work may go well on a new one."""
