@@ -5,12 +5,12 @@ import pytest
 
 from elvis import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.serving import volume_of
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
-from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.view import View
 

@@ -21,11 +21,13 @@ from elvis.core.chebyshev_models.series import (
     ROOM,
     along_axes,
     amplification,
+    kernel_rounding,
     shells_of,
     sizes_of,
     steepness,
     sum_rounding,
     to_half,
+    transform_rounding,
 )
 from elvis.core.quantities.tree import Node
 
@@ -239,7 +241,8 @@ class LevelSearch:
         model = model_of(self.root, leaves)
         # values at the nodes are rounded, so that the series is off by a polynomial of its degree
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
-        rounding = amplification(count) * np.outer(steep, model.error)
+        off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
+        rounding = np.outer(steep, off)
         return _ModelledBoxes(boxes.of_map(), model.coefficients, model.remainder + rounding, model.error)
 
     def _local(self, models: _ModelledBoxes, level: float, halvings: int) -> Iterator[SeriesBoxes]:
@@ -350,9 +353,12 @@ class _ModelledBoxes:
         series[:, 3, :count, :count, :count] = self.coefficients[:, :count, :count, :count]
         in_box = misfit.T / ROOM ** np.arange(ORDERS)
         boxes = self.boxes
-        places = boxes.off.sum(axis=1)
+        # kernels sum these series: what that rounds counts, too
+        summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
+        places = boxes.off.sum(axis=1) + summed[:, :3].sum(axis=1)
+        error = self.error + summed[:, 3]
         return SeriesBoxes(
-            boxes.element, boxes.centre, boxes.half, series, in_box, self.error, places, np.zeros(0, np.int64)
+            boxes.element, boxes.centre, boxes.half, series, in_box, error, places, np.zeros(0, np.int64)
         )
 
 

@@ -6,6 +6,7 @@ x = s / ROOM, and their bounds hold where |s| is at most REACH: rays that are fo
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.polynomials.chebyshev_nodes import cosines, series
 from elvis.core.polynomials.rounding import UNIT
 
 #: half sides of the box of a series in s, and of the box on which its bounds hold
@@ -25,22 +27,19 @@ _INNER = REACH / ROOM
 @bounded_cache
 def nodes(count: int) -> Floats:
     """(count,) zeros of the Chebyshev polynomial of that degree, in x."""
-    return frozen_floats(np.cos(np.pi * (np.arange(count) + 0.5) / count))
+    return frozen_floats(series(count - 1)[0])
 
 
 @bounded_cache
 def to_coefficients(count: int) -> Floats:
     """(count, count) from values at the nodes to Chebyshev coefficients."""
-    angles = np.outer(np.arange(count), np.arange(count) + 0.5) * np.pi / count
-    matrix = 2.0 / count * np.cos(angles)
-    matrix[0] /= 2.0
-    return frozen_floats(matrix)
+    return frozen_floats(series(count - 1)[1])
 
 
 @bounded_cache
 def values_at(count: int, size: int) -> Floats:
-    """(count, size) values at ``count`` nodes of T_0 to T_(size - 1)."""
-    return frozen_floats(np.polynomial.chebyshev.chebvander(nodes(count), size - 1))
+    """(count, size) values at ``count`` nodes of T_0 to T_(size - 1), which are cosines."""
+    return frozen_floats(cosines(np.outer(2 * np.arange(count) + 1, np.arange(size)), count))
 
 
 @bounded_cache
@@ -66,11 +65,19 @@ def slopes_of(coefficients: Floats, direction: int) -> Floats:
 def to_half(count: int, side: int) -> Floats:
     """(count, count) from the coefficients of a series to those on the half of its box on one side, -1 or 1.
 
-    The half has s' in [-1, 1], s = (side + s') / 2, so that x = side / (2 ROOM) + x' / 2.
+    The half has s' in [-1, 1], s = (side + s') / 2, so that x = side / (2 ROOM) + x' / 2.  Entries are exact rationals,
+    rounded once: T_(k + 1) = 2 x T_k - T_(k - 1), x' T_k = (T_(k + 1) + T_|k - 1|) / 2.
     """
-    points = nodes(count)
-    inside = side / (2.0 * ROOM) + points / 2.0
-    return frozen_floats(to_coefficients(count) @ np.polynomial.chebyshev.chebvander(inside, count - 1))
+    middle = side / (2 * Fraction(ROOM))
+    columns = [[Fraction(1)] + [Fraction(0)] * count, [middle, Fraction(1, 2)] + [Fraction(0)] * (count - 1)]
+    while len(columns) < count:
+        last, before = columns[-1], columns[-2]
+        times = [middle * own for own in last]
+        for k in range(count):
+            times[k + 1] += last[k] / 4
+            times[abs(k - 1)] += last[k] / 4
+        columns.append([2 * new - old for new, old in zip(times, before, strict=True)])
+    return frozen_floats(np.array([[float(own) for own in column[:count]] for column in columns[:count]]).T)
 
 
 def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) -> Floats:
@@ -153,3 +160,13 @@ def sum_rounding(count: int) -> float:
     and Stability of Numerical Algorithms, 3.1 and 3.5).
     """
     return 3.0 * (count + 8) * UNIT
+
+
+def kernel_rounding(count: int) -> float:
+    """Rounding of sums of series in kernels, in parts of the sum of magnitudes (`rounded` in iso_leaves.slang)."""
+    return (15.0 * count**2 + 3.0 * (count + 1)) * 1.1 * UNIT
+
+
+def transform_rounding(count: int) -> float:
+    """Rounding of coefficients of values at the nodes, in parts of the sum of their magnitudes (iso_series.slang)."""
+    return 6.0 * count**2 * (count + 7) * 1.1 * UNIT

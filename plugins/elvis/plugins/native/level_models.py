@@ -21,6 +21,7 @@ from elvis.core.chebyshev_models.series import (
 from elvis.core.mapping.margins import facets
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_values
+from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.shapes import Shape
 
@@ -28,6 +29,8 @@ from elvis.core.shapes import Shape
 _LEAST_DEGREE = 7
 #: degree of maps and fields from which on series in boxes take less time than discs of whole elements
 _FROM_DEGREE = 5
+#: roundings of tables of Bernstein polynomials: two powers, a binomial, products; and of places, for each degree
+_OF_TABLES, _OF_PLACES = 19, 3
 #: elements whose leaves are evaluated together
 _AT_ONCE = 256
 
@@ -126,14 +129,14 @@ def _absolute_coefficients(values: Floats) -> Floats:
 
 def _values(space: BernsteinSpace, nets: Floats, count: int) -> tuple[Floats, Floats]:
     """(n, count three times) values at the nodes, and how far they may be off."""
-    line = ROOM * nodes(count)
+    line, entries = ROOM * nodes(count), _OF_TABLES + _OF_PLACES * count
     if space.shape is Shape.HEXAHEDRON:
         tables = [bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None]) for degree in space.degrees]
         own = nets.reshape(len(nets), *(degree + 1 for degree in space.degrees[::-1]))
         sizes = along_axes(np.abs(own), *map(np.abs, tables))
-        return along_axes(own, *tables), sum_rounding(max(own.shape[1:])) * sizes
+        return along_axes(own, *tables), 3.0 * (max(own.shape[1:]) + entries) * UNIT * sizes
     z, y, x = np.meshgrid(line, line, line, indexing="ij")
     table = bernstein_values(space, np.stack([x, y, z], axis=-1).reshape(-1, 3))
     shape = (len(nets), count, count, count)
     sizes = np.abs(nets) @ np.abs(table).T
-    return (nets @ table.T).reshape(shape), sum_rounding(table.shape[1]) * sizes.reshape(shape)
+    return (nets @ table.T).reshape(shape), (table.shape[1] + entries) * UNIT * sizes.reshape(shape)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.level_search import SeriesBoxes
+from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel, stand_in
@@ -20,7 +21,6 @@ from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.leaf_types import enclosure_of
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
-from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.passes.isosurface.straight_levels import StraightLevels
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY

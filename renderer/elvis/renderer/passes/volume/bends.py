@@ -9,12 +9,12 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.shapes import Shape
 from elvis.plugins.volume import Enclosure
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.leaf_types import along_rays
 from elvis.renderer.memory import Buffer
-from elvis.renderer.passes.isosurface.nodes import series
 from elvis.renderer.passes.volume.simplex_bends import RADII, nodes, tetrahedron_bends
 from elvis.renderer.traversal import MORE
 

@@ -1,4 +1,4 @@
-"""Chebyshev points, and what makes series of values there (chebyshev.slang)."""
+"""Chebyshev points, and what makes series of values there, for the host and for kernels (chebyshev.slang)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ def series(degree: int) -> tuple[Floats, Floats]:
     """
     n = degree + 1
     odd = 2 * np.arange(n) + 1
-    transform = 2 / n * _cosines(np.outer(np.arange(n), odd), n)
+    transform = 2 / n * cosines(np.outer(np.arange(n), odd), n)
     transform[0] /= 2
-    return _cosines(odd, n), transform
+    return cosines(odd, n), transform
 
 
-def _cosines(multiples: Ints, n: int) -> Floats:
+def cosines(multiples: Ints, n: int) -> Floats:
     """The cosines of multiples of pi / (2 n)."""
     turned = multiples % (4 * n)
     half = np.minimum(turned, 4 * n - turned)
