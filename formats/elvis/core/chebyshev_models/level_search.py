@@ -347,15 +347,18 @@ class _ModelledBoxes:
         """The boxes with series of a degree, and what those lack (ORDERS, n), in x."""
         size = degree + 1
         series = np.zeros((len(self.boxes), 4, size, size, size))
-        own = self.boxes.leaves.shape[-1]
-        series[:, :3, :own, :own, :own] = self.boxes.leaves[:, :3]
+        boxes = self.boxes
+        # fields may have more degrees than the map: there its series hold nothing but rounding, which is left out
+        own = min(size, boxes.leaves.shape[-1])
+        series[:, :3, :own, :own, :own] = boxes.leaves[:, :3, :own, :own, :own]
+        shells = shells_of(boxes.leaves[:, :3].reshape(-1, *boxes.leaves.shape[2:]))
+        left_out = shells[:, own:].sum(axis=1).reshape(-1, 3)
         count = min(size, self.coefficients.shape[-1])
         series[:, 3, :count, :count, :count] = self.coefficients[:, :count, :count, :count]
         in_box = misfit.T / ROOM ** np.arange(ORDERS)
-        boxes = self.boxes
         # kernels sum these series: what that rounds counts, too
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
-        places = boxes.off.sum(axis=1) + summed[:, :3].sum(axis=1)
+        places = (boxes.off[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]
         return SeriesBoxes(
             boxes.element, boxes.centre, boxes.half, series, in_box, error, places, np.zeros(0, np.int64)
