@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, from_arrays, from_mfem, from_ngsolve, sample
+from elvis.converters.live import live_data
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.plugins.nodal import tensor_nodes
@@ -45,6 +46,14 @@ class TestNGSolve:
         own = np.array([[u(disk(*point)), flow(disk(*point))[1]] for point in points.tolist()])
         assert np.abs(found.values - own).max() < 1e-11
 
+    def test_a_function_brings_its_mesh_and_name(self, ngsolve, disk):
+        u = ngsolve.GridFunction(ngsolve.H1(disk, order=8), name="heat")
+        u.Set(ngsolve.x * ngsolve.y)
+        for dataset in (from_ngsolve(u), from_ngsolve(disk, u), live_data(u)):
+            assert list(dataset) == ["heat"]
+            assert dataset["heat"](0.3, -0.4) == pytest.approx(-0.12, abs=1e-12)
+        assert list(from_ngsolve(u, v=u)) == ["heat", "v"]
+
     def test_boundaries_keep_their_names(self, ngsolve, disk):
         assert "rim" in {composite.name for composite in from_ngsolve(disk).mesh.composites}
 
@@ -58,8 +67,10 @@ class TestNGSolve:
 
     def test_other_things_are_refused(self, ngsolve, disk):
         u = ngsolve.GridFunction(ngsolve.H1(disk, order=2))
-        with pytest.raises(ElvisError, match=r"expected an ngsolve.Mesh first, found GridFunction"):
-            from_ngsolve(u)
+        with pytest.raises(ElvisError, match=r"expected an ngsolve.Mesh or a grid function first, found NumberSpace"):
+            from_ngsolve(ngsolve.NumberSpace(disk))
+        with pytest.raises(ElvisError, match="expected arrays by the names of fields"):
+            from_ngsolve(u, np.zeros(3))
         with pytest.raises(ElvisError, match="expected a grid function or a coefficient function for u, found ndarray"):
             from_ngsolve(disk, u=np.zeros(3))
 
@@ -97,6 +108,16 @@ class TestMfem:
         nodes.Assign(mfem.Vector(moved.reshape(-1)))
         return mesh
 
+    def test_a_function_brings_its_mesh(self, mfem):
+        mesh = self.bent(mfem)
+        space = mfem.FiniteElementSpace(mesh, collection := mfem.H1_FECollection(2, 2))
+        own = mfem.GridFunction(space)
+        own.Assign(3.0)
+        for dataset in (from_mfem(own), from_mfem(mesh, own), live_data(own)):
+            assert list(dataset) == ["u"]
+            assert dataset["u"](0.3, 0.2) == pytest.approx(3.0, abs=1e-13)
+        assert collection.GetOrder() == 2
+
     def test_values_are_those_of_the_library(self, mfem):
         mesh = self.bent(mfem)
         rng = np.random.default_rng(0)
@@ -132,8 +153,9 @@ class TestMfem:
         collection = mfem.H1_FECollection(2, 2)
         space = mfem.FiniteElementSpace(other, collection)
         u = mfem.GridFunction(space)
-        with pytest.raises(ElvisError, match="expected an mfem Mesh first, found GridFunction"):
-            from_mfem(u)
+        for wrong in (space, np.zeros(9)):
+            with pytest.raises(ElvisError, match="expected an mfem Mesh or a GridFunction first, found"):
+                from_mfem(wrong)
         with pytest.raises(ElvisError, match="expected a GridFunction for u, found ndarray"):
             from_mfem(mesh, u=np.zeros(9))
         with pytest.raises(ElvisError, match="u: expected a function on the mesh's 8 elements, found 12"):

@@ -95,6 +95,18 @@ def test_modules_that_are_named_in_text_are_below_too(root, nodes):
     assert not wrong
 
 
+def test_the_core_reaches_the_api_in_one_place(root, nodes):
+    """Methods that are short for functions of ``import elvis`` find these by `elvis.core.lazy.public`."""
+    callers = {
+        path.relative_to(root).as_posix()
+        for path, own_nodes in nodes.items()
+        for node in own_nodes
+        if isinstance(node, ast.Call) and any(isinstance(a, ast.Constant) and a.value == "elvis" for a in node.args)
+        if getattr(node.func, "id", getattr(node.func, "attr", "")) == "import_module"
+    }
+    assert callers == {"formats/elvis/core/lazy.py"}
+
+
 def test_no_command_is_handed_what_stands_above_it(root, nodes):
     """The object of click's context holds the settings of a run and nothing else; it is read where it is made."""
     readers = {

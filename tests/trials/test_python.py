@@ -107,3 +107,71 @@ def test_other_libraries_take_and_give():
     corners = np.array([[(0, 0), (1, 0), (0, 1), (1, 1)]], float)
     square = from_arrays({"quadrilateral": corners}, u=corners[..., 0] * corners[..., 1])
     assert sample(square, "u", (0.25, 0.5))["u"] == pytest.approx([0.125])
+
+
+def test_a_dataset_has_the_names_that_people_try():
+    from elvis import ElvisError, read
+
+    ds = read("cylinder.xml", "cylinder.fld")
+    assert ds.bounds == pytest.approx(np.array([[-5, -5], [5, 5]]), abs=1e-3)
+    assert (ds.n_elements, ds.order, ds.boundaries) == (288, 8, ("boundary",))
+    assert ds.times.tolist() == [ds.time]
+    assert {"u", "speed", "vorticity"} <= set(ds._ipython_key_completions_())
+    assert "lambda2" not in read("blocks.xml", "blocks.fld")._ipython_key_completions_()
+    with pytest.raises(ElvisError, match="expected the coordinates x, y, found 1 of them"):
+        ds["u"](0.5)
+    with pytest.raises(ElvisError, match="expected coordinates as numbers that can be broadcast"):
+        ds["u"]([1, 2], [1, 2, 3])
+    with pytest.raises(KeyError, match="expression 'u \\+'"):
+        ds["u +"]
+
+
+def test_fields_and_quantities_are_functions():
+    from dataclasses import replace
+
+    from elvis import read, sample
+
+    ds = read("cylinder.xml", "cylinder.fld")
+    angle = np.linspace(0, 6, 12).reshape(3, 4)
+    x, y = 2 * np.cos(angle), 2 * np.sin(angle)
+    speed, points = ds["speed"], np.stack([x, y], -1).reshape(-1, 2)
+    assert np.array_equal(speed(x, y).ravel(), sample(ds, "speed", points)["speed"])
+    # the potential flow around the cylinder, u = 1 - (x² - y²)/r⁴ and its circulation, has no vorticity
+    assert abs(ds["vorticity"](x, y)).max() < 1e-3 * speed.range[1]
+    assert isinstance(ds["u"](0.0, 2.0), float)
+    assert np.isnan(ds["u"](9.0, 9.0))
+    assert ds["u"](0.0, [2.0, 9.0]).shape == (2,)
+    low, high = ds["u"].range
+    assert low <= ds["u"](x, y).min()
+    assert ds["u"](x, y).max() <= high
+    # a field that was changed is evaluated as it is
+    doubled = tuple(replace(own, coefficients=2 * own.coefficients) for own in ds["u"].blocks)
+    assert replace(ds["u"], name="twice", blocks=doubled)(0.0, 2.0) == pytest.approx(2 * ds["u"](0.0, 2.0), rel=1e-14)
+
+
+def test_data_are_plotted_and_saved_by_methods():
+    from matplotlib.figure import Figure
+
+    from elvis import read
+
+    ds = read("cylinder.xml", "cylinder.fld")
+    assert ds.save("saved.xml", field_format="hdf5") == (Path("saved.xml"), Path("saved.fld"))
+    assert np.array_equal(read("saved.xml", "saved.fld")["u"](2.0, 1.0), ds["u"](2.0, 1.0))
+    axes = Figure().subplots()
+    frame = ds.plot("Cp", ax=axes, **SIZE)
+    image = axes.images[0]
+    # the middle of a pixel is where the record has it
+    height, width = frame.element.shape
+    left, right, bottom, top = image.get_extent()
+    middle = frame.position[10, 20]
+    assert left + (20 + 0.5) * (right - left) / width == pytest.approx(middle[0], abs=1e-12)
+    assert top + (10 + 0.5) * (bottom - top) / height == pytest.approx(middle[1], abs=1e-12)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
+    assert np.array_equal(np.asarray(image.get_array()), frame.image)
+    bar = axes.figure.axes[1]
+    assert bar.get_ylabel() == "Cp"
+    assert bar.get_ylim() == pytest.approx(frame.range, rel=1e-14)
+    # a view in space has no axes
+    solid = Figure().subplots()
+    ds["Cp"].plot(ax=solid, camera="iso", **SIZE)
+    assert not solid.axison

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,20 +19,23 @@ from elvis.plugins.converting import Settings, converted_object
 
 #: digits with which a number of 64 bits is the same when it is read
 _DIGITS = 17
+#: the name of a function of MFEM that comes without one
+FUNCTION = "u"
 #: the highest degree of fields that is asked of the library
 HIGHEST_ORDER = 30
 
 
 def from_ngsolve(
     mesh: Any,
-    fields: Mapping[str, Any] | None = None,
+    fields: Any = None,
     *,
     order: int | None = None,
     time: float | None = None,
     **named: Any,
 ) -> Dataset:
-    """The dataset of an NGSolve mesh and its functions: ``from_ngsolve(mesh, u=gfu, p=gfp)``.
+    """The dataset of NGSolve's functions: ``from_ngsolve(gfu)``, or ``from_ngsolve(mesh, u=gfu, p=gfp)``.
 
+    mesh    an ngsolve.Mesh, or a grid function, which knows its mesh and its name
     fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
             a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``, one on several
             spaces ``u_1`` and ``u_2``
@@ -44,7 +46,11 @@ def from_ngsolve(
     The library evaluates all functions.  Remarks of the dataset tell the error, measured at points that no fit has
     used.  ElvisError where there is another thing.
     """
-    _check(mesh, "MapToAllElements", "an ngsolve.Mesh first")
+    if _is_ngsolve_function(mesh):
+        mesh, fields = mesh.space.mesh, _with_first(mesh.name, mesh, fields)
+    elif _is_ngsolve_function(fields):
+        fields = {fields.name: fields}
+    _check(mesh, "MapToAllElements", "an ngsolve.Mesh or a grid function first")
     given = fields_by_name(fields, named)
     for name, field in given.items():
         _check(field, "Compile", f"a grid function or a coefficient function for {name}")
@@ -55,11 +61,10 @@ def from_ngsolve(
     return converted_object(source, "an NGSolve mesh", Settings(order=order))
 
 
-def from_mfem(
-    mesh: Any, fields: Mapping[str, Any] | None = None, *, time: float | None = None, **named: Any
-) -> Dataset:
-    """The dataset of an MFEM mesh and grid functions on it: ``from_mfem(mesh, u=x)``.
+def from_mfem(mesh: Any, fields: Any = None, *, time: float | None = None, **named: Any) -> Dataset:
+    """The dataset of MFEM's functions: ``from_mfem(x)``, or ``from_mfem(mesh, u=x, p=y)``.
 
+    mesh    an mfem Mesh, or a grid function, which knows its mesh and is called u here
     fields  grid functions by name, as the keywords are; a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
     time    of the data
 
@@ -67,7 +72,11 @@ def from_mfem(
     remarks of the dataset tell the measured error.  ElvisError where there is another thing, or a function of another
     mesh.
     """
-    _check(mesh, "GetNE", "an mfem Mesh first")
+    if _is_mfem_function(mesh):
+        mesh, fields = mesh.FESpace().GetMesh(), _with_first(FUNCTION, mesh, fields)
+    elif _is_mfem_function(fields):
+        fields = {FUNCTION: fields}
+    _check(mesh, "SetCurvature", "an mfem Mesh or a GridFunction first")
     given = fields_by_name(fields, named)
     for name, field in given.items():
         _check(field, "FESpace", f"a GridFunction for {name}")
@@ -82,6 +91,30 @@ def from_mfem(
     source = Mfem.of([Piece(Source(Path("MFEM"), _text(mesh), False), functions)])
     source.time = checked_time(time)
     return converted_object(source, "an MFEM mesh")
+
+
+def live_data(item: Any) -> Any:
+    """The dataset of a function, or a mesh, of NGSolve or MFEM; anything else unchanged."""
+    if _is_ngsolve_function(item) or hasattr(item, "MapToAllElements"):
+        return from_ngsolve(item)
+    if _is_mfem_function(item) or hasattr(item, "SetCurvature"):
+        return from_mfem(item)
+    return item
+
+
+def _is_ngsolve_function(item: Any) -> bool:
+    """Whether something is a grid function of NGSolve."""
+    return hasattr(item, "space") and hasattr(item, "components")
+
+
+def _is_mfem_function(item: Any) -> bool:
+    """Whether something is a grid function of MFEM on a space."""
+    return hasattr(item, "FESpace") and not isinstance(item, type) and item.FESpace() is not None
+
+
+def _with_first(name: str, function: Any, fields: Any) -> dict[str, Any]:
+    """The function that stands in place of the mesh, and the others; ElvisError where these are not given by names."""
+    return {name: function, **fields_by_name(fields, {})}
 
 
 def _text(item: Any) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as default
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 from elvis.core import describing
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.hints import perhaps
+from elvis.core.lazy import public
 from elvis.core.mesh import Mesh
 from elvis.core.moments import Instant
 from elvis.core.polynomials.bases import Basis
@@ -19,6 +21,7 @@ from elvis.core.texts import check_name
 if TYPE_CHECKING:
     from elvis.core.common_elements import CommonElements
     from elvis.core.distances import Surface
+    from elvis.core.quantities.callables import DatasetField, Quantity
     from elvis.core.streamlines.moving import Interval
 
 #: key of the metadata that names the fields which hold the map of the elements
@@ -129,6 +132,10 @@ class Rates(Protocol):
     def remark(self) -> str:
         """What they are; empty as long as none is asked for."""
 
+    @property
+    def times(self) -> Floats:
+        """(n,) of the steps of the series."""
+
     def field(self, name: str) -> Field:
         """The derivative of a field, named as `rate_name` says; ElvisError where there is none."""
 
@@ -203,9 +210,86 @@ class Dataset:
         known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
         raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")
 
-    def __getitem__(self, name: str) -> Field:
-        """As `field`."""
-        return self.field(name)
+    def __getitem__(self, name: str) -> DatasetField | Quantity:
+        """The field of this name, or the quantity that a text says, as a function of the coordinates.
+
+        ``ds["p"](0.4, 0.3, 0.2)`` is a value, ``ds["vorticity"].range`` a certified range.  KeyError, with a near name,
+        where there is none.
+        """
+        from elvis.core.quantities.callables import function_of
+
+        return function_of(self, name)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """What the tab key offers after ``ds["``."""
+        from elvis.core.quantities.callables import names_of_functions
+
+        return names_of_functions(self)
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) lowest and highest coordinates of the elements, certified: no point of them is outside."""
+        from elvis.core.geometry import geometry
+        from elvis.core.quantities.names import Names
+        from elvis.core.summary import box
+
+        found = box(self, geometry(self))
+        return frozen_floats([found[end][: Names.of(self).dimension] for end in ("lower", "upper")])
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements in the domain."""
+        return len(self.mesh.domain_ids())
+
+    @property
+    def order(self) -> int | None:
+        """Highest polynomial order of the fields; None where there are no fields."""
+        blocks = (block for field in self.solution for block in field.blocks)
+        return max((count - 1 for block in blocks for count in block.expansion.modes), default=None)
+
+    @property
+    def boundaries(self) -> tuple[str, ...]:
+        """Names of the boundaries, as ``faces=`` and ``over=`` take them; the id of one that has no name."""
+        from elvis.core.distances.boundaries import names_of_boundaries
+
+        return tuple(names_of_boundaries(self.mesh))
+
+    @property
+    def times(self) -> Floats:
+        """(n,) times of the steps of the series that the data are a moment of; else their own time, or none."""
+        if self.rates is not None:
+            return frozen_floats(self.rates.times)
+        return frozen_floats([] if self.time is None else [self.time])
+
+    def plot(self, quantity: str | None = None, *, ax: Any = None, **keywords: Any) -> Any:
+        """A picture, as `render` makes it; notebooks show it, ``.show()`` opens it elsewhere.
+
+        Parameters
+        ----------
+        quantity : str, optional
+            What colours the picture; by default the first field.
+        ax : matplotlib axes, optional
+            Axes to draw the picture into (see `Frame.plot`).
+        keywords
+            Those of `render`.
+
+        Returns
+        -------
+        Frame
+        """
+        frame = public("render")(self, *([] if quantity is None else [quantity]), **keywords)
+        if ax is not None:
+            frame.plot(ax)
+        return frame
+
+    def view(self, quantity: str | None = None, **keywords: Any) -> Any:
+        """The interactive picture in a notebook, as the function `view` makes it."""
+        return public("view")(self, *([] if quantity is None else [quantity]), **keywords)
+
+    def save(self, path: str | Path, **options: Any) -> tuple[Path, ...]:
+        """Write the data by the suffix of the name, as the function `write` does; returns the files written."""
+        found: tuple[Path, ...] = public("write")(self, path, **options)
+        return found
 
     def __iter__(self) -> Iterator[str]:
         """The names of the fields, without those that give the map."""

@@ -7,6 +7,7 @@ from importlib import import_module
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from typing import Any
 
 
 def lazy_names(package: str, modules: Mapping[str, tuple[str, ...]]) -> Callable[[str], object]:
@@ -24,12 +25,20 @@ def lazy_names(package: str, modules: Mapping[str, tuple[str, ...]]) -> Callable
     return attribute
 
 
+def public(name: str) -> Any:
+    """A function of ``import elvis``, for methods of data that are short for it, such as ``ds.save("a.vtu")``.
+
+    It is the only way from a class of the core to a slice above.
+    """
+    return getattr(import_module("elvis"), name)
+
+
 def names_of_elvis(package: str) -> Callable[[str], object]:
     """The ``__getattr__`` of a package that finds all names of ``import elvis``, for scripts older than that."""
 
     def attribute(name: str) -> object:
         if name.startswith("__"):
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module("elvis"), name)
+        return public(name)
 
     return attribute

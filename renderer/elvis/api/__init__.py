@@ -11,6 +11,7 @@ from elvis.core.lazy import lazy_names
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from elvis.api.dataset_files import write
+    from elvis.api.live_pictures import draw
     from elvis.api.numbers import extrema
     from elvis.api.version import __version__
     from elvis.converters.blueprint import from_blueprint
@@ -121,6 +122,7 @@ __all__ = [
     "boundary_triangles",
     "critical_points",
     "diff",
+    "draw",
     "extrema",
     "from_arrays",
     "from_blueprint",
@@ -154,6 +156,7 @@ __all__ = [
 #: full name of a module -> the public names that it defines
 NAMES = {
     "elvis.api.dataset_files": ("write",),
+    "elvis.api.live_pictures": ("draw",),
     "elvis.api.numbers": ("extrema",),
     "elvis.api.version": ("__version__",),
     "elvis.converters.blueprint": ("from_blueprint",),

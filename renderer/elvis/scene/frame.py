@@ -301,6 +301,30 @@ class Frame:
         """Sentences on what the picture shows, and on how its data were come by."""
         return tuple(self.stats.get("remarks", ()))
 
+    def plot(self, ax: Any = None, *, colorbar: bool = True) -> Any:
+        """Draw the picture into axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            By default those of a new figure.
+        colorbar : bool
+            Whether each colour map gets a colour bar.
+
+        Returns
+        -------
+        matplotlib.image.AxesImage
+            With world coordinates as its extent where the view is along an axis, else without axes.
+
+        Raises
+        ------
+        ElvisError
+            If matplotlib is not installed.
+        """
+        from elvis.scene.axes_plot import plot_frame
+
+        return plot_frame(self, ax, colorbar)
+
     def show(self) -> None:
         """Show the picture, with its colour bar and title: in a notebook, or in the system's viewer of pictures."""
         from elvis.scene.showing import show

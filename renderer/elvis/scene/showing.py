@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 def show(frame: Frame) -> None:
     """Show a frame where its user looks."""
-    if _is_notebook():
+    if is_notebook():
         from IPython.display import display
 
         display(frame)
@@ -21,7 +21,7 @@ def show(frame: Frame) -> None:
     picture(frame).show(title=frame.scene.field)
 
 
-def _is_notebook() -> bool:
+def is_notebook() -> bool:
     """Whether a kernel of Jupyter runs this process; nothing is imported to find that out."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None

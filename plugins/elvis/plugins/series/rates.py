@@ -48,6 +48,11 @@ class StepRates:
     _numbers: list[int] = field(default_factory=list)
 
     @property
+    def times(self) -> Floats:
+        """(n,) of the steps of the series."""
+        return self.series.times
+
+    @property
     def remark(self) -> str:
         """What the derivatives are; empty as long as none is asked for."""
         if not self._found:

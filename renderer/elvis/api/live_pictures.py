@@ -1,0 +1,42 @@
+"""Pictures of what a Python session holds, in one call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from elvis.core.needing import is_there
+from elvis.scene.showing import is_notebook
+
+
+def draw(*data: Any, **keywords: Any) -> None:
+    """Show data at once: in a notebook to turn and cut, elsewhere as a picture in the system's viewer.
+
+    Parameters
+    ----------
+    data
+        A function of NGSolve or MFEM, as of `from_ngsolve` and `from_mfem`; or what `render` takes: what `read`
+        returns, or names of files; then the quantity that colours the picture.
+    keywords
+        Those of `render`.
+
+    Raises
+    ------
+    ElvisError
+        As `render`, and for an object that is none of these.
+
+    Examples
+    --------
+    >>> elvis.draw(gfu)  # doctest: +SKIP
+    """
+    from elvis.converters.live import live_data
+    from elvis.renderer.rendering import render
+    from elvis.viewer.widget import view
+
+    first, *rest = data or ((),)
+    shown = live_data(first)
+    if is_notebook() and is_there("anywidget"):
+        from IPython.display import display
+
+        display(view(shown, *rest, **keywords))
+    else:
+        render(shown, *rest, **keywords).show()
