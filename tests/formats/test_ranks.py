@@ -360,8 +360,12 @@ raise SystemExit(ranks.end(status, reason))
         ("pass", "[[None, 10, None], [1, None, 21], [None, 12, None]]"),
         ("if ranks.rank == 1: raise ElvisError('there is none')", "part 2 of 3: there is none"),
         ("if ranks.rank == 2: values[1] = lambda: 0", "part 3 of 3: Can't "),
+        (
+            "if ranks.rank: ranks._world.isend(0, dest=3 - ranks.rank, tag=5); raise ElvisError('there is none')",
+            "part ",
+        ),
     ],
-    ids=["none", "before", "while messages are made"],
+    ids=["none", "before", "while messages are made", "after messages that nobody takes"],
 )
 def test_each_rank_gets_what_the_others_have_for_it(started, tmp_path, fault, told):
     ranks = started.processes(tmp_path, (3, sys.executable, "-c", SENDS.format(fault=fault)))
@@ -399,16 +403,18 @@ for _ in range(2):
         warn("only others see this")
 if ranks.rank == 2:
     note("one sees this")
-raise SystemExit(ranks.end({status}, ""))
+raise SystemExit(ranks.end({status}, {reason}))
 """
 
 
-@pytest.mark.parametrize("status", [0, 1, 2])
-def test_notes_of_other_ranks_are_printed_once(started, tmp_path, status):
-    ranks = started.processes(tmp_path, (3, sys.executable, "-c", NOTES.format(status=status)))
-    assert ranks.returncode == status
+@pytest.mark.parametrize("is_late", [False, True], ids=["at the first rank", "at another one that comes too late"])
+def test_notes_of_other_ranks_are_printed_once_and_any_failure_counts(started, tmp_path, is_late):
+    status, reason = ("0", "'none' if ranks.rank == 1 else ''") if is_late else ("2", "''")
+    ranks = started.processes(tmp_path, (3, sys.executable, "-c", NOTES.format(status=status, reason=reason)))
+    assert ranks.returncode == (1 if is_late else 2)
     assert ranks.stderr.splitlines() == [
         "elvis: note: all see this",
         "elvis: warning: part 2 of 3: only others see this",
         "elvis: note: part 3 of 3: one sees this",
+        *(["elvis: error: part 2 of 3: none"] if is_late else []),
     ]

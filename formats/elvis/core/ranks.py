@@ -31,10 +31,11 @@ _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 #: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
-_PATIENCE_HERE = 5.0
+_PATIENCE_HERE = 60.0
 _PATIENCE_ELSEWHERE = 0.5
-#: tags of messages: what a rank has found; its last word; what all have found; how the run ended; from one to another
-_FOUND, _LAST, _ALL, _END, _DIRECT = 1, 2, 3, 4, 5
+#: tags of messages: what a rank has found; its last word; what all have found; how rank 0 ended; from one to another;
+#: that no message follows
+_FOUND, _LAST, _ALL, _END, _DIRECT, _CLOSED = 1, 2, 3, 4, 5, 6
 #: what is wrong with a rank that has another task
 _OTHER = (
     "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
@@ -192,7 +193,7 @@ class MpiRanks:
     def end(self, status: int, reason: str) -> int:
         """The status with which this process ends: that of the run at rank 0, elsewhere 0.
 
-        Rank 0 prints what the others noted.
+        Rank 0 prints what the others noted, and fails if any rank has failed.
         A starter of processes kills those that are left once one fails, so rank 0 fails after all others have ended.
 
         status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
@@ -203,24 +204,54 @@ class MpiRanks:
                 with suppress(ElvisError):
                     self._wait()
         else:
-            for rank in range(1, self.size):
-                self._send(status, rank, _END)
-            while len(self._ended) < self.size - 1:
-                # what they have found meanwhile is of no use any more
-                for rank in range(1, self.size):
-                    self._next(rank, _FOUND)
-                with suppress(ElvisError):
-                    self._wait()
-            self._status = status
-            self._tell_notes()
-        if self._sent:
-            # who was to take these is gone
-            self.abort(self._status)
+            self._status = self._end_of_others(status)
+        self._close()
         if self.rank:
             return 0
-        if status:
+        if self._status:
             self._outlive_others()
-        return status
+        return self._status
+
+    def _end_of_others(self, status: int) -> int:
+        """Tell the other ranks how this one ended, wait for their last words and print them; the status of the run."""
+        failures: list[str] = []
+        for rank in range(1, self.size):
+            self._send(status, rank, _END)
+        while len(self._ended) < self.size - 1:
+            # what they have found meanwhile is of no use any more
+            for rank in range(1, self.size):
+                self._next(rank, _FOUND)
+            try:
+                self._wait()
+            except ElvisError as error:
+                failures.append(str(error))
+        self._tell_notes()
+        if status or not failures:
+            return status
+        tell("error", failures[0])
+        return 1
+
+    def _close(self) -> None:
+        """Take the messages that nobody asked for: with one left MPI_Finalize fails, and MPICH's starter kills all.
+
+        Messages of one rank to another are matched in the order in which they were sent (MPI 4.1, section 3.5), so
+        none comes after the last.
+        """
+        from mpi4py import MPI
+
+        status = MPI.Status()
+        others = [rank for rank in range(self.size) if rank != self.rank]
+        self._sent.extend(self._world.isend(None, dest=rank, tag=_CLOSED) for rank in others)
+        while others or self._sent:
+            for rank in list(others):
+                message = self._world.improbe(source=rank, status=status)
+                if message is None:
+                    continue
+                message.recv()
+                if status.Get_tag() == _CLOSED:
+                    others.remove(rank)
+            self._sent = [request for request in self._sent if not request.test()[0]]
+            sleep(_PAUSE)
 
     def _tell_notes(self) -> None:
         """Print what other ranks noted and this one did not, each sentence once."""
