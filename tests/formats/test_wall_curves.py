@@ -1,14 +1,23 @@
 """Curves on boundaries: lengths, places, normals and values against closed forms and the theorem of Stokes."""
 
+import csv
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, integrate, write
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Locator
+from elvis.core.mesh import Composite
+from elvis.core.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression
+from elvis.core.streamlines.seeds import SeedPlaces, seed_points
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.core.wall_curves import on_walls, wall_curves
+from elvis.core.wall_curves import at_walls, on_walls, wall_curves
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 
@@ -79,6 +88,99 @@ def test_arcs_of_spheres_have_their_length():
     outer, inner = np.sqrt(4 - 0.04), np.sqrt(1 - 0.04)
     assert curve.length == pytest.approx(0.5 * (outer + inner) + 2 * (outer - inner), abs=1e-11)
     assert [radii.max(), radii.min()] == pytest.approx([outer, inner], abs=1e-11)
+
+
+def torus_part(points):
+    """The unit cube onto a part of the space between two tori of radius 3, whose tubes have radii from 1 to 1.5."""
+    tube, height, angle = 1 + points[..., 2] / 2, 0.6 * points[..., 1], 0.5 * points[..., 0]
+    radius = 3 + tube * np.cos(height)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), tube * np.sin(height)], axis=-1)
+
+
+def test_arcs_of_tori_have_their_length():
+    data = Dataset(curved(grid(Shape.HEXAHEDRON, 1), torus_part, 10))
+    (curve,), _ = wall_curves(data, plane_name((0, 0, 0.3), (0, 0, 1)))
+    inner, outer = (3 + np.sqrt(tube**2 - 0.09) for tube in (1, 1.5))
+    assert curve.length == pytest.approx(0.5 * (outer + inner) + 2 * (outer - inner), abs=1e-11)
+
+
+def with_wall(mesh, at_wall):
+    """A mesh with the boundary ``wall`` of those faces, edges in 2D, all of whose vertices are among some."""
+    if mesh.dimension == 2:
+        sides, letter = mesh.of(Shape.SEGMENT), "E"
+        rows = np.flatnonzero(at_wall(mesh.vertices[sides.members]).all(axis=1))
+    else:
+        sides, letter = mesh.of(Shape.QUADRILATERAL), "F"
+        corners = mesh.of(Shape.SEGMENT).members[sides.members].reshape(len(sides.ids), -1)
+        rows = np.flatnonzero(at_wall(mesh.vertices[corners]).all(axis=1))
+    return replace(mesh, composites=(*mesh.composites, Composite(100, ((letter, sides.ids[rows]),), "wall")))
+
+
+def test_pressure_coefficients_along_a_cylinder():
+    """Potential flow about the unit circle: Cp = 1 - 4 sin^2 at the angle from the axis of the flow."""
+    mesh = with_wall(grid(Shape.QUADRILATERAL, 3), lambda p: p[..., 0] == 0)
+
+    def ring(points):
+        radius, angle = 1 + points[..., 0], np.pi * points[..., 1]
+        return np.stack([-radius * np.cos(angle), radius * np.sin(angle), 0 * radius], axis=-1)
+
+    def pressure(points):
+        inverse = 1 / (points[:, 0] + 1j * points[:, 1]) ** 2
+        return 0.5 - 0.5 * np.abs(1 - inverse) ** 2
+
+    data = Dataset(curved(mesh, ring, 16))
+    data = Dataset(data.mesh, (approximated(data, "p", pressure, 18),))
+    table = on_walls(data, "boundary:wall", [Expression.of(data, "2*p")], 300)
+    sine = np.sin(table["length"])
+    assert np.abs(table["2*p"] - (1 - 4 * sine**2)).max() <= 1e-10
+    assert table["x/c"] == pytest.approx((1 - np.cos(table["length"])) / 2, abs=1e-11)
+
+
+def test_forces_of_sections_add_up_to_the_force():
+    """Walls lean, so that strips between sections are wider than their distance."""
+
+    def leaning(points):
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        return np.stack([x + 0.3 * z**2, y - 0.4 * z * (1 - x) + 0.1 * x**2, z], axis=-1)
+
+    def is_lateral(corners):
+        return ((corners[..., :2] == 0) | (corners[..., :2] == 1)).any(axis=-1) & ~_is_flat(corners)
+
+    mesh = curved(with_wall(grid(Shape.HEXAHEDRON, 1), is_lateral), leaning, 3)
+    data = Dataset(mesh)
+    data = Dataset(mesh, (approximated(data, "p", lambda p: p[:, 0] ** 2 + p[:, 1] * p[:, 2], 6),))
+    nodes, weights = gauss(5)
+    names = [f"section:wall:plane:0,0,{(1 + node) / 2!r}:0,0,2" for node in nodes.tolist()]
+    wanted = ["pressure_force", "moment", "length"]
+    found = integrate(data, wanted, names, coefficients="2,1,0.5,xy")
+    whole = integrate(data, wanted[:2], "wall", coefficients="2,1,0.5,xy")
+    for row in whole:
+        sections = [found.of(row.integrand, name).value for name in names]
+        assert weights @ sections / 2 == pytest.approx(row.value, abs=1e-11), row.integrand
+    assert found.of("length", names[0]).measure == pytest.approx(wall_curves(data, names[0])[0][0].length, rel=1e-12)
+    # all else is an integral by length
+    assert integrate(data, "nx^2+ny^2+nz^2", names[0]).value == pytest.approx(found.of("length", names[0]).value)
+    assert integrate(data, "area", "boundary:wall").value == integrate(data, "area", "wall").value
+
+
+def test_seeds_along_curves():
+    data = Dataset(curved(grid(Shape.HEXAHEDRON, 1), sector, 10))
+    places = SeedPlaces.of(data, Locator(patches(data)))
+    circle = seed_points(places, "circle:0,0,1.2:0,0,1:0.2:9")
+    assert len(circle) == 9
+    assert np.linalg.norm(circle[:, :2], axis=1) == pytest.approx(0.2)
+    section = seed_points(places, plane_name((0, 0, 0.2), (0, 0, 1)) + ":60")
+    assert len(section) == 60
+    assert section[:, 2] == pytest.approx(0.2, abs=1e-13)
+    assert (places.locator.locate(section).status == Status.INSIDE).all()
+    for wrong in ("circle:0,0,0:0,0,1:1", "section:all:plane:0,0,0.2:0,0,1:1", "spline:0,0:1,1:x"):
+        with pytest.raises(ElvisError, match=r"expected seeds as .*, N from 2 to"):
+            seed_points(places, wrong)
+
+
+def _is_flat(corners):
+    """Whether all corners (n, k, 3) of a face have the same z."""
+    return np.repeat(np.ptp(corners[..., 2], axis=-1)[:, None] == 0, corners.shape[1], axis=1)
 
 
 def test_walls_of_plane_data_in_order():
@@ -155,13 +257,91 @@ def test_the_command(tmp_path, monkeypatch):
     text = (tmp_path / "p.svg").read_text()
     assert ">measured.csv<" in text
     assert ">x/c<" in text
+    both = [*words, "--along", "section:all:plane:0,0,0.75:0,0,1", "--plot", "both.svg"]
+    assert CliRunner().invoke(elvis, [*both, "-o", "both.csv"]).exit_code == 0
+    with (tmp_path / "both.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["curve"] for row in table] == ["0"] * 41 + ["1"] * 41
+    assert [int(row["point"]) for row in table] == list(range(82))
+    assert [float(row["z"]) for row in table] == pytest.approx([0.25] * 41 + [0.75] * 41)
+    assert (tmp_path / "both.svg").read_text().count(">section:all:plane:0,0,0.") == 2
     for wrong, reason in [
+        (["--along", "line:0,0,0:1,1,1"], "expected curves on boundaries alone, or none, found both"),
+        (["--layers", "p"], "expected --layers with --along normal:"),
+        (["--snap", "all"], "expected --snap without --along"),
         (["--plot", "q.svg", "--x", "xc"], "there is no column 'xc'"),
         (["--x", "x"], "expected --x, --reverse and --overlay with --plot"),
         (["--all"], "without --all and --clip"),
+        (["--point", "0,0,0"], "expected --along without other points"),
         (["--plot", "q.svg", "--overlay", "measured.csv:where,who"], "expected a column, one of where, what"),
     ]:
         done = CliRunner().invoke(elvis, [*words, *wrong])
         assert done.exit_code != 0
         assert reason in f"{done.output}{done.exception}", wrong
     assert not (tmp_path / "q.svg").exists()
+
+
+def test_points_snap_to_walls_and_are_as_far_as_closed_forms_say(tmp_path, monkeypatch):
+    """Points around a part of a ball, which come to the sphere along its normals."""
+    from elvis.plugins.command import elvis
+
+    monkeypatch.chdir(tmp_path)
+    mesh = with_wall(grid(Shape.HEXAHEDRON, 1), lambda corners: corners[..., 2] == 1)
+    data = Dataset(curved(mesh, sector, 7))
+    data = Dataset(data.mesh, (approximated(data, "p", lambda x: x[:, 0] * x[:, 1] - x[:, 2], 7),))
+    rng = np.random.default_rng(3)
+    towards = sector(np.column_stack([rng.uniform(0, 1, (40, 2)), np.ones(40)])) / 2
+    radii = rng.uniform(1.6, 2.3, 40)
+    texts = ("p", "nx*x+ny*y+nz*z", "d(p,x)*nx+d(p,y)*ny+d(p,z)*nz")
+    table = at_walls(data, "wall", radii[:, None] * towards, [Expression.of(data, text) for text in texts])
+    places = np.column_stack([table[axis] for axis in "xyz"])
+    assert np.abs(places - 2 * towards).max() < 1e-7
+    assert np.abs(np.linalg.norm(places, axis=1) - 2).max() < 1e-8
+    assert table["distance"] == pytest.approx(np.abs(radii - 2), abs=1e-7)
+    assert table["p"] == pytest.approx(places[:, 0] * places[:, 1] - places[:, 2], abs=1e-7)
+    assert table[texts[1]] == pytest.approx(2, abs=1e-7)
+    assert (table["status"] == Status.INSIDE).all()
+    # the element behind the wall, not one beside it
+    assert table[texts[2]] == pytest.approx((2 * places[:, 0] * places[:, 1] - places[:, 2]) / 2, abs=1e-5)
+    write(data, "ball.xml")
+    found = CliRunner().invoke(elvis, ["probe", "ball.xml", "ball.fld", "--point", "2.4,0.6,0.4", "--snap", "wall"])
+    assert found.exit_code == 0, found.output
+    assert found.output.startswith("point,distance,x,y,z,nx,ny,nz,element,status,p\n0,0.505992")
+    missing = CliRunner().invoke(elvis, ["probe", "ball.xml", "ball.fld", "--point", "1,0,2", "--snap", "wal"])
+    assert missing.exit_code != 0
+    assert "there is no boundary 'wal'" in f"{missing.output}{missing.exception}"
+
+
+def test_boundary_layers_at_stations(tmp_path, monkeypatch):
+    """u = U (2 s - s^2), s = y/d, up to the height d = 0.1 (1 + x): delta99 = 0.9 d, delta* = d/3, theta = 2 d/15."""
+    from elvis.plugins.command import elvis
+
+    monkeypatch.chdir(tmp_path)
+    mesh = with_wall(grid(Shape.QUADRILATERAL, 2), lambda p: p[..., 1] == 0)
+
+    def stretched(points):
+        return np.stack([points[..., 0], points[..., 1] * 0.1 * (1 + points[..., 0]), 0 * points[..., 0]], axis=-1)
+
+    mesh = curved(mesh, stretched, 2)
+    height = lambda p: p[:, 1] / (0.1 * (1 + p[:, 0]))  # noqa: E731
+    speed = approximated(Dataset(mesh), "u", lambda p: 3 * (2 * height(p) - height(p) ** 2), 3)
+    write(Dataset(mesh, (speed,)), "plate.xml")
+    (tmp_path / "stations.csv").write_text("x,y\n0.25,0.01\n0.75,0.01\n")
+    words = ["probe", "plate.xml", "plate.fld", "--layers", "u", "--along"]
+    rows = []
+    for x in (0.25, 0.75):
+        found = CliRunner().invoke(elvis, [*words, f"normal:wall:{x},0.01:{0.1 * (1 + x)}", "--json"])
+        assert found.exit_code == 0, found.output
+        rows += json.loads(found.output)
+    for row in rows:
+        d = 0.1 * (1 + row["x"])
+        assert row["edge"] == pytest.approx(3, rel=1e-12)
+        assert [row["delta99"], row["displacement"], row["momentum"]] == pytest.approx([0.9 * d, d / 3, 2 * d / 15])
+        assert row["shape"] == pytest.approx(2.5, rel=1e-9)
+    both = CliRunner().invoke(elvis, [*words, "normal:wall:stations.csv:0.12", "--plot", "d.svg", "-o", "d.csv"])
+    assert both.exit_code == 0, both.output
+    assert len((tmp_path / "d.csv").read_text().splitlines()) == 3
+    assert ">momentum<" in (tmp_path / "d.svg").read_text()
+    wrong = CliRunner().invoke(elvis, [*words, "normal:wall:0.5,0.01:9"])
+    assert wrong.exit_code != 0
+    assert "expected a speed at the end of the curve" in f"{wrong.output}{wrong.exception}"

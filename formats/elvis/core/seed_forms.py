@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+#: N points at even steps of a curve
+CURVES: Mapping[str, str] = {
+    "polyline": "polyline:P:Q:R:N",
+    "circle": "circle:CENTRE:NORMAL:RADIUS:N",
+    "spline": "spline:P:Q:R:N",
+    "normal": "normal:BOUNDARY:POINT:LENGTH:N",
+    "section": "section:BOUNDARY:plane:POINT:NORMAL:N",
+}
 FORMS: Mapping[str, str] = {
     "point": "point:X,Y,Z",
     "line": "line:P:Q:N",
@@ -13,6 +21,7 @@ FORMS: Mapping[str, str] = {
     "elements": "elements",
     "boundary": "boundary:NAME:N",
     "random": "random:N or random:N:LOW:HIGH",
+    **CURVES,
 }
 
 

@@ -90,7 +90,12 @@ class HostFlow(FlowData):
             places = [_on_sides(patch, k, neighbours, number, count) for k, patch in enumerate(self.patches)]
             return np.concatenate([np.empty((0, 3)), *places])
 
-        return SeedPlaces(self.names.dimension, locator, velocity.positions, on_boundary)
+        def on_curve(name: str, count: int) -> Floats:
+            raise ElvisError(
+                f"seeds: expected data of a known map, found what the plugin {self.opened.name} opens: {name}"
+            )
+
+        return SeedPlaces(self.names.dimension, locator, velocity.positions, on_boundary, on_curve)
 
     def on_wall(
         self, wall: str, texts: Sequence[str] | None, others: Sequence[Expression]

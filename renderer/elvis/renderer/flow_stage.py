@@ -150,7 +150,7 @@ class FlowStage:
         found = self._curves_of(item)
         ends = found.ends
         yield from found.remarks
-        if item.cores is None and not len(found.pieces):
+        if item.seeds and not len(found.pieces):
             yield f"streamlines: none is drawn, as none of the {found.lines} lines moves"
         for end in (End.OUTSIDE, End.STEPS, End.JUMP, End.NAN, End.INVERTED, End.FAILED):
             name, meaning = WORDS[end]

@@ -19,6 +19,7 @@ from elvis.core.streamlines.marks import marks
 from elvis.core.streamlines.pathlines import path_curves, streak_curves
 from elvis.core.streamlines.ribbons import Ribbons, check_space, ribbons
 from elvis.core.streamlines.tracer import Tracer
+from elvis.core.wall_curves.drawn_curves import drawn_curves
 from elvis.scene.errors import SceneError
 from elvis.scene.frusta import Frusta
 from elvis.scene.objects import Streamlines
@@ -32,8 +33,8 @@ V = TypeVar("V")
 RADIUS = 0.003
 #: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals beside a width in pixels; radius by length
 _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
-#: what lines are: of streamlines and cores, of particles since when, and how many releases of them
-_Key: TypeAlias = tuple[Course, float | None, int | None, CoreLimits | None]
+#: what lines are: of streamlines and cores, of particles since when, how many releases of them, along which wall
+_Key: TypeAlias = tuple[Course, float | None, int | None, CoreLimits | None, str | None]
 #: courses in the same data whose lines are kept
 _MOST = 8
 _KNOWN: WeakKeyDictionary[FlowSource, dict[_Key, Curves]] = WeakKeyDictionary()
@@ -69,14 +70,14 @@ def curves_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) ->
 
     make  of what follows lines that aren't known yet
     """
-    key = (course_of(item), item.since, item.releases, cores_of(item))
+    key = (course_of(item), item.since, item.releases, cores_of(item), item.along)
     known = _KNOWN.setdefault(data, {})
     if "-" in item.seeds:
         raise SceneError("seeds of streamlines: expected the name of a table, found -")
     if key not in known and len(known) >= _MOST:
         known.clear()
     found = _kept(known, key, lambda: _followed(data, *key, make))
-    if item.cores is None and not found.lines:
+    if not found.lines and item.seeds:
         raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
     return found
 
@@ -97,9 +98,14 @@ def _followed(
     since: float | None,
     releases: int | None,
     cores: CoreLimits | None,
+    along: str | None,
     make: MakeTracer,
 ) -> Curves:
-    """Streamlines, or since a time paths or streaks of particles, or cores of vortices, as curves."""
+    """Streamlines, or since a time paths or streaks of particles, or cores of vortices, or a wall, as curves."""
+    if along is not None:
+        if not isinstance(data, Dataset):
+            raise ElvisError("along: expected native data, found what a runtime plugin opens")
+        return drawn_curves(data, along)
     if cores is not None:
         if not isinstance(data, Dataset):
             raise ElvisError("cores: expected native data, found what a runtime plugin opens")

@@ -215,6 +215,14 @@ class Streamlines(Model, of="streamlines"):
             metavar="acceleration|vorticity",
         ),
     ] = None
+    along: Annotated[
+        str | None,
+        Setting(
+            "In place of lines from seeds: a curve on a wall, boundary:NAME of 2D data, or section:NAME:plane:P:N, "
+            "where a plane cuts a boundary of 3D data.",
+            metavar="CURVE",
+        ),
+    ] = None
     least_swirl: Annotated[float, Setting("Of cores: how fast the flow turns at least, in radians by time.", ge=0)] = (
         0.0
     )
@@ -223,7 +231,8 @@ class Streamlines(Model, of="streamlines"):
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
         f"Streamlines from seeds: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
-        "radius=0.01 or direction=both; cores=acceleration in place of seeds: the cores of all vortices.",
+        "radius=0.01 or direction=both; cores=acceleration in place of seeds: the cores of all vortices, "
+        "along=section:NAME:plane:P:N: where a plane cuts a boundary.",
         option="--streamlines",
         metavar="SEEDS[;KEY=VALUE]",
         parse="streamlines",
@@ -232,7 +241,7 @@ class Streamlines(Model, of="streamlines"):
 
     def check(self) -> None:
         """SceneError where nothing says where lines begin, for a direction that there is not, and for two sizes."""
-        check(len(self.seeds) or self.cores, "seeds of streamlines", "at least one", "none")
+        check(len(self.seeds) or self.cores or self.along, "seeds of streamlines", "at least one", "none")
         directions = ("forward", "backward", "both")
         check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
         sizes = [name for name in ("radius", "width", "ribbon") if getattr(self, name) is not None]
@@ -257,7 +266,15 @@ class Streamlines(Model, of="streamlines"):
         if self.cores is None:
             alone = not self.least_swirl and not self.least_length
             check(alone, "streamlines", "cores with least_swirl and least_length", "none")
+            if self.along is not None:
+                self._check_no_seeds("along")
+                check(self.velocity is None, "along of streamlines", "no velocity", self.velocity)
             return
+        check(self.along is None, "cores of streamlines", "no curve along a wall", "some")
+        self._check_no_seeds("cores")
+
+    def _check_no_seeds(self, kind: str) -> None:
+        """SceneError for settings of lines from seeds, beside what is in place of them."""
         default = Streamlines(("",))
         followed = (
             "direction",
@@ -273,7 +290,7 @@ class Streamlines(Model, of="streamlines"):
         )
         given = [name for name in followed if getattr(self, name) != getattr(default, name)]
         given += ["seeds"] if self.seeds else []
-        check(not given, "cores of streamlines", "no settings of lines from seeds", ", ".join(given))
+        check(not given, f"{kind} of streamlines", "no settings of lines from seeds", ", ".join(given))
 
 
 @dataclass(frozen=True, repr=False)

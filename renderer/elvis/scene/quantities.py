@@ -36,7 +36,7 @@ def vector_components(scene: Scene) -> tuple[str, ...]:
     """What the vectors of a scene are made of, each once; the speed stands for a velocity that nothing names."""
     given: list[str | None] = []
     for item in scene.every_object:
-        if isinstance(item, Streamlines):
+        if isinstance(item, Streamlines) and item.along is None:
             given.append(item.velocity)
         if isinstance(item, Glyphs):
             given.append(item.vector)

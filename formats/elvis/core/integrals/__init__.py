@@ -10,7 +10,9 @@ levels_of_elements  planes and isosurfaces in elements; level_boxes, graph_order
 touching         where surfaces lie so near sides of elements that rounding decides between these
 targets          what is integrated over, from its name
 integrands       what is integrated, from its text: forces, fluxes, averages
+line_targets     the curves among these names
 curves           lines, circles, splines, normals of walls; along_curves: rules on them, halved at borders
+boundary_layers  thicknesses of layers along these
 coefficients     of drag, lift and moment
 integration      all of it in one call
 """

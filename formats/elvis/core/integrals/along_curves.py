@@ -6,8 +6,9 @@ all differences together are less than the error asked for.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,10 +22,14 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 
-#: Gauss points of the rules that are compared, halvings, and intervals in each part of a curve at first
-_COUNTS, _DEPTH, _FIRST = (7, 8, 10), 40, 16
+#: Gauss points of the rules that are compared, and halvings of intervals
+_COUNTS, _DEPTH = (7, 8, 10), 40
 #: how much more than differences the error is, and rounding in parts of the sum of magnitudes
 _SAFETY, _ROUNDING = 8.0, 64 * float(np.finfo(np.float64).eps)
+
+
+#: values (n, k) at parameters (n,), NaN where there are none
+Values: TypeAlias = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,27 @@ class CurvePiece:
         """1."""
         return 1
 
+    @property
+    def intervals(self) -> int:
+        """Intervals in each part of the curve at first: borders of elements may be anywhere."""
+        return 16
+
+    def values(self, evaluator: Evaluator, expressions: Sequence[Expression]) -> Values:
+        """What expressions are along the curve."""
+        locator = Locator(self.patches)
+
+        def at(t: Floats) -> Floats:
+            points = self.curve.at(t)[0]
+            location, found = locator.locate(points), np.full((len(points), len(expressions)), np.nan)
+            for number, patch in enumerate(self.patches):
+                here = np.flatnonzero((location.status == Status.INSIDE) & (location.patch == number))
+                rows, reference = location.row[here], location.reference[here, : patch.dimension]
+                for column, each in enumerate(expressions):
+                    found[here, column] = evaluator.values(each, patch, rows, reference)
+            return found
+
+        return at
+
 
 @dataclass(frozen=True, eq=False)
 class AlongCurve:
@@ -72,21 +98,23 @@ class AlongCurve:
     place: Floats | None
 
 
-class _Values:
-    """Expressions at points of a curve."""
+class _Rules:
+    """Gauss rules for expressions along a curve.
 
-    def __init__(self, piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[Expression]) -> None:
-        self._piece, self._evaluator, self._expressions = piece, evaluator, expressions
-        self._locator = Locator(piece.patches)
+    place  (3,) where one has no value, None where none was met
+    """
+
+    def __init__(self, curve: Curve, values: Values) -> None:
+        self._curve, self._values = curve, values
         self.place: Floats | None = None
 
     def integrals(self, low: Floats, high: Floats, count: int) -> Floats:
         """(4, n, k) over intervals (n,): values, magnitudes, lengths with and without values."""
         nodes, weights = gauss(count)
         t = low[:, None] + (high - low)[:, None] * (1 + nodes) / 2
-        points, tangents = self._piece.curve.at(t.reshape(-1))
+        points, tangents = self._curve.at(t.reshape(-1))
         lengths = np.linalg.norm(tangents, axis=1).reshape(t.shape) * weights * (high - low)[:, None] / 2
-        values = self._at(points).reshape(*t.shape, -1)
+        values = self._values(t.reshape(-1)).reshape(*t.shape, -1)
         is_known = np.isfinite(values)
         if not is_known.all() and self.place is None:
             self.place = points[np.flatnonzero(~is_known.all(axis=2).reshape(-1))[0]]
@@ -94,28 +122,18 @@ class _Values:
         parts = (terms, np.abs(terms), is_known * lengths[..., None], ~is_known * lengths[..., None])
         return np.stack([part.sum(axis=1) for part in parts])
 
-    def _at(self, points: Floats) -> Floats:
-        """(n, k) values, NaN where there are none."""
-        location, found = self._locator.locate(points), np.full((len(points), len(self._expressions)), np.nan)
-        for number, patch in enumerate(self._piece.patches):
-            here = np.flatnonzero((location.status == Status.INSIDE) & (location.patch == number))
-            rows, reference = location.row[here], location.reference[here, : patch.dimension]
-            for column, each in enumerate(self._expressions):
-                found[here, column] = self._evaluator.values(each, patch, rows, reference)
-        return found
-
 
 def along_curve(piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[Expression], error: float) -> AlongCurve:
     """The integrals of expressions; ``error`` asked for in parts of the integrals of magnitudes."""
-    values = _Values(piece, evaluator, expressions)
-    ends = np.linspace(0.0, piece.curve.parts, piece.curve.parts * _FIRST + 1)
+    rules = _Rules(piece.curve, piece.values(evaluator, expressions))
+    ends = np.linspace(0.0, piece.curve.parts, piece.curve.parts * piece.intervals + 1)
     low, high = ends[:-1], ends[1:]
     total, (left, ending) = np.zeros((4, len(expressions))), np.zeros((2, len(expressions)))
     for depth in range(_DEPTH):
-        *lesser, best = (values.integrals(low, high, count) for count in _COUNTS)
+        *lesser, best = (rules.integrals(low, high, points) for points in _COUNTS)
         off = _SAFETY * np.max([np.abs(best - own) for own in lesser], axis=0)
         off = np.maximum(off[0], off[2] * _slope(best))
-        goals = error * (total[1] + best[1].sum(axis=0)) / (4 * _FIRST)
+        goals = error * (total[1] + best[1].sum(axis=0)) / (4 * piece.intervals)
         is_done = (off <= np.maximum(goals, _ROUNDING * (best[1] + _slope(best) * best[2]))).all(axis=1)
         is_done |= depth == _DEPTH - 1
         total += best[:, is_done].sum(axis=1)
@@ -132,7 +150,7 @@ def along_curve(piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[E
 
     # points count for elements from which they are as far as their places are known
     left += ending * 2 * TOLERANCE * measure
-    return AlongCurve(value, left + rounding, rounding, magnitude, measure, beyond, values.place)
+    return AlongCurve(value, left + rounding, rounding, magnitude, measure, beyond, rules.place)
 
 
 def _slope(best: Floats) -> Floats:

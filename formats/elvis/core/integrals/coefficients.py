@@ -75,10 +75,10 @@ class Coefficients:
         for part, suffix in self._parts(names):
             for name, (a, b) in {"drag": (along, across), "lift": (-across, along)}.items():
                 text = f"({a!r}*{part}_{self.drag} + {b!r}*{part}_{lift})/{self.pressure * self.area!r}"
-                yield Integrand(f"{name}_coefficient{suffix}", Expression.parse(text, names))
+                yield Integrand(f"{name}_coefficient{suffix}", Expression.parse(text, names), is_load=True)
         for axis in {2: "z", 3: "xyz"}.get(names.dimension, ""):
             text = f"moment_{axis}{self._point(axis)}/{self.pressure * self.area * self.length!r}"
-            yield Integrand(f"moment_coefficient_{axis}", Expression.parse(text, names))
+            yield Integrand(f"moment_coefficient_{axis}", Expression.parse(text, names), is_load=True)
 
     def _point(self, axis: str) -> str:
         """The parameters of a moment about an axis: coordinates of the point across it."""

@@ -70,9 +70,16 @@ class Curve:
 
     def parameters(self, count: int) -> tuple[Floats, Floats]:
         """Parameters (n,) at even steps of length, both ends included, and the length (n,) up to each."""
-        ends, lengths = self._lengths
-        wanted = np.linspace(0.0, lengths[-1], count)
-        return self._at_lengths(wanted, ends, lengths), wanted
+        wanted = np.linspace(0.0, self.length, count)
+        return self.parameters_at(wanted), wanted
+
+    def lengths_at(self, t: Floats) -> Floats:
+        """Lengths of the curve up to parameters t, between its intervals as if these had even speed."""
+        return np.interp(t, *self._lengths)
+
+    def parameters_at(self, lengths: Floats) -> Floats:
+        """(n,) parameters up to which the curve has these lengths (n,)."""
+        return self._at_lengths(lengths, *self._lengths)
 
     @property
     def length(self) -> float:

@@ -38,11 +38,13 @@ class Integrand:
 
     text        as it was written, or the component of a vector
     is_average  whether it is to be divided by the measure
+    is_load     whether it is a force or a moment, which a section has per unit of span
     """
 
     text: str
     expression: Expression
     is_average: bool = False
+    is_load: bool = False
 
     def check(self, over: str, pieces: Sequence[Part]) -> None:
         """ElvisError where it means nothing on pieces: a volume of a surface, a normal inside of elements."""
@@ -108,7 +110,7 @@ def _integrands(text: str, names: Names) -> Iterator[Integrand]:
     elif vector is not None and vector[1] not in names.fields:
         for component in _components(vector[1], names):
             own = component + (vector[2] or "")
-            yield Integrand(own, Expression.parse(own, names))
+            yield Integrand(own, Expression.parse(own, names), is_load=True)
     elif average is not None and "average" not in names.fields:
         yield Integrand(text, Expression.parse(average[1], names), is_average=True)
     else:

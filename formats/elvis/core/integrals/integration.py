@@ -13,10 +13,10 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.integrals.coefficients import Coefficients
 from elvis.core.integrals.conversion import ConversionTerms
-from elvis.core.integrals.curves import KINDS, Curve
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integrands import Integrand, integrands
 from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.integrals.line_targets import LineTargets, is_line
 from elvis.core.integrals.refinement import Summation
 from elvis.core.integrals.targets import DOMAIN, ELEMENT, Part, Places, Targets, has_outer_boundaries, overlap
 from elvis.core.quantities.evaluator import Evaluator
@@ -154,7 +154,7 @@ def comes_apart(
     jump, along curves, and where one of two elements stands for a side of both: on boundaries inside of the data.
     dataset  what a rank has; the answer is that of all together.  All else as in `integrate`
     """
-    if any(name.partition(":")[0] in (*KINDS, ELEMENT.removesuffix(":")) for name in over):
+    if any(is_line(name) or name.startswith(ELEMENT) for name in over):
         return False
     wanted = evaluated(dataset, field, coefficients)
     levels = [level for name in over if (level := Level.parse(dataset, name)) is not None]
@@ -192,7 +192,9 @@ def integrate(
     over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces,
            ``element:ID``, the faces of an element,
            ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``, ``EXPRESSION=VALUE`` (an
-           isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``
+           isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``;
+           ``section:NAME:plane:POINT:NORMAL``, where a plane cuts a boundary, on which forces, moments and coefficients
+           are those per unit of length along the plane's normal
     error  requested if no rule is exact for an integrand, relative to the integral of its absolute value
     coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
@@ -208,17 +210,16 @@ def integrate(
     comes last.  ElvisError for what names nothing, and where no element has the fields.
     """
     names = [over] if isinstance(over, str) else list(dict.fromkeys(over))
-    curves = {name: curve for name in names if (curve := Curve.parse(dataset, name)) is not None}
-    end = curves[names[0]].end if curves and len(names) == 1 else None
-    wanted = integrands(dataset, [field] if isinstance(field, str) else list(field), end)
+    lines = LineTargets.of(dataset, names)
+    wanted = integrands(dataset, [field] if isinstance(field, str) else list(field), lines.end(names))
     if coefficients is not None:
         wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset))
     if not wanted or not names or not 0 < error < 1:
         raise ElvisError(f"expected a quantity, a target and an error between 0 and 1, found {field}, {over}, {error}")
-    others = [name for name in names if name not in curves]
+    others = [name for name in names if name not in lines]
     levels = {name: level for name in others if (level := Level.parse(dataset, name)) is not None}
     part = None if clip is None else Level.clip(dataset, clip)
-    _check_jacobian(jacobian, bool(levels or curves or part), wanted)
+    _check_jacobian(jacobian, bool(levels or lines or part), wanted)
     further = [
         *_span(dataset),
         *(each for level in [*levels.values(), *([part] if part else [])] for each in level.expressions),
@@ -226,7 +227,7 @@ def integrate(
     evaluator = Evaluator(dataset, [*(each.expression for each in wanted), *further])
     task = repr(([each.text for each in wanted], names, error, clip))
     parts = ALONE if dataset.mesh.excerpt is None else ranks
-    places = Places(dataset, evaluator.patches, {}, curves, parts)
+    places = Places(dataset, evaluator.patches, {}, lines.pieces(dataset, evaluator, wanted), parts)
     levels = {name: level.known(evaluator, parts, places.sides) for name, level in levels.items()}
     part = part and part.known(evaluator, parts)
     places = replace(places, levels=levels)

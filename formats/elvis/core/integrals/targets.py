@@ -15,7 +15,6 @@ from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.integrals.along_curves import CurvePiece
 from elvis.core.integrals.coincident import Sides
-from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.levels_of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
 from elvis.core.mesh import Mesh
@@ -24,8 +23,10 @@ from elvis.core.portions.portion import knows_inner_sides
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 
-#: what stands for all elements, before the name of a region, and before the id of an element whose faces are meant
-DOMAIN, REGION, ELEMENT = "domain", "region:", "element:"
+#: what stands for all elements
+DOMAIN = "domain"
+#: before the name of a region, before the id of an element whose faces are meant, and, if wanted, before a boundary
+REGION, ELEMENT, BOUNDARY = "region:", "element:", "boundary:"
 #: what pieces may be
 Part = Piece | LevelPiece | CurvePiece
 #: what rows are called that have no name of their own: faces in no boundary
@@ -62,7 +63,7 @@ class Places:
     dataset: Dataset
     patches: tuple[Patch, ...]
     levels: Mapping[str, Level]
-    curves: Mapping[str, Curve] = field(default_factory=dict)
+    curves: Mapping[str, tuple[CurvePiece, ...]] = field(default_factory=dict)
     ranks: Ranks = ALONE
 
     def somewhere(self, flags: Sequence[bool]) -> list[bool]:
@@ -125,7 +126,8 @@ class Places:
             level, elements = self.levels[name], whole_elements(self.patches)
             return Targets((Target(name, tuple(LevelPiece(piece, level) for piece in elements)),))
         if name in self.curves:
-            return Targets((Target(name, (CurvePiece(self.curves[name], self.patches),)),))
+            return Targets((Target(name, self.curves[name]),))
+        name = name if name in self.boundaries else without_prefix(name)
         if name == DOMAIN:
             return Targets((Target(DOMAIN, tuple(whole_elements(self.patches))),))
         if name == ALL:
@@ -232,6 +234,11 @@ class Places:
                     yield Piece(patch, rows, side_shape(patch.shape, number), number)
 
 
+def without_prefix(name: str) -> str:
+    """The name of a boundary without the word before it."""
+    return name.removeprefix(BOUNDARY)
+
+
 def _united(pieces: Sequence[Piece]) -> Iterator[Piece]:
     """The elements or sides of pieces, each once."""
     groups: dict[tuple[int, int | None], list[Piece]] = {}
@@ -254,4 +261,5 @@ def has_outer_boundaries(dataset: Dataset, names: Sequence[str]) -> bool:
     if not knows_inner_sides(dataset):
         return False
     known = boundaries(mesh)
+    names = [without_prefix(name) for name in names]
     return not any(np.isin(known[name], mesh.excerpt.sides).any() for name in names if name in known)

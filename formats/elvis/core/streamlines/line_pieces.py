@@ -29,8 +29,8 @@ from elvis.core.streamlines.velocity import Velocity
 DEVIATION = 1e-13
 #: how often a step is halved at most
 _HALVINGS = 8
-#: points of the interpolation: its series is known to twice the degree that is kept, but one
-_NODES = 15
+#: number of points of the interpolation: its series is known to twice the degree that is kept, but one
+_COUNT = 15
 #: steps worked on at once
 _AT_ONCE = 1 << 14
 #: pieces of all curves at most
@@ -55,11 +55,9 @@ def _binomial(n: int, k: int) -> float:
 
 
 #: Chebyshev points in [0, 1], (15, 8) values of Bernstein polynomials there, and (15, 15) from values to coefficients
-_POINTS = 0.5 + 0.5 * chebyshev.chebpts1(_NODES)
-_VALUES = np.stack(
-    [_binomial(DEGREE, k) * _POINTS**k * (1 - _POINTS) ** (DEGREE - k) for k in range(DEGREE + 1)], axis=1
-)
-_SERIES = np.linalg.inv(chebyshev.chebvander(2 * _POINTS - 1, _NODES - 1))
+NODES = 0.5 + 0.5 * chebyshev.chebpts1(_COUNT)
+_VALUES = np.stack([_binomial(DEGREE, k) * NODES**k * (1 - NODES) ** (DEGREE - k) for k in range(DEGREE + 1)], axis=1)
+_SERIES = np.linalg.inv(chebyshev.chebvander(2 * NODES - 1, _COUNT - 1))
 #: (8, 8) from Chebyshev coefficients to those of powers: rows are Chebyshev polynomials
 _CHEBYSHEV = np.stack([np.pad(chebyshev.cheb2poly(np.eye(DEGREE + 1)[k]), (0, DEGREE))[: DEGREE + 1] for k in range(8)])
 _BERNSTEIN = _to_powers()
@@ -274,7 +272,12 @@ def _image(velocity: Velocity, number: int, rows: Ints, nets: Floats) -> tuple[F
         places = velocity.positions(*_repeated(number, rows, nets)).reshape(count, -1, 3)
         return np.einsum("nbd,bp->npd", places, _BERNSTEIN), np.zeros(count)
     states = np.einsum("qb,nbd->nqd", _VALUES, nets)
-    places = velocity.positions(*_repeated(number, rows, states)).reshape(count, _NODES, 3)
+    places = velocity.positions(*_repeated(number, rows, states)).reshape(count, _COUNT, 3)
+    return series_through(places)
+
+
+def series_through(places: Floats) -> tuple[Floats, Floats]:
+    """(k, 8, 3) coefficients of powers from values (k, 15, 3) at `NODES`, and (k,) how far off they may be."""
     series = np.einsum("kq,nqd->nkd", _SERIES, places)
     # what was left out may stand at its greatest everywhere; as much again for what lies beyond it, folded back
     tail = np.linalg.norm(np.abs(series[:, DEGREE + 1 :]).sum(axis=1), axis=1)

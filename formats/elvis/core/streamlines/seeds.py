@@ -2,6 +2,8 @@
 
 point:X,Y,Z                  a point
 line:P:Q:N                   N points from P to Q, both included
+circle:C:NORMAL:R:N          N points at even steps of a curve; likewise polyline:P:Q:…:N, spline:P:Q:…:N,
+                             normal:BOUNDARY:P:LENGTH:N and section:BOUNDARY:plane:P:NORMAL:N
 disc:C:NORMAL:R:N            N points over a disc, evenly
 grid:LOW:HIGH:NX,NY,NZ       a lattice over a box, ends included
 plane:POINT:NORMAL:N         a square lattice on a cut plane, N points along the box's longest side, those in elements
@@ -34,7 +36,8 @@ from elvis.core.patch import Patch
 from elvis.core.quantities.names import Names
 from elvis.core.queries import points_in_table, points_on_line
 from elvis.core.sampling import world_points
-from elvis.core.seed_forms import FORMS, names_file
+from elvis.core.seed_forms import CURVES, FORMS, names_file
+from elvis.core.wall_curves import points_along
 
 _Parts = Sequence[str]
 #: seeds of a text at most, and how often random ones are drawn until enough lie in elements
@@ -50,12 +53,14 @@ class SeedPlaces:
     positions    (n, 3) world points of reference points (n, D) in elements: patches (n,) and rows in them (n,)
     on_boundary  (n, 3) the middles of k x k equal parts of each side of a boundary by its name, k of each edge in 2D;
                  ElvisError where there is none
+    on_curve     (n, 3) points at even steps of a curve by its name; ElvisError where there is none
     """
 
     dimension: int
     locator: Locator
     positions: Callable[[Ints, Ints, Floats], Floats]
     on_boundary: Callable[[str, int], Floats]
+    on_curve: Callable[[str, int], Floats]
 
     @staticmethod
     def of(dataset: Dataset, locator: Locator, patches: Sequence[Patch] | None = None) -> SeedPlaces:
@@ -72,7 +77,10 @@ class SeedPlaces:
         def on_boundary(name: str, count: int) -> Floats:
             return _on_boundary(dataset, sides, name, count)
 
-        return SeedPlaces(Names.of(dataset).dimension, locator, positions, on_boundary)
+        def on_curve(name: str, count: int) -> Floats:
+            return points_along(dataset, name, count)
+
+        return SeedPlaces(Names.of(dataset).dimension, locator, positions, on_boundary, on_curve)
 
 
 def seed_points(places: SeedPlaces, seeds: Any, random: int = 0) -> Floats:
@@ -111,11 +119,13 @@ class _Reader:
     def points(self, text: str) -> Floats:
         """(n, 3) the points of one text."""
         kind, _, rest = text.partition(":")
+        if kind in CURVES:
+            return self._curve(text)
         if kind not in self._kinds:
             if names_file(text) or Path(text).exists():
                 return points_in_table(text)
             known = ", ".join(FORMS.values())
-            hint = perhaps(kind, self._kinds)
+            hint = perhaps(kind, (*self._kinds, *CURVES))
             raise ElvisError(f"expected seeds as one of {known}, or a file of points, found {text!r}{hint}")
         counts, make = self._kinds[kind]
         parts = rest.split(":")
@@ -125,6 +135,14 @@ class _Reader:
             return make(parts)
         except ValueError:
             raise ElvisError(f"expected seeds as {FORMS[kind]}, found {text!r}") from None
+
+    def _curve(self, text: str) -> Floats:
+        """Points at even steps of a curve, both ends included."""
+        name, _, count = text.rpartition(":")
+        if not count.isdecimal() or not 2 <= int(count) <= _MOST:
+            form = FORMS[text.partition(":")[0]]
+            raise ElvisError(f"expected seeds as {form}, N from 2 to {_MOST}, found {text!r}")
+        return self.places.on_curve(name, int(count))
 
     def _point(self, parts: _Parts) -> Floats:
         return _triple(parts[0])[None]

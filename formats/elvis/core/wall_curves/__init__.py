@@ -4,10 +4,14 @@ wall_segments   parts of curves in the reference coordinates of sides of element
 plane_sections  the segments where a plane meets a boundary
 chains          segments with common ends as curves
 wall_curve      the curves of a name, their lengths, and the values of quantities along them
+wall_pieces     what integrals along these curves are made of
+drawn_curves    the curves for pictures
+wall_places     values at the places of a boundary that are nearest to points
 """
 
 from __future__ import annotations
 
-from elvis.core.wall_curves.wall_curve import WallCurve, is_wall_curve, on_walls, wall_curves
+from elvis.core.wall_curves.wall_curve import WallCurve, is_wall_curve, on_walls, points_along, wall_curves
+from elvis.core.wall_curves.wall_places import at_walls
 
-__all__ = ["WallCurve", "is_wall_curve", "on_walls", "wall_curves"]
+__all__ = ["WallCurve", "at_walls", "is_wall_curve", "on_walls", "points_along", "wall_curves"]

@@ -31,8 +31,9 @@ from elvis.core.wall_curves.chains import chains, places_by_number, without_doub
 from elvis.core.wall_curves.plane_sections import Section, section
 from elvis.core.wall_curves.wall_segments import Segments, Straight
 
-KINDS = ("boundary", "section")
-_SECTION = "section:NAME:plane:P:N"
+#: the words that names of curves begin with
+BOUNDARY, SECTION = KINDS = ("boundary", "section")
+_FORM = "section:NAME:plane:P:N"
 #: what to write for data of the other dimension, by the expected one
 _OTHER = {2: "section:NAME:plane:P:N cuts walls of 3D data", 3: "boundary:NAME follows walls of 2D data"}
 #: the end of a segment as a place in it: a parameter of 1 would belong to the next one
@@ -131,6 +132,15 @@ class WallCurve:
                 turned = sign[here[chosen], None] * slope[chosen]
                 yield here[chosen], self.pieces[piece], rows, self._onto(piece, rows, xi[chosen]), turned
 
+    def references(self, t: Floats) -> tuple[Floats, Ints]:
+        """Reference points (n, 3) in elements, zero beyond their dimension, and ids (n,) of these."""
+        reference, element = np.zeros((len(t), 3)), np.empty(len(t), np.int64)
+        for here, piece, rows, xi, _ in self._placed(t):
+            own = piece.places(xi)
+            reference[here, : own.shape[1]] = own
+            element[here] = piece.patch.element_ids[rows]
+        return reference, element
+
     def _onto(self, piece: int, rows: Ints, xi: Floats) -> Floats:
         """(n, k) reference points of sides, moved onto the plane by a step of Newton's method on the elements' map."""
         if self.plane is None:
@@ -159,14 +169,21 @@ class WallCurve:
     def sample(self, evaluator: Evaluator, count: int, number: int = 0) -> WallPoints:
         """Values at so many points at even steps of length, both ends included; a closed curve has its start twice."""
         t, lengths = self.curve.parameters(count)
+        return self.values(evaluator, evaluator.expressions, t, lengths, number)
+
+    def values(
+        self, evaluator: Evaluator, expressions: Sequence[Expression], t: Floats, lengths: Floats, number: int = 0
+    ) -> WallPoints:
+        """Values of expressions at parameters t (n,), up to which the curve has lengths (n,)."""
+        count = len(t)
         points, normals = np.empty((count, 3)), np.empty((count, 3))
-        element, values = np.empty(count, np.int64), np.empty((count, len(evaluator.expressions)))
+        element, values = np.empty(count, np.int64), np.empty((count, len(expressions)))
         for here, piece, rows, xi, _ in self._placed(t):
             reference = piece.places(xi)
             normals[here] = outward(piece, pointwise.jacobians(piece.patch, rows, reference))
             places = ElementPoints(piece.patch, rows, reference, normals[here])
             points[here], element[here] = places.positions, piece.patch.element_ids[rows]
-            for column, own in enumerate(evaluator.values_at(evaluator.expressions, places)):
+            for column, own in enumerate(evaluator.values_at(expressions, places)):
                 values[here, column] = own
         return WallPoints(np.full(count, number), lengths, points, normals, element, values)
 
@@ -187,13 +204,18 @@ def wall_curves(
     Raises ElvisError for names of no curve, for boundaries that the data don't have, and for data without walls of
     this dimension.
     """
-    kind, _, rest = name.partition(":")
     evaluator = Evaluator(dataset, expressions)
+    return curves_with(dataset, name, evaluator), evaluator
+
+
+def curves_with(dataset: Dataset, name: str, evaluator: Evaluator) -> list[WallCurve]:
+    """The curves of `wall_curves` on the elements of an evaluator."""
+    kind, _, rest = name.partition(":")
     if any(patch.homogeneous for patch in evaluator.patches):
         raise ElvisError(f"{name}: expected data without Fourier directions")
     kinds: list[Segments]
     plane: tuple[Floats, Floats] | None
-    if kind == "boundary":
+    if kind == BOUNDARY:
         pieces = _sides(dataset, evaluator, rest, 2, name)
         kinds, axis, plane = [_edges(pieces)], np.array([0.0, 0.0, 1.0]), None
     else:
@@ -202,13 +224,18 @@ def wall_curves(
         found = section(pieces, point, axis)
         _check(found, name, boundary)
         kinds, plane = [*found.graphs, found.straight], (point, axis)
-    return _connected(WallCurve(name, pieces, kinds, *_every(kinds), plane), axis), evaluator
+    return _connected(WallCurve(name, pieces, kinds, *_every(kinds), plane), axis)
 
 
 def _sides(dataset: Dataset, evaluator: Evaluator, boundary: str, dimension: int, name: str) -> list[Piece]:
-    """The sides of a boundary, or of all outer ones, as pieces of elements."""
+    """`wall_sides` of data of a dimension; ElvisError for others."""
     if dataset.mesh.dimension != dimension:
         raise ElvisError(f"{name}: expected {dimension}D data, found {dataset.mesh.dimension}D; {_OTHER[dimension]}")
+    return wall_sides(dataset, evaluator, boundary, name)
+
+
+def wall_sides(dataset: Dataset, evaluator: Evaluator, boundary: str, name: str) -> list[Piece]:
+    """The sides of a boundary, or of all outer ones, as pieces of elements; ``name`` begins what errors say."""
     target = Places(dataset, evaluator.patches, {}).named(boundary)
     rows = (target.total,) if target.total is not None else target.rows
     pieces = [piece for row in rows for piece in row.pieces if isinstance(piece, Piece) and piece.is_side]
@@ -227,7 +254,7 @@ def _plane(text: str, name: str) -> tuple[str, Floats, Floats]:
         if not np.isfinite([point, normal]).all() or not normal.any():
             raise ValueError
     except ValueError:
-        raise ElvisError(f"expected {_SECTION}, such as section:wing:plane:0,0.5,0:0,1,0, found {name!r}") from None
+        raise ElvisError(f"expected {_FORM}, such as section:wing:plane:0,0.5,0:0,1,0, found {name!r}") from None
     return boundary, point, normal / np.linalg.norm(normal)
 
 
@@ -306,13 +333,34 @@ def on_walls(
     if taken:
         raise ElvisError(taken_name(taken[0]))
     curves, evaluator = wall_curves(dataset, name, expressions)
-    shares = np.array([own.length for own in curves])
-    counts = np.maximum(2, np.round(count * shares / shares.sum())).astype(int)
-    several = [own.sample(evaluator, int(n), k) for k, (own, n) in enumerate(zip(curves, counts, strict=True))]
+    counts = _shared(curves, count)
+    several = [own.sample(evaluator, n, k) for k, (own, n) in enumerate(zip(curves, counts, strict=True))]
     whole = WallPoints(*(np.concatenate([getattr(own, f.name) for own in several]) for f in fields(WallPoints)))
     first, last = _chord(curves[0], several[0].points) if chord is None else np.array(chord, np.float64)
     along = {own.text: column for own, column in zip(expressions, whole.values.T, strict=True)}
     return whole.columns(_parts(whole.points, first, last, name), len(curves) > 1) | along
+
+
+def points_along(dataset: Dataset, name: str, count: int) -> Floats:
+    """(n, 3) so many points at even steps of any curve, shared out by length where a name stands for several curves.
+
+    Raises ElvisError for names of no curve.
+    """
+    if is_wall_curve(name):
+        curves = [own.curve for own in wall_curves(dataset, name)[0]]
+        counts = _shared(curves, count)
+        return np.concatenate([own.evenly(n)[0] for own, n in zip(curves, counts, strict=True)])
+    curve = Curve.parse(dataset, name)
+    if curve is None:
+        raise ElvisError(f"expected a curve, found {name!r}")
+    return curve.evenly(count)[0]
+
+
+def _shared(curves: Sequence[WallCurve | Curve], count: int) -> list[int]:
+    """How many points each curve has, of so many in all."""
+    lengths = np.array([own.length for own in curves])
+    shares = np.round(count * lengths / lengths.sum())
+    return [max(2, int(own)) for own in shares]
 
 
 def _parts(points: Floats, first: Floats, last: Floats, name: str) -> Floats:

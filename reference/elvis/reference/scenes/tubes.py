@@ -124,7 +124,7 @@ def tube_crossings(quantities: Quantities, shown: Streamlines, view: View) -> Cr
 
 def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_Step]]:
     """The diagonal of the box, and all steps of all lines."""
-    if shown.cores is not None:
+    if not shown.seeds:
         found = curves_in(data, shown)
         return found.size, _of_curves(found.pieces)
     if shown.since is None:
@@ -141,7 +141,7 @@ def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_St
 
 
 def _of_curves(pieces: Pieces) -> Iterator[_Step]:
-    """Cores: what is followed is not integrated a second time."""
+    """Cores and curves on walls: what is found is not found a second time."""
     powers = np.vander(_POINTS, pieces.points.shape[1], increasing=True)
     series = np.einsum("kq,qp,npd->nkd", _TO_SERIES, powers, pieces.points)
     for own, net, element in zip(series, bernstein_of(pieces.reference), pieces.element, strict=True):

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from elvis.scene.time_plot import Plot
 
 #: columns that are no quantities
-_PLACES = ("curve", "point", "length", "x/c", "x", "y", "z", "nx", "ny", "nz", "element", "status")
+_PLACES = ("along", "curve", "point", "length", "x/c", "x", "y", "z", "nx", "ny", "nz", "element", "status")
+#: of these the ones that nothing is plotted over
+_NUMBERS = ("along", "point", "curve", "element", "status")
 
 
 @dataclass(frozen=True)
@@ -38,17 +40,25 @@ class Look:
         from elvis.core.queries import pairs_in_table
         from elvis.scene.time_plot import Plot
 
-        over = self.abscissa or "length"
-        if over not in columns or over in ("point", "element", "status"):
-            known = [name for name in columns if name not in ("point", "curve", "element", "status")]
+        over = self.abscissa or ("length" if "length" in columns else "x")
+        if over not in columns or over in _NUMBERS:
+            known = [name for name in columns if name not in _NUMBERS]
             raise ElvisError(f"--x: there is no column {over!r}{perhaps(over, known)}; there are {', '.join(known)}")
         curve = np.asarray(columns.get("curve", np.zeros(len(columns["point"]))))
         breaks = np.flatnonzero(np.diff(curve)) + 1
+        # boundary layers have a row for each curve, and one line joins them
+        names = np.asarray(columns["along"]) if "along" in columns and "length" in columns else None
+        places = [""] if names is None else list(dict.fromkeys(names.tolist()))
+        own = [np.ones(len(curve), bool)] if names is None else [names == place for place in places]
 
-        def apart(name: str) -> Floats:
+        def apart(column: Floats) -> Floats:
             """A column with a gap between curves."""
-            return np.insert(np.asarray(columns[name], np.float64), breaks, np.nan)
+            return np.insert(column, breaks, np.nan)
 
-        values = {name: apart(name)[None] for name in columns if name not in (*_PLACES, over)}
+        def lines(name: str) -> Floats:
+            """(places, n) values, NaN on the curves of other places."""
+            return np.stack([apart(np.where(here, np.asarray(columns[name], np.float64), np.nan)) for here in own])
+
+        values = {name: lines(name) for name in columns if name not in (*_PLACES, over)}
         overlays = {Path(text.partition(":")[0]).name: pairs_in_table(text) for text in self.overlays}
-        return Plot(apart(over), [""], values, over, self.is_reversed, overlays)
+        return Plot(apart(np.asarray(columns[over], np.float64)), places, values, over, self.is_reversed, overlays)

@@ -25,6 +25,7 @@ from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.asked import Asked
 from elvis.renderer.commands.look import Look
+from elvis.renderer.commands.probe_curves import ProbeCurves, curve_options
 from elvis.renderer.commands.sources import Data, data_options, or_alone
 
 if TYPE_CHECKING:
@@ -73,6 +74,9 @@ Examples:
   elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
   elvis probe wing.xml wing.fld --along normal:wing:0.5,0,0.2:0.05 --fields u --plot layer.png
   elvis probe wing.xml wing.fld --along section:wing:plane:0,0.5,0:0,1,0 --field p --plot cp.pdf --x x/c --reverse
+  elvis probe wing.xml wing.fld --along line:0,0,0:1,0,0 --along line:0,1,0:1,1,0 --field p --plot lines.pdf
+  elvis probe wing.xml wing.fld --along normal:wing:stations.csv:0.05 --layers u --plot layers.pdf
+  elvis probe wing.xml wing.fld --points taps.csv --snap wing --field p
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --clip sphere:0.5,0,0:0.2 -o outside.csv
   elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all -o signal.csv --plot signal.svg
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
@@ -90,20 +94,7 @@ Examples:
     help="A point, as 0,0,0.  Repeatable.",
 )
 @click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
-@click.option(
-    "--along",
-    metavar="CURVE",
-    help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
-    "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it; boundary:NAME, "
-    "a boundary of 2D data; section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.",
-)
-@click.option(
-    "--chord",
-    metavar="P:Q",
-    type=_PAIR,
-    help="Where x/c is 0 and 1, for --along boundary: and section:.  [default: the ends of the curve, or those of its "
-    "points that are farthest apart]",
-)
+@curve_options
 @click.option(
     "--plane",
     metavar="P:U:V",
@@ -124,6 +115,12 @@ Examples:
     help="Leave out what is inside of plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE, where the quantity is "
     "less; with outside: before it what is outside.",
 )
+@click.option(
+    "--snap",
+    metavar="NAME",
+    help="Take the places of a boundary that are nearest to the points, as the element behind has them; a column says "
+    "how far they are.",
+)
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @times_option
 @click.option(
@@ -137,15 +134,6 @@ Examples:
     type=click.Path(path_type=Path),
     help="Draw the values over --times or --along, .png, .svg or .pdf; the table is left out where -o names none.",
 )
-@click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along to plot over.  [default: length]")
-@click.option("--reverse", is_flag=True, help="Plot values downwards, as is usual for Cp.")
-@click.option(
-    "--overlay",
-    metavar="FILE.csv[:X,Y]",
-    multiple=True,
-    help="Measured points to draw into the plot: a table and two of its columns, by name or number.  [default: 1,2]  "
-    "Repeatable.",
-)
 @json_option
 @overwrite_option
 @data_options
@@ -156,21 +144,18 @@ def probe(
     points: str | None,
     single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
-    along: str | None,
-    chord: tuple[Triple, Triple] | None,
+    curves: ProbeCurves,
     plane: tuple[Triple, Triple, Triple] | None,
     grid: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
     counts: tuple[int, ...] | None,
     quantities: tuple[str, ...],
     clip: str | None,
+    snap: str | None,
     every: bool,
     times: tuple[float, float, int] | str | None,
     output: Path | None,
     plot: Path | None,
-    abscissa: str | None,
-    reverse: bool,
-    overlay: tuple[str, ...],
     as_json: bool,
     overwrite: bool,
 ) -> None:
@@ -182,43 +167,41 @@ def probe(
     or the components of a vector. With --times the first column is the time, and all points follow for each; with
     --along it is the length of the curve up to the point; --plot draws them. On boundaries (--along boundary:NAME or
     section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the number of the curve
-    where there are several, x/c and the normal.
+    where there are several, x/c and the normal. Several curves go into one table and one plot, with a legend.
     """
     is_grid = grid is not None or box is not None
-    is_wall = along is not None and _is_on_walls(along)
     _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
-    if plot is not None and ((times is None) == (along is None) or every):
-        raise click.UsageError(
-            "expected --plot with --times or --along, and without --all", click.get_current_context()
-        )
-    look = Look(abscissa, reverse, overlay)
-    _check_look(look, plot is not None and along is not None, is_wall or chord is None)
-    if is_grid or is_wall or points == "-":
+    curves.check(plot is not None)
+    _check_ways(curves, plot, times, every, clip, snap)
+    if is_grid or curves.are_on_walls or curves.speed or snap or points == "-":
         if is_idle(ranks):
             return
         ranks = ALONE
+    ways = [way for way in (points, single or None, line, plane, times) if way is not None]
+    asked = Asked(list(quantities) or None, every, clip, ranks)
     if is_grid:
-        others = [way for way in (points, single or None, line, along, plane, counts, times) if way is not None]
-        asked = Asked(list(quantities) or None, clip=clip)
+        others = [*ways, *curves.names, *([counts] if counts else []), *([snap] if snap else [])]
         _write_grid(data, asked, grid, box, output, alone=not others and not every)
         return
-    asked = Asked(list(quantities) or None, every, clip, ranks)
-    if along is not None:
-        if any(way is not None for way in (points, single or None, line, plane, times)):
+    if curves.names:
+        if ways:
             raise click.UsageError("expected --along without other points and --times", click.get_current_context())
-        if is_wall:
-            places, columns = _on_walls(data.source(asked.quantities), along, counts, asked, chord)
-        else:
-            places, columns = _along(data.source(asked.quantities), along, counts, asked)
+        columns = _along(data.source(asked.quantities), curves, counts, asked)
+        places = None
     else:
         places = _places(points, single, line, plane, counts)
-        columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
+        if snap is not None:
+            columns = _snapped(data.source(asked.quantities), snap, places, asked)
+        else:
+            columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
     if not ranks.rank:
-        _show(columns, places, plot, look, output, as_json)
+        _show(columns, places, plot, curves.look, output, as_json)
 
 
-def _show(columns: Columns, places: Floats, plot: Path | None, look: Look, output: Path | None, as_json: bool) -> None:
-    """Write, draw or print what was found at places (n, 3)."""
+def _show(
+    columns: Columns, places: Floats | None, plot: Path | None, look: Look, output: Path | None, as_json: bool
+) -> None:
+    """Write, draw or print what was found at places (n, 3), or along curves."""
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import print_json, visible
 
@@ -235,60 +218,48 @@ def _show(columns: Columns, places: Floats, plot: Path | None, look: Look, outpu
     _tell(columns)
 
 
-def _along(source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked) -> tuple[Floats, Columns]:
-    """Points (n, 3) of a curve, and the table there with a column of lengths."""
-    from elvis.core.integrals.curves import KINDS, Curve
-
+def _along(source: Source, curves: ProbeCurves, counts: tuple[int, ...] | None, asked: Asked) -> Columns:
+    """The table along curves."""
     if source.dataset is None:
+        name = curves.names[0]
         raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} may be a --line")
-    count = _count_along(counts)
-    curve = Curve.parse(source.dataset, name)
-    if curve is None:
-        raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
-    places, lengths = curve.evenly(count)
-    found = _columns(source, places, asked)
-    return places, {"length": lengths[found["point"]], **found}
-
-
-def _is_on_walls(along: str) -> bool:
-    """Whether the name of a curve means one on a boundary."""
-    from elvis.core.wall_curves import is_wall_curve
-
-    return is_wall_curve(along)
-
-
-def _check_look(look: Look, is_plotted: bool, may_have_chord: bool) -> None:
-    """Usage error for options that have nothing to act on."""
     context = click.get_current_context()
-    if look != Look() and not is_plotted:
-        raise click.UsageError("expected --x, --reverse and --overlay with --plot and --along", context)
-    if not may_have_chord:
-        raise click.UsageError("expected --chord with --along boundary:NAME or section:NAME:plane:P:N", context)
+    if counts and (len(counts) > 1 or curves.speed is not None):
+        expected = "no -n with --layers" if curves.speed is not None else "one number of points along a curve"
+        raise click.BadParameter(f"expected {expected}", context, param_hint="'-n'")
+    wanted = _wanted(source, asked.texts) if curves.are_on_walls else ()
+    count = counts[0] if counts else _ALONG
+    return curves.table(source.dataset, wanted, count, partial(_columns, source, asked=asked))
 
 
-def _count_along(counts: tuple[int, ...] | None) -> int:
-    """How many points a curve has."""
-    if counts and len(counts) > 1:
-        raise click.BadParameter(
-            "expected one number of points along a curve", click.get_current_context(), param_hint="'-n'"
-        )
-    return counts[0] if counts else _ALONG
-
-
-def _on_walls(
-    source: Source, name: str, counts: tuple[int, ...] | None, asked: Asked, chord: tuple[Triple, Triple] | None
-) -> tuple[Floats, Columns]:
-    """Points (n, 3) of the curves on a boundary, and the table there."""
-    import numpy as np
-
-    from elvis.core.wall_curves import on_walls
+def _snapped(source: Source, boundary: str, places: Floats, asked: Asked) -> Columns:
+    """The table at the places of a boundary that are nearest to points (n, 3)."""
+    from elvis.core.terminal import note
+    from elvis.core.wall_curves import at_walls
 
     if source.dataset is None:
-        raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} is on none")
-    if asked.every or asked.clip:
-        raise click.UsageError("expected --along on a boundary without --all and --clip", click.get_current_context())
-    columns = on_walls(source.dataset, name, _wanted(source, asked.texts), _count_along(counts), chord)
-    return np.column_stack([np.asarray(columns[axis]) for axis in "xyz"]), columns
+        raise ElvisError("--snap: expected data of a known map, found what a plugin opens")
+    columns = at_walls(source.dataset, boundary, places, _wanted(source, asked.texts))
+    note(f"points were moved onto {boundary} by up to {float(columns['distance'].max(initial=0.0)):.3g}")
+    return columns
+
+
+def _check_ways(
+    curves: ProbeCurves,
+    plot: Path | None,
+    times: tuple[float, float, int] | str | None,
+    every: bool,
+    clip: str | None,
+    snap: str | None,
+) -> None:
+    """UsageError for options that don't go together."""
+    context = click.get_current_context()
+    if plot is not None and ((times is None) == (not curves.names) or every):
+        raise click.UsageError("expected --plot with --times or --along, and without --all", context)
+    if (curves.are_on_walls or curves.speed) and (every or clip):
+        raise click.UsageError("expected --along on a boundary, and --layers, without --all and --clip", context)
+    if snap is not None and (every or clip or times is not None or curves.names):
+        raise click.UsageError("expected --snap without --along, --all, --clip and --times", context)
 
 
 def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: list[Path], overwrite: bool) -> None:
@@ -307,16 +278,16 @@ def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: 
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
-def _plot(path: Path, columns: Columns, places: Floats, look: Look) -> None:
-    """Draw what was found at places (n, 3) over the times, or over the length of a curve."""
+def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> None:
+    """Draw what was found at places (n, 3) over the times, or along curves."""
     import numpy as np
 
     from elvis.scene.time_plot import Plot
 
-    known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
-    if "length" in columns:
+    if places is None:
         look.along(columns).save(path)
         return
+    known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
     curves = {name: column.reshape(-1, len(places)).T for name, column in known.items()}
     times = curves.pop("time")[0]
     names = ["at " + ", ".join(f"{x:g}" for x in place) for place in places.tolist()]
@@ -474,7 +445,7 @@ def _tell_beyond(wanted: Sequence[Expression], columns: Columns) -> None:
 
 def _tell(columns: Columns) -> None:
     """Say on a terminal how many points were found, and how many not."""
-    if not sys.stderr.isatty():
+    if not sys.stderr.isatty() or "status" not in columns:
         return
     import numpy as np
 

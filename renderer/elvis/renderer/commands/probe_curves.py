@@ -1,0 +1,175 @@
+"""Curves of ``elvis probe``: what is asked along them, and the tables found there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial, wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elvis.core.arguments import TextType, Triple, triples
+from elvis.core.errors import ElvisError
+from elvis.renderer.commands.look import Look
+
+if TYPE_CHECKING:
+    from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
+    from elvis.core.files.columns import Columns
+    from elvis.core.quantities import Expression
+
+#: what finds the table at points (n, 3)
+AtPoints = Callable[["Floats"], "Columns"]
+
+
+@dataclass(frozen=True)
+class ProbeCurves:
+    """The curves that values are asked along.
+
+    names   of curves; none where points are given in another way
+    chord   where x/c is 0 and 1 on walls
+    speed   of the boundary layers that are asked for in place of values
+    look    how values are plotted
+    """
+
+    names: tuple[str, ...]
+    chord: tuple[Triple, Triple] | None
+    speed: str | None
+    look: Look
+
+    @property
+    def are_on_walls(self) -> bool:
+        """Whether the curves are on boundaries; ElvisError where some are and some are not."""
+        from elvis.core.wall_curves import is_wall_curve
+
+        several = {is_wall_curve(name) for name in self.names}
+        if len(several) > 1:
+            raise ElvisError("--along: expected curves on boundaries alone, or none, found both; use two commands")
+        return several == {True}
+
+    def check(self, is_plotted: bool) -> None:
+        """UsageError for options that have nothing to act on."""
+        context = click.get_current_context()
+        if self.look != Look() and not (is_plotted and self.names):
+            raise click.UsageError("expected --x, --reverse and --overlay with --plot and --along", context)
+        if self.chord is not None and not self.are_on_walls:
+            raise click.UsageError("expected --chord with --along boundary:NAME or section:NAME:plane:P:N", context)
+        if self.speed is not None and (not self.names or self.are_on_walls):
+            raise click.UsageError("expected --layers with --along normal:BOUNDARY:POINT:LENGTH", context)
+
+    def table(self, dataset: Dataset, wanted: Sequence[Expression], count: int, at_points: AtPoints) -> Columns:
+        """The table along all curves, with a column of their names where there are several.
+
+        count      points along each name
+        at_points  finds what is in elements; on boundaries values come from the element behind
+        """
+        from elvis.core.terminal import warn
+
+        names = [own for name in self.names for own in _stations(name)]
+        if self.speed is not None:
+            from elvis.core.integrals.boundary_layers import boundary_layers
+
+            columns, remarks = boundary_layers(dataset, names, self.speed)
+            for remark in dict.fromkeys(remarks):
+                warn(remark)
+            return columns
+        if self.are_on_walls:
+            from elvis.core.wall_curves import on_walls
+
+            return _joined(names, [on_walls(dataset, name, wanted, count, self.chord) for name in names])
+        return _joined(names, [_along(dataset, name, count, at_points) for name in names])
+
+
+def curve_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose parameter ``curves`` is made of the options that ask for curves."""
+
+    @click.option(
+        "--along",
+        metavar="CURVE",
+        multiple=True,
+        help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
+        "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it, with a "
+        "table of points in place of one: a curve for each; boundary:NAME, a boundary of 2D data; "
+        "section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.  Repeatable.",
+    )
+    @click.option(
+        "--chord",
+        metavar="P:Q",
+        type=TextType(partial(triples, count=2)),
+        help="Where x/c is 0 and 1, for --along boundary: and section:.  [default: the ends of the curve, or those of "
+        "its points that are farthest apart]",
+    )
+    @click.option(
+        "--layers",
+        "speed",
+        metavar="EXPR",
+        help="With --along normal:… a table of boundary layers in place of values: their foot, the speed EXPR at the "
+        "end of the curve, delta99, displacement and momentum thickness, and the shape factor.",
+    )
+    @click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along to plot over.  [default: length]")
+    @click.option("--reverse", is_flag=True, help="Plot values downwards, as is usual for Cp.")
+    @click.option(
+        "--overlay",
+        metavar="FILE.csv[:X,Y]",
+        multiple=True,
+        help="Measured points to draw into the plot: a table and two of its columns, by name or number.  "
+        "[default: 1,2]  Repeatable.",
+    )
+    @wraps(command)
+    def parsed(
+        along: tuple[str, ...],
+        chord: tuple[Triple, Triple] | None,
+        speed: str | None,
+        abscissa: str | None,
+        reverse: bool,
+        overlay: tuple[str, ...],
+        **rest: Any,
+    ) -> None:
+        names = tuple(dict.fromkeys(along))
+        command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse, overlay)), **rest)
+
+    return parsed
+
+
+def _stations(name: str) -> list[str]:
+    """The curves of a name: one, or one for each point of the table that stands for the point of a normal."""
+    from elvis.core.queries import points_in_table
+
+    kind, _, rest = name.partition(":")
+    boundary, _, rest = rest.rpartition(":")[0].rpartition(":") if kind == "normal" else ("", "", "")
+    if not rest or not Path(rest).is_file():
+        return [name]
+    length = name.rpartition(":")[2]
+    points = points_in_table(rest).tolist()
+    return [f"normal:{boundary}:{','.join(map(repr, point))}:{length}" for point in points]
+
+
+def _along(dataset: Dataset, name: str, count: int, at_points: AtPoints) -> Columns:
+    """The table at even steps of a curve in the world, with a column of lengths."""
+    from elvis.core.integrals.curves import KINDS, Curve
+
+    curve = Curve.parse(dataset, name)
+    if curve is None:
+        raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
+    places, lengths = curve.evenly(count)
+    found = at_points(places)
+    return {"length": lengths[found["point"]], **found}
+
+
+def _joined(names: Sequence[str], tables: Sequence[Columns]) -> Columns:
+    """Tables of several curves as one: points and curves are numbered through, names are a further column."""
+    import numpy as np
+
+    if len(tables) == 1:
+        return tables[0]
+    parts, points, curves = [], 0, 0
+    for name, table in zip(names, tables, strict=True):
+        count = len(table["point"])
+        numbered = {"along": np.repeat(name, count), "curve": np.zeros(count, np.int64), **table}
+        numbered["point"] = numbered["point"] + points
+        numbered["curve"] = numbered["curve"] + curves
+        points, curves = int(numbered["point"].max(initial=-1)) + 1, int(numbered["curve"].max(initial=-1)) + 1
+        parts.append(numbered)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
