@@ -110,10 +110,10 @@ def test_a_grid_of_data_is_exact_inside_and_nan_outside(files, tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("arguments", "error", "sentence"),
     [
-        (("--grid", "3,3,3"), click.UsageError, "expected --grid with -o NAME.nrrd"),
-        (("--box", "0,0,0:1,1,1", "-o", "a.nrrd"), click.UsageError, "expected --grid with -o NAME.nrrd"),
-        (("--grid", "3,3,3", "--line", "0,0,0:1,1,1", "-o", "a.nrrd"), click.UsageError, "and no other points"),
-        (("--grid", "3,3,3", "-o", "a.csv"), ElvisError, "expected a name that ends in .nrrd for a grid, found .csv"),
+        (("--box", "0,0,0:1,1,1", "-o", "a.nrrd"), click.UsageError, "expected --box with --grid"),
+        (("--grid", "3,3,3", "--line", "0,0,0:1,1,1", "-o", "a.nrrd"), click.UsageError, "without other points"),
+        (("--grid", "3,3,3", "-o", "a.txt"), ElvisError, "expected a name that ends in .csv, .npz or .parquet"),
+        (("--grid", "30000x30000x3"), ElvisError, "expected at most 50000000 points of a table"),
         (("--grid", "3,3", "-o", "a.nrrd"), click.BadParameter, "expected three numbers from 1 to 65536"),
         (("--grid", "0,3,3", "-o", "a.nrrd"), click.BadParameter, "expected three numbers from 1 to 65536"),
         (("--grid", "3,3,3", "--box", "0,0,0:1,0,1", "-o", "a.nrrd"), ElvisError, "expected one point along y"),

@@ -29,6 +29,7 @@ from elvis import (
 from elvis.core.testing import approximated, grid
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import scene_options
+from elvis.scene.commandline.other_programs import INSTEAD, SAME, in_own_words
 from elvis.scene.keywords import ELSEWHERE, KeywordError, keywords, scene_of_keywords
 
 POINT, NORMAL = (0.0, 0.0, 0.5), (0.0, 0.0, 1.0)
@@ -56,6 +57,22 @@ def test_every_option_of_the_command_line_is_a_keyword():
         ("plane", "0,0,0.5:0,0,1", "plane", CUT),
         ("plane", "0,0,0.5:0,0,1", "plane", (np.array(POINT), np.array(NORMAL))),
         ("plane", "0,0,0.5:0,0,1", "plane", "0,0,0.5:0,0,1"),
+        ("plane", "z=0.5", "plane", "z=0.5"),
+        ("plane", "0,0,0.5:0,0,1", "plane", "z = 0.5"),
+        ("plane", "0,-2e-1,0:0,1,0", "slice", {"y": -0.2}),
+        ("cut", "plane:z=0.5", "cut", CUT),
+        ("clip", "outside:z=0.5", "clip", Clip(CUT, "outside")),
+        ("streamlines", "random:100", "streamplot", "random:100"),
+        ("streamlines", "100", "streamlines", 100),
+        ("size", "60x60", "window_size", 60),
+        ("size", "60,40", "window_size", (60, 40)),
+        ("field", "u", "scalars", "u"),
+        ("range", "0:1", "clim", (0, 1)),
+        ("palette", "turbo", "cmap", "turbo"),
+        ("mesh_lines", True, "show_edges", True),
+        ("camera", "-x", "cpos", "-x"),
+        ("camera", "top", "camera", "xy"),
+        ("contours", "10", "levels", 10),
         ("contours", "10", "contours", 10),
         ("contours", "10", "contours", np.int64(10)),
         ("contours", "0.1,0.5", "contours", [0.1, 0.5]),
@@ -101,6 +118,19 @@ def test_keywords_say_what_options_say(option, text, given, value):
     assert scene_of_keywords({given: value}) == composed((), parsed, ())
 
 
+def test_every_word_of_other_programs_names_an_option():
+    """None hides a keyword of ElVis, and each stands for one, or its advice names one."""
+    known = keywords()
+    assert not (SAME.keys() | INSTEAD.keys()) & known.keys()
+    assert not SAME.keys() & INSTEAD.keys()
+    assert set(SAME.values()) <= known.keys()
+    options = {"--plane", "--colormap", "--mesh-lines"}
+    words = ["--slice=z=1", "--cmap", "--clim", "--show-edges", "a.xml", "--", "--cmap"]
+    own = ["--plane=z=1", "--colormap", "--clim", "--mesh-lines", "a.xml", "--", "--cmap"]
+    assert in_own_words(words, options) == own
+    assert in_own_words(["--slice", "3"], {"--slice", "--plane"}) == ["--slice", "3"]
+
+
 def test_several_of_one_kind():
     planes = scene_of_keywords({"plane": [(POINT, NORMAL), "0,0,0:1,0,0"]})
     assert planes.objects == (CutSurface(CUT), CutSurface(Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
@@ -126,8 +156,10 @@ def test_models_of_scenes_stay_what_they_are():
         ("colour", "did you mean color?"),
         ("colourmap", "did you mean colormap?"),
         ("Colormap", "did you mean colormap?"),
-        ("contour", "did you mean contours?"),
-        ("isosurfaces", "did you mean isosurface?"),
+        ("contour", "contours draws lines, isosurface draws surfaces"),
+        ("isosurfac", "did you mean isosurface?"),
+        ("vmax", "range holds both ends"),
+        ("threshold", "clip hides a region"),
         ("zzz", "there are ambient, axes, background, bar"),
         *((name, advice) for name, advice in ELSEWHERE.items()),
     ],
@@ -142,7 +174,7 @@ def test_wrong_keywords_get_hints(cube, name, told):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"plane": 5}, "plane: expected POINT:NORMAL, or its parts, found 5"),
+        ({"plane": 5}, "plane: expected POINT:NORMAL|z=V, or its parts, found 5"),
         ({"plane": ((0, 0), (0, 0, 1))}, "plane: expected POINT:NORMAL"),
         ({"plane": "0,0:1"}, "plane: expected"),
         ({"plane": (POINT, (0, 0, 0))}, "must be a direction"),
@@ -152,7 +184,8 @@ def test_wrong_keywords_get_hints(cube, name, told):
         ({"camera": 3}, "camera: expected VIEW"),
         ({"opacity": 2}, "opacity: expected a number above 0 and at most 1, found 2"),
         ({"opacity": "half"}, "opacity: expected"),
-        ({"size": 100}, "size: expected WxH"),
+        ({"size": (100,)}, "size: expected"),
+        ({"plane": {"w": 0.2}}, "plane: expected"),
         ({"range": (1, 0)}, "range: expected a colour range from a smaller"),
         ({"zoom": "near"}, "zoom: expected a finite number, found 'near'"),
         ({"samples": 1.5}, "samples: expected a whole number, found 1.5"),

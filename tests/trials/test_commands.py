@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from elvis.plugins import command
+from elvis.plugins import command, running
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLVERS = ROOT.parent / "shared" / "data" / "solvers"
@@ -131,6 +131,8 @@ $ elvis render blocks.xml blocks.fld --camera top -o top.png
 > top.png
 $ elvis render blocks.xml blocks.fld --camera 0,0,9:0,0,0:0,0,1 -o up.png
 > up.png
+$ elvis render blocks.xml blocks.fld --camera x --size 9 --device reference -o along.png
+> along.png
 $ elvis render cylinder.xml cylinder.fld --camera topp [2]
 (perhaps top)
 $ elvis render cylinder.xml cylinder.fld --field CP [1]
@@ -151,10 +153,8 @@ $ elvis norms step.xml --field 'distance(Wal)' [1]
 (perhaps Wall)
 $ elvis norms step.xml --field 'distance(Wall)'
 distance(Wall)
-$ elvis render cylinder.xml cylinder.fld --contour 5 [2]
---contours
-$ elvis render cylinder.xml cylinder.fld --size 10 [2]
-expected WIDTHxHEIGHT such as 1000x800
+$ elvis render cylinder.xml cylinder.fld --size 10x [2]
+expected WIDTHxHEIGHT such as 1000x800, or one number
 $ elvis render blocks.xml blocks.fld --plane 9,9,9:0,0,1 [1]
 the picture is empty
 the domain lies between
@@ -166,6 +166,39 @@ $ elvis probe blocks.xml blocks.fld [2]
 expected one of --points, --point, --line, --plane and --grid
 $ elvis render cylinder.xml cylinder.fld -o cylinder.xml [1]
 cylinder.xml
+
+# Words of other programs, and everyday ones
+
+$ elvis cylinder.xml cylinder.fld -f Cp --size 12 --device reference -o opened.png
+no screen here, so this draws a picture; elvis view DATA serves a page
+> opened.png
+$ elvis nothing.vtu [1]
+nothing.vtu: there is no such file
+$ elvis render blocks.xml blocks.fld --slice z=0.45 --cmap turbo --clim 0:1 --size 16 --device reference -o words.png
+> words.png
+$ elvis render blocks.xml blocks.fld --plane z=0.45 --camera xy --clip x=0.5 -o across.png
+> across.png
+$ elvis render cylinder.xml cylinder.fld --scalars u --levels 5 --show-edges --window-size 9,9 -o e.png
+> e.png
+$ elvis render cylinder.xml cylinder.fld --vmin 0 [2]
+there is no option --vmin: range holds both ends, LOW:HIGH
+$ elvis render cylinder.xml cylinder.fld --contour 5 [2]
+contours draws lines, isosurface draws surfaces
+$ elvis render blocks.xml blocks.fld --plane z [2]
+expected POINT:NORMAL or z=VALUE, such as 0,0,0.2:0,0,1 or z=0.2, found 'z'
+$ elvis trace cylinder.xml cylinder.fld --seeds 5 --velocity u,v --length 0.2 --tolerance 1e-4 -o five.csv
+> five.csv
+$ elvis integrate blocks.xml blocks.fld -f 1 --over plane:z=0.45
+plane:z=0.45
+$ elvis probe blocks.xml blocks.fld --grid 3x2x2 -f wave -f x
+point,x,y,z,element,status,wave
+11,
+$ elvis probe blocks.xml blocks.fld --plane z=0.45 -n 3x2 -f wave -o plane.csv
+> plane.csv
+$ elvis probe cylinder.xml cylinder.fld --line 1.5,0:4,0 -n 9 -f Cp --plot cp.svg
+> cp.svg
+$ elvis probe blocks.xml blocks.fld --grid 2x2x2 -f x -o x.nrrd [1]
+expected a quantity other than the coordinates
 
 # Figures
 
@@ -275,6 +308,7 @@ def place(data, tmp_path, monkeypatch):
     for path in data.iterdir():
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(running, "has_screen", lambda: False)
     return tmp_path
 
 
@@ -300,6 +334,15 @@ def test_what_is_said_and_made(trial, place, capfd):
     if trial.status:
         assert said.count("elvis: error:") == 1
         assert "fault of the program" not in said
+
+
+def test_files_alone_open_the_viewer_where_there_is_a_screen(place, monkeypatch, capfd):
+    monkeypatch.setattr(running, "has_screen", lambda: True)
+    with pytest.raises(SystemExit) as ended:
+        command.main(["nothing.vtu", "--no-browser", "--idle", "0.1"])
+    said = "".join(capfd.readouterr())
+    assert (ended.value.code, "no screen here" in said) == (1, False)
+    assert "nothing.vtu: there is no such file" in said
 
 
 def test_there_are_enough():

@@ -21,6 +21,7 @@ Triple = tuple[float, float, float]
 data_argument = click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="DATA...")
 field_option = click.option(
     "--field",
+    "-f",
     "quantities",
     multiple=True,
     metavar="EXPR",

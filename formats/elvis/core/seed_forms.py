@@ -20,7 +20,7 @@ FORMS: Mapping[str, str] = {
     "plane": "plane:POINT:NORMAL:N",
     "elements": "elements",
     "boundary": "boundary:NAME:N",
-    "random": "random:N or random:N:LOW:HIGH",
+    "random": "N, random:N or random:N:LOW:HIGH",
     **CURVES,
 }
 
@@ -28,4 +28,4 @@ FORMS: Mapping[str, str] = {
 def names_file(text: str) -> bool:
     """Whether a text of seeds is the name of a file."""
     kind, colon, _ = text.partition(":")
-    return kind not in FORMS and (not colon or "." in kind or len(kind) == 1)
+    return not text.isdecimal() and kind not in FORMS and (not colon or "." in kind or len(kind) == 1)

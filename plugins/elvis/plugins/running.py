@@ -22,6 +22,9 @@ from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
+#: variables of the environment of which one is set where a browser can open, but for macOS and Windows
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+
 
 @dataclass
 class Settings:
@@ -163,9 +166,11 @@ class PluginGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but a name that is unknown is reported with those that are near it."""
+        """As click does, but files alone are shown; an unknown name is reported with those that are near it."""
         name = args[0]
         if not name.startswith("-") and name not in self.list_commands(ctx):
+            if _names_data(name):
+                return super().resolve_command(ctx, [_showing_command(ctx), *args])
             raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)
         return super().resolve_command(ctx, args)
 
@@ -174,6 +179,27 @@ class PluginGroup(click.Group):
 
         near = get_close_matches(name, self.list_commands(ctx), cutoff=0.5)
         return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _names_data(word: str) -> bool:
+    """Whether the first word is a file, or is written as one, rather than a command."""
+    return os.path.exists(word) or any(mark in word for mark in (".", "*", os.sep))
+
+
+def has_screen() -> bool:
+    """Whether a browser can open."""
+    return sys.platform in ("darwin", "win32") or any(map(os.environ.get, SCREENS))
+
+
+def _showing_command(context: click.Context) -> str:
+    """What shows files that no command is given for: ``view``, or ``render`` where no browser can open."""
+    settings = context.find_object(Settings)
+    is_alone = settings is None or settings.ranks.size == 1
+    if is_alone and has_screen():
+        return "view"
+    if is_alone:
+        print("elvis: note: no screen here, so this draws a picture; elvis view DATA serves a page", file=sys.stderr)
+    return "render"
 
 
 def _commands(context: click.Context) -> dict[str, Plugin]:
@@ -219,6 +245,7 @@ def elvis(context: click.Context) -> None:
     """Pixel-exact pictures of high-order finite element solutions.
 
     A DATA argument is one or more files in any order: meshes and fields are told apart by their content.
+    elvis DATA opens them in a browser.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

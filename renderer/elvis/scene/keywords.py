@@ -38,6 +38,7 @@ from elvis.scene import (
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import STYLES
+from elvis.scene.commandline.other_programs import SAME, advice
 from elvis.scene.errors import KeywordError, SceneError
 from elvis.scene.settings import Setting, settings
 from elvis.scene.style import Style
@@ -101,11 +102,13 @@ def scene_of_keywords(given: Mapping[str, Any], base: Scene | None = None, files
 def _keyword(name: str) -> Keyword:
     """What a name sets; KeywordError where it is none."""
     known = keywords()
-    if name in known:
-        return known[name]
-    for key, advice in ELSEWHERE.items():
-        if name == key:
-            raise KeywordError(f"there is no keyword {name!r} here: {advice}")
+    own = name if name in known else SAME.get(name, name)
+    if own in known:
+        return known[own]
+    if advice(name):
+        raise KeywordError(f"there is no keyword {name!r} here: {advice(name)}")
+    if name in ELSEWHERE:
+        raise KeywordError(f"there is no keyword {name!r} here: {ELSEWHERE[name]}")
     near = nearest(name, known)
     told = f"did you mean {near}?" if near else f"there are {', '.join(sorted(known))}"
     raise KeywordError(f"there is no keyword {name!r}: {told}")
@@ -164,6 +167,9 @@ def _floats(values: Any) -> tuple[float, ...]:
 def _plane(value: Any) -> Plane:
     if isinstance(value, Plane):
         return value
+    if isinstance(value, Mapping):
+        ((axis, place),) = value.items()
+        return parameters.plane(f"{axis}={place!r}")
     point, normal = map(_floats, value)
     if len(point) != 3 or len(normal) != 3:
         raise ValueError
@@ -222,7 +228,7 @@ def _faces(value: Any) -> Faces:
 
 
 def _streamlines(value: Any) -> Streamlines:
-    """The object itself, its settings by name, or points (n, 3) that lines begin at."""
+    """The object itself, its settings by name, how many, or points (n, 3) that lines begin at."""
     found: Streamlines = _from_places(Streamlines, value)
     return found
 
@@ -236,6 +242,8 @@ def _glyphs(value: Any) -> Glyphs:
 def _from_places(cls: Any, value: Any) -> Any:
     if isinstance(value, (cls, Mapping)):
         return value if isinstance(value, cls) else cls(**value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return cls((str(value),))
     points = np.atleast_2d(np.asarray(value, np.float64))
     return cls(tuple(f"point:{','.join(map(repr, point))}" for point in points.tolist()))
 
@@ -291,7 +299,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "reader": _reader,
     "others": _others,
     "outputs": str,
-    "size": lambda value: tuple(int(side) for side in value),
+    "size": lambda value: (value, value) if isinstance(value, int) else tuple(int(side) for side in value),
     "color": _floats,
     "background": _floats,
     "range": lambda value: value if isinstance(value, str) else _floats(value),

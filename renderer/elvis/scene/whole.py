@@ -134,10 +134,10 @@ class Scene(Model):
         Setting(
             "A cut plane, in short for a cut before all objects; 2D data are drawn in their own plane.",
             option="--plane",
-            metavar="POINT:NORMAL",
+            metavar="POINT:NORMAL|z=V",
             parse="plane",
             repeatable=True,
-            option_help="A cut plane.",
+            option_help="A cut plane, such as 0,0,0.2:0,0,1 or z=0.2.",
         ),
     ] = None
     camera: Annotated[
@@ -163,7 +163,7 @@ class Scene(Model):
             le=32768,
             unit="pixels a side",
             option="--size",
-            metavar="WxH",
+            metavar="WxH|N",
             parse="size",
             default="1000 wide or 800 high",
         ),

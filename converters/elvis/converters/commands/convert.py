@@ -91,7 +91,14 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
-@click.option("--fields", metavar="NAMES", help="Fields to convert, commas between them.  [default: all]")
+@click.option(
+    "--fields",
+    "--field",
+    "-f",
+    "fields",
+    metavar="NAMES",
+    help="Fields to convert, commas between them.  [default: all]",
+)
 @field_options
 @other_option
 @time_option

@@ -48,11 +48,12 @@ _MESHES = (".xml", ".vtu", ".msh")
     ".xml (fields go next to it, .fld), .vtu or .msh.",
 )
 @click.option("--boundary", metavar="NAME", help="A boundary by name, or all outer faces: all.")
-@click.option("--plane", metavar="P:N", help="The plane through P with the normal N, as 0,0,0.5:0,0,1.")
+@click.option("--plane", metavar="P:N|z=V", help="The plane through P with the normal N, as 0,0,0.5:0,0,1, or z=0.5.")
 @click.option("--cut", metavar="SURFACE", help="Such as sphere:C:R, cylinder:P:A:R or a quantity, x*y=0.1.")
 @click.option("--isosurface", metavar="Q=V", help="Where the quantity Q has the value V.")
 @click.option(
     "--field",
+    "-f",
     "quantities",
     multiple=True,
     metavar="[NAME=]EXPR",

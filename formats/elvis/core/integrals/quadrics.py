@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from elvis.core.arrays import Floats
+from elvis.core.axis_planes import with_normals
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.tree import Node, call, coordinate, number
 
@@ -17,7 +18,7 @@ def quadric(name: str) -> Node | None:
     Of a plane it is the height above it, whatever its normal's length; of a sphere and a cylinder the squared distance
     from the centre, or the axis, less the squared radius.
     """
-    kind, _, rest = name.partition(":")
+    kind, _, rest = with_normals(name).partition(":")
     if kind not in _KINDS:
         return None
     form, example, build = _KINDS[kind]

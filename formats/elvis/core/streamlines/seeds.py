@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.axis_planes import with_normals
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
@@ -118,7 +119,7 @@ class _Reader:
 
     def points(self, text: str) -> Floats:
         """(n, 3) the points of one text."""
-        kind, _, rest = text.partition(":")
+        kind, _, rest = (f"random:{text}" if text.isdecimal() else with_normals(text)).partition(":")
         if kind in CURVES:
             return self._curve(text)
         if kind not in self._kinds:
@@ -163,7 +164,7 @@ class _Reader:
 
     def _grid(self, parts: _Parts) -> Floats:
         low, high = _triple(parts[0]), _triple(parts[1])
-        counts = [_count(part) for part in parts[2].split(",")]
+        counts = [_count(part) for part in parts[2].replace("x", ",").split(",")]
         counts += [1] * (3 - len(counts))
         if len(counts) != 3 or np.prod(counts) > _MOST:
             raise ValueError

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.axis_planes import point_and_normal
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
@@ -248,7 +249,8 @@ def _plane(text: str, name: str) -> tuple[str, Floats, Floats]:
     """The boundary, and the point (3,) and normal (3,) of the plane that a text NAME:plane:P:N tells."""
     boundary, found, numbers = text.rpartition(":plane:")
     try:
-        point, normal = (np.array([float(x) for x in part.split(",")]) for part in numbers.split(":"))
+        parts = point_and_normal(numbers).split(":")
+        point, normal = (np.array([float(x) for x in part.split(",")]) for part in parts)
         if not found or not boundary or not point.shape == normal.shape == (3,):
             raise ValueError
         if not np.isfinite([point, normal]).all() or not normal.any():

@@ -50,7 +50,14 @@ def _files(text: str) -> tuple[Path, ...]:
 
 @click.command("diff", epilog=EPILOG, short_help="Compare two solutions on any meshes: norms of their difference.")
 @click.argument("data", nargs=-1, required=True, type=TextType(_files), metavar="A [A2 ...] B")
-@click.option("--fields", metavar="NAMES", help="Fields to compare, commas between them.  [default: all of both]")
+@click.option(
+    "--fields",
+    "--field",
+    "-f",
+    "fields",
+    metavar="NAMES",
+    help="Fields to compare, commas between them.  [default: all of both]",
+)
 @click.option(
     "--error",
     type=float,

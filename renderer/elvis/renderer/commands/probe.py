@@ -26,42 +26,28 @@ from elvis.plugins.running import shared
 from elvis.renderer.commands.asked import Asked
 from elvis.renderer.commands.look import Look
 from elvis.renderer.commands.probe_curves import ProbeCurves, curve_options
+from elvis.renderer.commands.probe_points import (
+    ALONG,
+    across_box,
+    chosen_points,
+    counts_of,
+    grid_counts,
+    grid_of,
+    points_of_grid,
+    spanned,
+)
 from elvis.renderer.commands.sources import Data, data_options, or_alone
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.files.columns import Columns
-    from elvis.core.files.nrrd import Grid
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
 
 _COLUMNS = ("point", "x", "y", "z", "element", "status")
 
-#: points along a line, and along each side of a plane, where -n says nothing
-_ALONG = 101
-#: points of a grid along one axis, and of those that are asked together
-_MOST, _TOGETHER = 65536, 1 << 18
-
-
-def _counts(value: str) -> tuple[int, ...]:
-    """``200`` as (200,), ``200x100`` as (200, 100)."""
-    try:
-        counts = tuple(int(part) for part in value.lower().split("x"))
-    except ValueError:
-        counts = ()
-    if len(counts) not in (1, 2) or min(counts) < 2:
-        raise click.BadParameter(
-            f"expected a number such as 200, or 200x100 for a plane, each at least 2, found {value!r}"
-        )
-    return counts
-
-
-def _grid_counts(value: str) -> tuple[int, ...]:
-    """``64,64,32``: points along x, y and z."""
-    parts = value.split(",")
-    if len(parts) != 3 or not all(part.strip().isdecimal() and 1 <= int(part) <= _MOST for part in parts):
-        raise click.BadParameter(f"expected three numbers from 1 to {_MOST} such as 64,64,32, found {value!r}")
-    return tuple(map(int, parts))
+#: points of a grid that are asked together
+_TOGETHER = 1 << 18
 
 
 _PAIR = TextType(partial(triples, count=2))
@@ -71,7 +57,8 @@ Examples:
   elvis probe wing.xml wing.fld --plane 0,0,0:1,0,0:0,1,0 -n 100x50 --fields u,v -o plane.npz
   elvis probe wing.xml wing.fld --point 0.5,0,0.1 --field p
   elvis probe wing.xml wing.fld --points sensors.csv --all
-  elvis probe wing.xml wing.fld --grid 128,128,64 --box 0,0,0:1,1,0.5 --fields p -o pressure.nrrd
+  elvis probe wing.xml wing.fld --grid 128x128x64 --box 0,0,0:1,1,0.5 -f p -o pressure.nrrd
+  elvis probe wing.xml wing.fld --plane z=0.2 -n 100x50 -f p -o plane.csv
   elvis probe wing.xml wing.fld --along normal:wing:0.5,0,0.2:0.05 --fields u --plot layer.png
   elvis probe wing.xml wing.fld --along section:wing:plane:0,0.5,0:0,1,0 --field p --plot cp.pdf --x x/c --reverse
   elvis probe wing.xml wing.fld --along line:0,0,0:1,0,0 --along line:0,1,0:1,1,0 --field p --plot lines.pdf
@@ -97,16 +84,18 @@ Examples:
 @curve_options
 @click.option(
     "--plane",
-    metavar="P:U:V",
-    type=TextType(partial(triples, count=3)),
-    help="Points P + s U + t V, s and t from 0 to 1.",
+    metavar="P:U:V|z=V",
+    type=TextType(spanned),
+    help="Points P + s U + t V, s and t from 0 to 1; or, as z=0.2, points across the box of the data.",
 )
-@click.option(
-    "--grid", metavar="NX,NY,NZ", type=TextType(_grid_counts), help="Points of a regular grid, for a NRRD file."
-)
+@click.option("--grid", metavar="NXxNYxNZ", type=TextType(grid_counts), help="Points of a regular grid, x fastest.")
 @click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Ends of the grid.  [default: those of the data]")
 @click.option(
-    "-n", "counts", metavar="N[xM]", type=TextType(_counts), help="Points along the line or the plane.  [default: 101]"
+    "-n",
+    "counts",
+    metavar="N[xM]",
+    type=TextType(counts_of),
+    help="Points along the line or the plane.  [default: 101]",
 )
 @field_option
 @click.option(
@@ -127,12 +116,12 @@ Examples:
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="File to write, .csv, .npz or .parquet, of a grid .nrrd.  [default: CSV on standard output]",
+    help="File to write, .csv, .npz or .parquet, of a grid also .nrrd.  [default: CSV on standard output]",
 )
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
-    help="Draw the values over --times or --along, .png, .svg or .pdf; the table is left out where -o names none.",
+    help="Draw the values over --times, --along or --line, .png, .svg or .pdf; without -o no table is printed.",
 )
 @json_option
 @overwrite_option
@@ -145,7 +134,7 @@ def probe(
     single: tuple[tuple[Triple], ...],
     line: tuple[Triple, Triple] | None,
     curves: ProbeCurves,
-    plane: tuple[Triple, Triple, Triple] | None,
+    plane: tuple[Triple, Triple, Triple] | str | None,
     grid: tuple[int, int, int] | None,
     box: tuple[Triple, Triple] | None,
     counts: tuple[int, ...] | None,
@@ -163,25 +152,48 @@ def probe(
 
     Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain, and where
     --clip leaves nothing, element is -1 and fields are nan; status is 0 outside, 1 inside, 3 where the search failed.
-    Where a field jumps between elements, --all shows the value of each. A grid's values alone are written, of one field
-    or the components of a vector. With --times the first column is the time, and all points follow for each; with
-    --along it is the length of the curve up to the point; --plot draws them. On boundaries (--along boundary:NAME or
-    section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the number of the curve
-    where there are several, x/c and the normal. Several curves go into one table and one plot, with a legend.
+    Where a field jumps between elements, --all shows the value of each. A .nrrd file holds the values of a grid alone,
+    of one field or the components of a vector. With --times the first column is the time, and all points follow for
+    each; with --along it is the length of the curve up to the point; --plot draws them. On boundaries (--along
+    boundary:NAME or section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the
+    number of the curve where there are several, x/c and the normal. Several curves go into one table and one plot, with
+    a legend.
     """
-    is_grid = grid is not None or box is not None
-    _check_outputs(output, plot, is_grid, data.inputs(points), overwrite)
+    if box is not None and grid is None:
+        raise click.UsageError("expected --box with --grid", click.get_current_context())
+    if line is not None and plot is not None and not curves.names and times is None:
+        # a straight curve, which has the column of lengths that a plot goes over
+        name = "line:" + ":".join(",".join(map(repr, end)) for end in line)
+        curves = replace(curves, names=(name,))
+        line = None
+    is_nrrd = grid is not None and output is not None and output.suffix.lower() == ".nrrd"
+    _check_outputs(output, plot, is_nrrd, data.inputs(points), overwrite)
     curves.check(plot is not None)
     _check_ways(curves, plot, times, every, clip, snap)
-    if is_grid or curves.are_on_walls or curves.speed or snap or points == "-":
+    spans_box = grid is not None or isinstance(plane, str)
+    if spans_box or curves.are_on_walls or curves.speed or snap or points == "-":
         if is_idle(ranks):
             return
         ranks = ALONE
     ways = [way for way in (points, single or None, line, plane, times) if way is not None]
     asked = Asked(list(quantities) or None, every, clip, ranks)
-    if is_grid:
-        others = [*ways, *curves.names, *([counts] if counts else []), *([snap] if snap else [])]
-        _write_grid(data, asked, grid, box, output, alone=not others and not every)
+    if grid is not None:
+        others = [
+            points,
+            *single,
+            line,
+            plane,
+            *curves.names,
+            counts,
+            snap,
+            *([every or None, times] if is_nrrd else []),
+        ]
+        if any(other is not None for other in others):
+            raise click.UsageError("expected --grid without other points", click.get_current_context())
+    if is_nrrd:
+        assert grid is not None
+        assert output is not None
+        _write_grid(data, asked, grid, box, output)
         return
     if curves.names:
         if ways:
@@ -189,11 +201,20 @@ def probe(
         columns = _along(data.source(asked.quantities), curves, counts, asked)
         places = None
     else:
-        places = _places(points, single, line, plane, counts)
-        if snap is not None:
-            columns = _snapped(data.source(asked.quantities), snap, places, asked)
+        source = asked.source(data) if spans_box else None
+        if source is not None and grid is not None:
+            places = points_of_grid(grid_of(source, grid, box))
         else:
-            columns = _at_moments(times, data, places, asked) if times else _columns(asked.source(data), places, asked)
+            if isinstance(plane, str):
+                assert source is not None
+                plane = across_box(source, plane)
+            places = chosen_points(points, single, line, plane, counts)
+        if snap is not None:
+            columns = _snapped(source or data.source(asked.quantities), snap, places, asked)
+        elif times:
+            columns = _at_moments(times, data, places, asked)
+        else:
+            columns = _columns(source or asked.source(data), places, asked)
     if not ranks.rank:
         _show(columns, places, plot, curves.look, output, as_json)
 
@@ -228,7 +249,7 @@ def _along(source: Source, curves: ProbeCurves, counts: tuple[int, ...] | None, 
         expected = "no -n with --layers" if curves.speed is not None else "one number of points along a curve"
         raise click.BadParameter(f"expected {expected}", context, param_hint="'-n'")
     wanted = _wanted(source, asked.texts) if curves.are_on_walls else ()
-    count = counts[0] if counts else _ALONG
+    count = counts[0] if counts else ALONG
     return curves.table(source.dataset, wanted, count, partial(_columns, source, asked=asked))
 
 
@@ -255,7 +276,7 @@ def _check_ways(
     """UsageError for options that don't go together."""
     context = click.get_current_context()
     if plot is not None and ((times is None) == (not curves.names) or every):
-        raise click.UsageError("expected --plot with --times or --along, and without --all", context)
+        raise click.UsageError("expected --plot with --times, --along or --line, and without --all", context)
     if (curves.are_on_walls or curves.speed) and (every or clip):
         raise click.UsageError("expected --along on a boundary, and --layers, without --all and --clip", context)
     if snap is not None and (every or clip or times is not None or curves.names):
@@ -294,35 +315,6 @@ def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> No
     is_outside = columns["element"].reshape(-1, len(places))[0] < 0
     names = [f"{name}: outside" if out else name for name, out in zip(names, is_outside, strict=True)]
     Plot(times, names, curves).save(path)
-
-
-def _places(
-    points: str | None,
-    single: tuple[tuple[Triple], ...],
-    line: tuple[Triple, Triple] | None,
-    plane: tuple[Triple, Triple, Triple] | None,
-    counts: tuple[int, ...] | None,
-) -> Floats:
-    """(n, 3) the points asked for; usage error unless there is just one way."""
-    import numpy as np
-
-    from elvis.core.queries import points_in_table, points_on_line, points_on_plane
-
-    if sum(way is not None for way in (points, single or None, line, plane)) != 1:
-        ways = "--points, --point, --line, --plane and --grid"
-        raise click.UsageError(f"expected one of {ways}", click.get_current_context())
-    if plane is not None:
-        n, m = counts * 2 if counts and len(counts) == 1 else counts or (_ALONG, _ALONG)
-        return points_on_plane(*plane, (n, m))
-    if counts and (line is None or len(counts) == 2):
-        expected = "no -n beside points" if line is None else "one number of points along a line"
-        raise click.BadParameter(f"expected {expected}", click.get_current_context(), param_hint="'-n'")
-    if line is not None:
-        return points_on_line(*line, counts[0] if counts else _ALONG)
-    if single:
-        return np.array([point for (point,) in single], np.float64)
-    assert points is not None
-    return points_in_table(points)
 
 
 def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
@@ -365,20 +357,17 @@ def _at(times: tuple[float, float, int] | str, data: Data, places: Floats, asked
 def _write_grid(
     data: Data,
     asked: Asked,
-    counts: tuple[int, int, int] | None,
+    counts: tuple[int, int, int],
     box: tuple[Triple, Triple] | None,
-    output: Path | None,
-    alone: bool,
+    output: Path,
 ) -> None:
     """Write the values at the points of a grid, some planes after others."""
     import numpy as np
 
     from elvis.core.files.nrrd import write_nrrd
 
-    if counts is None or output is None or not alone:
-        raise click.UsageError("expected --grid with -o NAME.nrrd, and no other points", click.get_current_context())
     source = data.source(asked.quantities)
-    grid = _grid(source, counts, box)
+    grid = grid_of(source, counts, box)
     step = max(1, _TOGETHER // (counts[0] * counts[1]))
 
     def part(first: int) -> Columns:
@@ -386,6 +375,8 @@ def _write_grid(
         return {name: column for name, column in found.items() if name not in _COLUMNS}
 
     opening = part(0)
+    if not opening:
+        raise ElvisError("--grid: expected a quantity other than the coordinates, which are no part of a .nrrd file")
 
     def parts() -> Iterator[Floats]:
         yield np.column_stack(list(opening.values()))
@@ -393,20 +384,6 @@ def _write_grid(
             yield np.column_stack(list(part(first).values()))
 
     write_nrrd(output, grid, list(opening), parts())
-
-
-def _grid(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
-    """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
-    from elvis.core.files.nrrd import Grid
-
-    if box is None:
-        found = source.box()
-        lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
-        box = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
-    for name, low, high, count in zip("xyz", *box, counts, strict=True):
-        if not low < high and count > 1:
-            raise ElvisError(f"--grid: expected one point along {name}, where the box goes from {low:g} to {high:g}")
-    return Grid(*box, counts)
 
 
 def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]:
@@ -418,6 +395,11 @@ def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]
     from elvis.core.terminal import warn
 
     found = source.expressions(texts)
+    if source.dataset is not None:
+        # coordinates are columns of the table anyway
+        found = [each for each in found if each.root.op != "coordinate"]
+        if not found:
+            return []
     wanted = [each for each in found if each.text not in _COLUMNS]
     for each in found:
         if each not in wanted:

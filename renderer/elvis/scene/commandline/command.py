@@ -33,6 +33,19 @@ class SceneCommand(click.Command):
         arguments = [parameter for parameter in own if isinstance(parameter, click.Argument)]
         return [*arguments, *self._scene_options, self._fields, *own[len(arguments) :]]
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click does, but with words of other programs; a hint names what some of them need."""
+        from elvis.scene.commandline.other_programs import advice, in_own_words
+
+        known = {name for parameter in self.get_params(ctx) for name in (*parameter.opts, *parameter.secondary_opts)}
+        try:
+            return super().parse_args(ctx, in_own_words(args, known))
+        except click.NoSuchOption as error:
+            told = advice(error.option_name)
+            if not told:
+                raise
+            raise click.UsageError(f"there is no option {error.option_name}: {told}", ctx) from error
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The options in chapters."""
         from elvis.scene.commandline.options import CHAPTERS, chapter_of

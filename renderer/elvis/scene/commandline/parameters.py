@@ -11,7 +11,9 @@ from PIL import ImageColor
 
 from elvis import scene
 from elvis.core.arguments import numbers, triples
+from elvis.core.axis_planes import point_and_normal, with_normals
 from elvis.core.hints import perhaps
+from elvis.scene.commandline.other_programs import VIEWS
 from elvis.scene.settings import check, choices, settings, types
 from elvis.scene.style import check_range
 
@@ -19,14 +21,21 @@ SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 
 
 def plane(text: str) -> scene.Plane:
-    """``x,y,z:nx,ny,nz``: a point and a normal."""
-    found: scene.Plane = _instance(scene.Plane, text)
+    """``x,y,z:nx,ny,nz``: a point and a normal; or ``z=0.2``."""
+    own = point_and_normal(text)
+    expected = "POINT:NORMAL or z=VALUE, such as 0,0,0.2:0,0,1 or z=0.2"
+    check(":" in own, "a plane", expected, repr(text))
+    found: scene.Plane = _instance(scene.Plane, own)
     return found
 
 
 def surface(text: str) -> scene.Surface:
-    """A kind and what it takes: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION`` (see SURFACES)."""
-    kind, _, rest = text.partition(":")
+    """A kind and what it takes: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION`` (see SURFACES).
+
+    A bare ``z=0.2`` is a plane.
+    """
+    is_plane = point_and_normal(text) != text
+    kind, _, rest = with_normals(f"plane:{text}" if is_plane else text).partition(":")
     check(kind in SURFACES and rest, "a surface", f"{', '.join(SURFACES)} and a colon", repr(text))
     found: scene.Surface = _instance(SURFACES[kind], rest)
     return found
@@ -155,8 +164,9 @@ def panels(text: str) -> tuple[int, int]:
 def camera(text: str) -> scene.Camera | str:
     """The name of a view, or ``eye:at[:up[:degrees]]``."""
     names, parts = ("fit", *scene.NAMED_VIEWS), text.split(":")
-    if text in names:
-        return text
+    name = VIEWS.get(text, text)
+    if name in names:
+        return name
     found = f"{text!r}{perhaps(text, names)}"
     check(2 <= len(parts) <= 4, "camera", f"{', '.join(names)} or eye:at[:up[:degrees]]", found)
     eye, at, up = map(_point, [*parts, "0,0,1"][:3])
@@ -169,11 +179,11 @@ def region(text: str) -> tuple[float, ...]:
 
 
 def size(text: str) -> tuple[int, int]:
-    """``WIDTHxHEIGHT`` in pixels."""
-    sides, setting = text.lower().split("x"), settings(scene.Scene)["size"]
-    good = len(sides) == 2 and all(side.isdecimal() and setting.holds(int(side)) for side in sides)
-    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, {setting.values_text}", repr(text))
-    return int(sides[0]), int(sides[1])
+    """``WIDTHxHEIGHT`` in pixels; one number is both."""
+    sides, setting = text.lower().replace(",", "x").split("x"), settings(scene.Scene)["size"]
+    good = len(sides) in (1, 2) and all(side.isdecimal() and setting.holds(int(side)) for side in sides)
+    check(good, "size", f"WIDTHxHEIGHT such as 1000x800, or one number, {setting.values_text}", repr(text))
+    return int(sides[0]), int(sides[-1])
 
 
 def memory(text: str) -> float:

@@ -1,0 +1,107 @@
+"""Words of ParaView, PyVista, Matplotlib and GLVis for what a scene holds.
+
+A word that can mean only one option stands for it; for all others a sentence names what to write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+#: words that mean an option, by the names that keywords have in Python
+SAME: Mapping[str, str] = {
+    "slice": "plane",
+    "scalars": "field",
+    "cmap": "colormap",
+    "color_map": "colormap",
+    "clim": "range",
+    "levels": "contours",
+    "isosurfaces": "isosurface",
+    "show_edges": "mesh_lines",
+    "alpha": "opacity",
+    "window_size": "size",
+    "image_size": "size",
+    "background_color": "background",
+    "camera_position": "camera",
+    "cpos": "camera",
+    "show_axes": "axes",
+    "streamplot": "streamlines",
+    "quiver": "glyphs",
+    "arrows": "glyphs",
+    "ssaa": "samples",
+    "filename": "output",
+    "screenshot": "output",
+    "savefig": "output",
+    "timestep": "step",
+}
+
+#: what to write for words that need another value, or can mean several things
+INSTEAD: Mapping[str, str] = {
+    "contour": "contours draws lines, isosurface draws surfaces",
+    "vmin": "range holds both ends, LOW:HIGH",
+    "vmax": "range holds both ends, LOW:HIGH",
+    "norm": "bar sets the scale: scale=log or scale=symlog",
+    "log_scale": "bar sets the scale: scale=log",
+    "logscale": "bar sets the scale: scale=log",
+    "n_colors": "bar sets the number of colours: bands=8",
+    "scalar_bar_args": "bar takes title=TEXT, unit=TEXT and others",
+    "show_scalar_bar": "bar hides the colour bar with position=none; plain hides the title too",
+    "colorbar": "bar describes the colour bar",
+    "figsize": "size is the width and height in pixels",
+    "resolution": "size is the width and height in pixels",
+    "style": "mesh_lines draws the edges of elements on surfaces",
+    "wireframe": "mesh_lines draws the edges of elements on surfaces",
+    "edge_color": "mesh_lines takes a colour: objects[0].style.mesh_lines.color in set",
+    "threshold": "clip hides a region, such as implicit:EXPRESSION",
+    "clip_plane": "clip hides a region, such as plane:z=0.2",
+    "normal": "plane takes a point and a normal, or z=0.2",
+    "origin": "plane takes a point and a normal, or z=0.2",
+    "view": "camera takes a named view, such as top or iso",
+    "parallel_projection": "camera is orthographic unless it has a field of view",
+    "parallel_scale": "zoom enlarges the middle; a camera in a scene has a height",
+    "anti_aliasing": "samples averages N x N samples per pixel",
+    "warp": "the geometry is drawn as the data have it",
+    "subdivide": "pixels are exact; there is nothing to refine",
+    "nonlinear_subdivision": "pixels are exact; there is nothing to refine",
+    "refinement": "pixels are exact; there is nothing to refine",
+    "n_points": "streamlines=100 places seeds at random",
+    "off_screen": "pictures are always drawn without a window; view opens one",
+}
+
+#: other names of views: planes as PyVista names them, axes that a view looks along
+VIEWS: Mapping[str, str] = {
+    "x": "+x",
+    "y": "+y",
+    "z": "+z",
+    "xy": "top",
+    "xz": "front",
+    "yz": "right",
+    "isometric": "iso",
+}
+
+
+def in_own_words(words: Sequence[str], known: Collection[str]) -> list[str]:
+    """The words of a command line with options that it has in place of those that `SAME` lists.
+
+    known  the names of its options, with their hyphens
+    """
+    found: list[str] = []
+    for number, word in enumerate(words):
+        if word == "--":
+            return [*found, *words[number:]]
+        found.append(_own(word, known))
+    return found
+
+
+def _own(word: str, known: Collection[str]) -> str:
+    """One word; an option may have its value behind an equals sign."""
+    name, equals, value = word.partition("=")
+    if not name.startswith("--") or name in known:
+        return word
+    own = SAME.get(name[2:].replace("-", "_"))
+    option = "" if own is None else f"--{own.replace('_', '-')}"
+    return f"{option}{equals}{value}" if option in known else word
+
+
+def advice(name: str) -> str:
+    """A clause about a word that is not an option; empty for words that none of these programs has."""
+    return INSTEAD.get(name.lstrip("-").replace("-", "_"), "")
