@@ -97,9 +97,9 @@ def test_hints_promise_what_can_be_had(fields, dimension):
         if name in names.flow.available:
             assert Expression.parse(name, names).leaves or name == "divergence"
         elif name in names.flow.waiting:
-            with pytest.raises(ElvisError, match=rf"{name} needs .*: write {name}\(") as error:
+            with pytest.raises(ElvisError, match=rf"{name} needs .*: pass --set .*, or write {name}\(") as error:
                 Expression.parse(name, names)
-            given = str(error.value).rpartition(": write ")[2].replace("…", "2")
+            given = str(error.value).rpartition(", or write ")[2].replace("…", "2")
             assert Expression.parse(given, names).leaves
         elif name not in fields:
             with pytest.raises(ElvisError, match=f"{name} needs"):
@@ -123,14 +123,25 @@ def test_numbers_in_parentheses_outdo_those_of_the_data():
 @pytest.mark.parametrize(
     ("text", "fields", "dimension", "sentence"),
     [
-        ("y_plus", PLAIN, 3, "y_plus needs mu (dynamic viscosity) or nu (kinematic viscosity): write y_plus(mu=…)"),
-        ("temperature", GAS, 3, "temperature needs R (specific gas constant): write temperature(R=…)"),
+        (
+            "y_plus",
+            PLAIN,
+            3,
+            "y_plus needs mu (dynamic viscosity) or nu (kinematic viscosity): pass --set mu=…",
+        ),
+        (
+            "temperature",
+            GAS,
+            3,
+            "temperature needs R (specific gas constant): pass --set R=…, or write",
+        ),
         (
             "skin_friction",
             GAS,
             3,
             "skin_friction needs mu (dynamic viscosity) or nu (kinematic viscosity), rho_ref (reference density), and "
-            "u_ref (reference speed): write skin_friction(mu=…, rho_ref=…, u_ref=…)",
+            "u_ref (reference speed): pass --set mu=… rho_ref=… u_ref=…, or write "
+            "skin_friction(mu=…, rho_ref=…, u_ref=…)",
         ),
         ("mach", PLAIN, 3, "mach needs a velocity, rho, and p or E; the data lack a density: rho; the fields are u"),
         ("lambda2", ("p",), 3, "the data lack a velocity: u, v, w, or velocity_x, …, or rho with rhou, …"),

@@ -246,8 +246,8 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
 
     from elvis.scene.commandline.options import OBJECTS, STYLES, scene_options
 
-    # files are arguments: those of the data, and scenes where there are several
-    keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects"}
+    # files are arguments: those of the data, and scenes where there are several; --set takes reference values
+    keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference"}
     names = [option.name for option in scene_options(())]
     assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES])
 

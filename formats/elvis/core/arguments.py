@@ -102,6 +102,28 @@ other_option = click.option(
 )
 
 
+def _reference(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> dict[str, float]:
+    """Reference values by name; BadParameter for others."""
+    from elvis.core.quantities.reference_values import reference_in
+
+    try:
+        return reference_in(texts)
+    except ElvisError as error:
+        raise click.BadParameter(str(error).removeprefix("--set: "), context, parameter) from error
+
+
+set_option = click.option(
+    "--set",
+    "reference",
+    multiple=True,
+    metavar="NAME=VALUE",
+    callback=_reference,
+    help="A reference value of the flow that quantities, expressions and coefficients use: mu, nu, density, gamma, R, "
+    "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: those of NAME.elvis.toml next "
+    "to the data, else those that the solver wrote]",
+)
+
+
 cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again, and don't cache the result.")
 
 

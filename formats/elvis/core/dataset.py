@@ -157,6 +157,7 @@ class Dataset:
              fields of this one too, as `field("ref:p")`
     borrowed  the names of those fields that are others', derivatives in time or jumps, as parts of a dataset have them
     surfaces  by the names of boundaries, those of the whole that parts of it measure distances to
+    reference  values of the flow by name, such as mu (`quantities.reference_values`), which outdo the metadata
     """
 
     mesh: Mesh
@@ -172,6 +173,7 @@ class Dataset:
     shared: Mapping[str, CommonElements] = default(default_factory=dict)
     borrowed: frozenset[str] = frozenset()
     surfaces: Mapping[str, Surface] = default(default_factory=dict)
+    reference: Mapping[str, float] = default(default_factory=dict)
 
     @property
     def map_names(self) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import leading
 from elvis.core.mesh import Mesh
 from elvis.core.portions.portion import Portion, carriers
+from elvis.core.quantities.reference_values import noted_values
 from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
 from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite, unknown_members
 from elvis.formats.nektar.dataset_parts import DatasetParts
@@ -215,6 +216,7 @@ class _Reader:
         self._choose, self._is_of_parts = choose, is_of_parts
         self._waiting: list[Element] = []
         self._tags: dict[str, Element] = {}
+        self._parameters: dict[str, float] = {}
         self._geometries: dict[str | None, Element] = {}  # pieces by number or file, a whole mesh under None
         self._bare: list[Path] = []
         self._sections: list[Section] = []
@@ -238,6 +240,7 @@ class _Reader:
         mesh, unknown = self._mesh(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         bare = Dataset(mesh, (), time_of(metadata), metadata, expansions.resolve(rules, mesh), session)
+        bare = replace(bare, reference=self._reference(metadata))
         self._decode(bare)
         remarks = (*unknown, *self._told(mesh, metadata))
         return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=remarks)
@@ -248,6 +251,7 @@ class _Reader:
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
         whole = Dataset(mesh_of_ids(raw), (), time_of(metadata), metadata, session=session)
+        whole = replace(whole, reference=self._reference(metadata))
         self._decode(whole)
         fields = fields_input.without_values(self._sections, whole.mesh)
         whole = replace(whole, fields=fields, remarks=self._told(whole.mesh, metadata))
@@ -257,7 +261,13 @@ class _Reader:
         """The rules of EXPANSIONS, and the other sections but the mesh; names of regions join those of comments."""
         conditions = self._tags.get("CONDITIONS")
         self._remarks = [*region_names(conditions), *self._remarks]
+        self._parameters = expansions.read_parameters(conditions)
         return expansions.read_rules(self._tags.get("EXPANSIONS"), conditions), session_of(self._tags)
+
+    def _reference(self, metadata: Mapping[str, str]) -> dict[str, float]:
+        """Reference values among the session's parameters; field files know better which a run had."""
+        found = noted_values({name: repr(float(value)) for name, value in self._parameters.items()})
+        return {name: value for name, value in found.items() if name not in noted_values(metadata)}
 
     def _told(self, mesh: Mesh, metadata: Mapping[str, str]) -> tuple[str, ...]:
         """What is to be said of the data: fields on elements that the mesh lacks, errors of an earlier conversion."""

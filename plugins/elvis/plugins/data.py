@@ -15,6 +15,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
 from elvis.core.portions.portion import Portion
+from elvis.core.quantities.reference_values import checked_reference
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import stage
 from elvis.formats.nektar.mapped_files import mapped
@@ -22,6 +23,7 @@ from elvis.formats.reading import is_native, read_data, read_parts
 from elvis.plugins.discovery import Candidate, choose_converter, converters_of, installed_converters, with_defaults
 from elvis.plugins.opening import PluginData, open_files
 from elvis.plugins.others import Others
+from elvis.plugins.reference_files import reference_beside
 from elvis.plugins.same_files import check_same_files
 from elvis.plugins.series.step_names import expanded
 
@@ -61,6 +63,7 @@ class Reading:
                 that these need are read; none where that is not known
     is_of_map   whether nothing but the map of elements is asked for: of one native state no other fields are read
     ranks    that read the same, each its part
+    reference  values of the flow by name, which outdo those of the files
     """
 
     plugin: str | None = None
@@ -71,6 +74,7 @@ class Reading:
     quantities: tuple[str, ...] = ()
     is_of_map: bool = False
     ranks: Ranks = ALONE
+    reference: Mapping[str, float] = field(default_factory=dict)
 
     def choice(self) -> Choice | None:
         """Which fields of native files are needed; None for all, where it isn't known what is asked for."""
@@ -88,7 +92,12 @@ class Reading:
         return self.options.keys() <= {_FIELDS}
 
 
-def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Dataset:
+def read(
+    *paths: str | Path,
+    reader: Mapping[str, str] | Sequence[str] = (),
+    cache: bool = True,
+    reference: Mapping[str, float] | None = None,
+) -> Dataset:
     """The dataset in files of any format, in any order: of a mesh and, where given, of its fields.
 
     What isn't native is converted in memory; the remarks of the dataset tell with what error.
@@ -96,6 +105,7 @@ def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cac
     reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself,
             ``fields`` the fields to read, commas between them
     cache   whether a conversion is kept for the next time, and one that was kept is taken
+    reference  values of the flow by name, as ``{"mu": 2e-4}``, which outdo those of the files
 
     Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where nothing reads the
     files, or a library is missing.
@@ -103,7 +113,8 @@ def read(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cac
     if not paths:
         raise ElvisError("expected files to read, found none")
     options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
-    return dataset_of(tuple(map(Path, paths)), Reading(None, options, cache))
+    values = checked_reference(dict(reference or {}), "reference")
+    return dataset_of(tuple(map(Path, paths)), Reading(None, options, cache, reference=values))
 
 
 def pairs(texts: Sequence[str]) -> dict[str, str]:
@@ -165,7 +176,8 @@ def _open(
         raise ElvisError(f"--fields: expected fields of files, found what the plugin {opened.name} opens: use --field")
     if reading.others:
         raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
-    return opened if reading.moment.time is None else replace(opened, time=reading.moment.time)
+    values = {**reference_beside(paths), **reading.reference}
+    return replace(opened, time=reading.moment.time, reference=values)
 
 
 def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
@@ -188,7 +200,7 @@ def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
     paths, series = _series_of(paths, reading)
     if series is not None:
         return series.part_at(reading.moment)
-    found, others = part_of_state(paths, reading), Others(reading)
+    found, others = part_of_state(paths, reading), Others(reading, paths)
     dataset = others.beside(reading.moment.of_one_state(found.dataset))
     return others.beside_part(replace(found, dataset=dataset))
 
@@ -214,7 +226,7 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
     if series is not None or reading.others or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
     parts = read_parts(*paths, choose=reading.choice())
-    return replace(parts, whole=reading.moment.of_one_state(parts.whole))
+    return replace(parts, whole=Others(reading, paths).beside(reading.moment.of_one_state(parts.whole)))
 
 
 def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path], Series | None]:
@@ -240,7 +252,7 @@ def check_readable(paths: Sequence[Path], reading: Reading) -> None:
 
 def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
     """As `state_of`, in which expressions may name other datasets."""
-    return Others(reading).beside(state_of(paths, reading))
+    return Others(reading, paths).beside(state_of(paths, reading))
 
 
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,12 +24,14 @@ T = TypeVar("T")
 class PluginData:
     """Data that a plugin has opened; whatever goes wrong in the plugin's own code is a PluginError with its name.
 
-    time  what stands for the source's own time, if any
+    time       what stands for the source's own time, if any
+    reference  values of the flow by name
     """
 
     name: str
     source: VolumeSource
     time: float | None = None
+    reference: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def fields(self) -> tuple[str, ...]:

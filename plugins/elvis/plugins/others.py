@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,8 @@ from elvis.core.common_elements import common_elements
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.portions.portion import Portion, carriers
+from elvis.core.quantities.reference_values import over
+from elvis.plugins.reference_files import reference_beside
 
 if TYPE_CHECKING:
     from elvis.plugins.data import Reading
@@ -34,19 +36,25 @@ def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
 class Others:
     """Those that a reading names, read when data are first put beside them; of several ranks each has its part.
 
+    paths  of the data, beside which there may be files of reference values
+
     Raises as `elvis.plugins.data.read`, and ElvisError for no NAME=FILE.
     """
 
-    def __init__(self, reading: Reading) -> None:
+    def __init__(self, reading: Reading, paths: Sequence[Path] = ()) -> None:
         self._reading = reading
+        self._values = {**reference_beside(paths), **reading.reference}
         self._parts: dict[str, Portion] = {}
         self._datasets: dict[str, Dataset] | None = None
 
     def beside(self, dataset: Dataset) -> Dataset:
-        """A dataset, or a rank's part of one, in which expressions may name them, whose remarks it has, too.
+        """A dataset, or a rank's part of one, in which expressions may name them, whose remarks it has, too, and which
+        has the reference values of the reading and of files beside the data.
 
         To be called by each rank.  Elements of a part are in others where those of all parts are.
         """
+        if self._values:
+            dataset = replace(dataset, reference=over(dataset.reference, self._values))
         if not self._reading.others:
             return dataset
         datasets = self._opened()
@@ -65,7 +73,8 @@ class Others:
         from elvis.plugins.data import Reading, dataset_of, part_of
 
         if self._datasets is None:
-            reading = Reading(is_kept=self._reading.is_kept, ranks=self._reading.ranks)
+            own = self._reading
+            reading = Reading(is_kept=own.is_kept, ranks=own.ranks, reference=own.reference)
             files = files_of_others(self._reading.others)
             if reading.ranks.size > 1:
                 self._parts = {name: part_of(paths, reading) for name, paths in files.items()}

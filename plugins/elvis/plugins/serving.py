@@ -48,7 +48,7 @@ def names_of(data: Dataset | PluginData) -> Names:
     if isinstance(data, Dataset):
         return Names.of(data)
     own = call_plugin(data.name, "its time", lambda: float(data.source.time))
-    return Names(data.fields, time=own if data.time is None else data.time)
+    return Names(data.fields, time=own if data.time is None else data.time, parameters=data.reference)
 
 
 def _open(opened: PluginData, texts: Sequence[str]) -> Volume:

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Reference, Scene
     from elvis.viewer.widget import view
 
 __all__ = [
@@ -98,6 +98,7 @@ __all__ = [
     "Mesh",
     "MeshLines",
     "Plane",
+    "Reference",
     "Renderer",
     "Samples",
     "Scene",
@@ -274,6 +275,7 @@ NAMES = {
         "Clip",
         "Light",
         "NAMED_VIEWS",
+        "Reference",
         "Scene",
     ),
     "elvis.viewer.widget": ("view",),

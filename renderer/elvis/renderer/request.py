@@ -28,7 +28,8 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
 
     is_kept  whether conversions are kept
     """
-    return Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
+    own = Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
+    return replace(own, reference=scene.reference.values)
 
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:

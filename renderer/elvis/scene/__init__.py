@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Reference, Scene
 
 __all__ = [
     "NAMED_VIEWS",
@@ -43,6 +43,7 @@ __all__ = [
     "Light",
     "MeshLines",
     "Plane",
+    "Reference",
     "Scene",
     "SceneError",
     "SceneObject",
@@ -88,6 +89,6 @@ __getattr__ = lazy_names(
             "unit",
         ),
         "elvis.scene.validation": ("scene_schema",),
-        "elvis.scene.whole": ("Camera", "Clip", "Light", "NAMED_VIEWS", "Scene"),
+        "elvis.scene.whole": ("Camera", "Clip", "Light", "NAMED_VIEWS", "Reference", "Scene"),
     },
 )

@@ -91,6 +91,30 @@ NAMED_VIEWS: dict[str, tuple[Vector, Vector]] = {
 
 
 @dataclass(frozen=True, repr=False)
+class Reference(Model, of="the reference values"):
+    """Reference values of the flow, which quantities and expressions use; by default those of the data."""
+
+    mu: Annotated[float | None, Setting("Dynamic viscosity.", **POSITIVE)] = None
+    nu: Annotated[float | None, Setting("Kinematic viscosity.", **POSITIVE)] = None
+    density: Annotated[float | None, Setting("Density of an incompressible flow.", **POSITIVE)] = None
+    gamma: Annotated[float | None, Setting("Ratio of specific heats.", gt=1)] = None
+    R: Annotated[float | None, Setting("Specific gas constant.", **POSITIVE)] = None
+    rho_ref: Annotated[float | None, Setting("Reference density.", **POSITIVE)] = None
+    u_ref: Annotated[float | None, Setting("Reference speed.", **POSITIVE)] = None
+    p_ref: Annotated[float | None, Setting("Reference pressure.", finite=True)] = None
+    x_ref: Annotated[float | None, Setting("x of the point that moments are about.", finite=True)] = None
+    y_ref: Annotated[float | None, Setting("y of the point that moments are about.", finite=True)] = None
+    z_ref: Annotated[float | None, Setting("z of the point that moments are about.", finite=True)] = None
+    length: Annotated[float | None, Setting("Reference length of moments.", **POSITIVE)] = None
+    area: Annotated[float | None, Setting("Reference area of forces, in 2D a length.", **POSITIVE)] = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Those that are given, by name."""
+        return {name: value for name in settings(Reference) if (value := getattr(self, name)) is not None}
+
+
+@dataclass(frozen=True, repr=False)
 class Light(Model, of="a light"):
     """A light from far away."""
 
@@ -359,6 +383,9 @@ class Scene(Model):
             repeatable=True,
         ),
     ] = ()
+    reference: Annotated[
+        Reference, Setting("Reference values of the flow, which quantities and expressions use.", default="the data's")
+    ] = Reference()
     device: Annotated[
         str,
         Setting("The device that draws, see elvis devices; reference computes in NumPy.", option="--device"),

@@ -98,7 +98,8 @@ def test_predefined_quantities_are_listed_with_what_the_data_lack(nektar, elvis,
     assert found["q_criterion"]["source"].startswith("Hunt, Wray and Moin 1988")
     assert found["y_plus"]["lacks"] is None  # Kinvis is among the metadata
     assert (
-        found["skin_friction"]["lacks"] == "skin_friction needs u_ref (reference speed): write skin_friction(u_ref=…)"
+        found["skin_friction"]["lacks"]
+        == "skin_friction needs u_ref (reference speed): pass --set u_ref=…, or write skin_friction(u_ref=…)"
     )
     assert "the data lack a density: rho" in found["mach"]["lacks"]
     assert elvis("info", "--quantities", *files).splitlines()[0].split() == ["quantity", "meaning", "lacks"]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from elvis.converters.commands.field_options import field_options
-from elvis.core.arguments import between_option, other_option, time_option
+from elvis.core.arguments import between_option, other_option, set_option, time_option
 from elvis.core.moments import Moment
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from elvis.plugins.chosen_fields import ChosenFields
     from elvis.plugins.conversion import Converter, Option
     from elvis.plugins.converting import Conversion
+    from elvis.plugins.data import Reading
     from elvis.plugins.discovery import Candidate
     from elvis.plugins.report import Report
 
@@ -101,6 +103,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @field_options
 @other_option
+@set_option
 @time_option
 @between_option
 @click.option(
@@ -157,13 +160,12 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--overwrite", is_flag=True, help="Also write over the inputs, and over or away with the files of another mesh."
 )
 @click.option(
-    "--set",
     "--reader",
     "pairs",
     multiple=True,
     metavar="NAME=VALUE",
     callback=_pairs,
-    help="An option of the converter, as --reader of other commands; from=NAME names it.",
+    help="An option of the converter; from=NAME names it.  Repeatable.",
 )
 def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
     """Convert FILES, a solver's mesh and solution, and report what that cost.
@@ -279,6 +281,7 @@ def _results(
     added: tuple[str, ...],
     renames: tuple[str, ...],
     others: tuple[str, ...],
+    reference: dict[str, float],
     onto: str | None,
     outside: str,
     **options: Any,
@@ -287,7 +290,9 @@ def _results(
     from elvis.core.errors import ElvisError
     from elvis.formats.reading import is_native
     from elvis.plugins.chosen_fields import ChosenFields
+    from elvis.plugins.data import Reading
 
+    named = Reading(others=others, reference=reference)
     if onto is not None:
         if added or renames or others or options["tolerance"] is not None:
             raise ElvisError("--onto: expected no --add, --rename, --other and --tolerance; convert twice")
@@ -302,10 +307,10 @@ def _results(
     if (order is not None or tolerance is not None) and not added:
         raise ElvisError("--order and --tolerance: expected quantities that --add names, found none")
     if all(map(is_native, files)) and _is_plain(options):
-        return _with_fields(files, chosen, others, options, is_of_fields)
+        return _with_fields(files, chosen, named, options, is_of_fields)
     if is_of_fields:
         raise ElvisError("-o: expected a name ending in .xml, as the mesh is converted, found one ending in .fld")
-    return _converted_with_fields(files, chosen, others, options)
+    return _converted_with_fields(files, chosen, named, options)
 
 
 def _projected(
@@ -341,7 +346,7 @@ def _is_plain(options: dict[str, Any]) -> bool:
 def _with_fields(
     files: tuple[Path, ...],
     chosen: ChosenFields,
-    others: tuple[str, ...],
+    named: Reading,
     options: dict[str, Any],
     is_of_fields: bool,
 ) -> tuple[Dataset, Report]:
@@ -349,10 +354,10 @@ def _with_fields(
     from elvis.core.terminal import note
     from elvis.plugins.added_quantities import report_of_quantities
     from elvis.plugins.chosen_fields import orders_that_are_cut
-    from elvis.plugins.data import Reading, dataset_of
+    from elvis.plugins.data import dataset_of
 
     moment = Moment(time=options["time"], between=options["between"])
-    dataset = dataset_of(files, Reading(moment=moment, others=others))
+    dataset = dataset_of(files, replace(named, moment=moment))
     for remark in dataset.remarks:
         note(remark)
     found, measures = chosen.of(dataset)
@@ -362,15 +367,14 @@ def _with_fields(
 
 
 def _converted_with_fields(
-    files: tuple[Path, ...], chosen: ChosenFields, others: tuple[str, ...], options: dict[str, Any]
+    files: tuple[Path, ...], chosen: ChosenFields, named: Reading, options: dict[str, Any]
 ) -> tuple[Dataset, Report]:
     """Converted data with further fields."""
     from elvis.core.terminal import note
-    from elvis.plugins.data import Reading
     from elvis.plugins.others import Others
 
     conversion = _converted(files, fields=None, order=None, tolerance=None, **options)
-    source = Others(Reading(others=others)).beside(conversion.dataset)
+    source = Others(named, files).beside(conversion.dataset)
     dataset, measures = chosen.of(source)
     for remark in dataset.remarks[len(source.remarks) :]:
         note(remark)

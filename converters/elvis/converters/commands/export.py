@@ -15,6 +15,7 @@ from elvis.core.arguments import (
     other_option,
     overwrite_option,
     reader_option,
+    set_option,
     step_option,
     time_option,
 )
@@ -48,6 +49,7 @@ _ROUNDING = 1e-11
     "--tolerance", type=float, default=1e-6, show_default=True, help="Error of added quantities that no order holds."
 )
 @other_option
+@set_option
 @reader_option
 @step_option
 @time_option
@@ -64,6 +66,7 @@ def export(
     renames: tuple[str, ...],
     tolerance: float,
     others: tuple[str, ...],
+    reference: dict[str, float],
     reader: tuple[str, ...],
     step: int | None,
     time: float | None,
@@ -92,7 +95,8 @@ def export(
     options = pairs(reader)
     fields = options.pop("fields", None) if added else None
     chosen = ChosenFields(added, renames, _names(fields), tolerance=tolerance)
-    dataset = dataset_of(data, Reading(None, options, not no_cache, Moment(step, time, between), others))
+    moment = Moment(step, time, between)
+    dataset = dataset_of(data, Reading(None, options, not no_cache, moment, others, reference=reference))
     for remark in dataset.remarks:
         note(remark)
     found, measures = chosen.of(dataset)

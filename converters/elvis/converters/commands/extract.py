@@ -13,6 +13,7 @@ from elvis.core.arguments import (
     other_option,
     overwrite_option,
     reader_option,
+    set_option,
     step_option,
     time_option,
 )
@@ -78,6 +79,7 @@ _MESHES = (".xml", ".vtu", ".msh")
 @time_option
 @between_option
 @other_option
+@set_option
 @cache_option
 @overwrite_option
 def extract(
@@ -88,6 +90,7 @@ def extract(
     time: float | None,
     between: str,
     others: tuple[str, ...],
+    reference: dict[str, float],
     no_cache: bool,
     overwrite: bool,
     **options: Any,
@@ -108,7 +111,8 @@ def extract(
     surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface")})
     is_mesh = _check_output(output, surface, options)
     check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], data, overwrite)
-    dataset = dataset_of(data, Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others))
+    reading = Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others, reference=reference)
+    dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)
     if is_mesh:

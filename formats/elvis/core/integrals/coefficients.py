@@ -13,8 +13,11 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.integrands import Integrand
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.quantities.reference_values import REFERENCE
 
-_FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0"
+_FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0, or AXIS alone"
+#: reference values that stand for the numbers before the axis
+_BEFORE = ("rho_ref", "u_ref", "area")
 
 
 @dataclass(frozen=True)
@@ -39,9 +42,13 @@ class Coefficients:
     about: tuple[float, float, float] | None = None
 
     @staticmethod
-    def parse(text: str) -> Coefficients:
-        """``RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]``, where AXIS is x, xy or xy:4; ElvisError for others."""
+    def parse(text: str, names: Names) -> Coefficients:
+        """``RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]``, where AXIS is x, xy or xy:4, or AXIS alone, where reference values of
+        the data are the numbers; ElvisError for others, and for values that are not known.
+        """
         parts = [part.strip() for part in text.split(",")]
+        if len(parts) == 1:
+            parts = _with_reference(parts[0], names)
         axes, _, angle = (parts[3] if len(parts) > 3 else "").partition(":")
         try:
             density, speed, area, length = (float(part) for part in (*parts[:3], *(parts[4:5] or ["1"])))
@@ -93,3 +100,18 @@ class Coefficients:
         if "viscous_force_x" in names.flow.available:
             return [("force", ""), ("pressure_force", " (pressure)"), ("viscous_force", " (friction)")]
         return [("pressure_force", " (pressure)")]
+
+
+def _with_reference(axis: str, names: Names) -> list[str]:
+    """The parts of coefficients of reference values; ElvisError that names those that are not known."""
+    known = names.parameters
+    if "rho_ref" not in known and "density" in known:
+        known = {**known, "rho_ref": known["density"]}
+    missing = [name for name in _BEFORE if name not in known]
+    if missing:
+        words = ", ".join(f"{name} ({REFERENCE[name]})" for name in missing)
+        settings = " ".join(f"{name}=…" for name in missing)
+        raise ElvisError(f"--coefficients {axis}: expected {words}, which the data don't tell: pass --set {settings}")
+    about = [known.get(f"{axis}_ref", 0.0) for axis in "xyz"]
+    values = [known[name] for name in _BEFORE]
+    return [*map(repr, values), axis, repr(known.get("length", 1.0)), *map(repr, about)]

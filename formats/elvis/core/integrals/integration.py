@@ -168,8 +168,16 @@ def comes_apart(
 def evaluated(dataset: Dataset, field: Sequence[str], coefficients: str | None = None) -> list[Expression]:
     """What is integrated but for curves; all as in `integrate`."""
     wanted = integrands(dataset, field)
-    wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset)) if coefficients is not None else []
+    wanted += _coefficients(dataset, coefficients)
     return [each.expression for each in wanted]
+
+
+def _coefficients(dataset: Dataset, text: str | None) -> list[Integrand]:
+    """Coefficients of forces, none for None."""
+    if text is None:
+        return []
+    names = Names.of(dataset)
+    return list(Coefficients.parse(text, names).integrands(names))
 
 
 def integrate(
@@ -196,7 +204,8 @@ def integrate(
            ``section:NAME:plane:POINT:NORMAL``, where a plane cuts a boundary, on which forces, moments and coefficients
            are those per unit of length along the plane's normal
     error  requested if no rule is exact for an integrand, relative to the integral of its absolute value
-    coefficients  ``"rho,u,area,axis"``: drag, lift and moment coefficients in addition (see `Coefficients`)
+    coefficients  ``"rho,u,area,axis"``, or ``"axis"`` where reference values tell the others: drag, lift and moment
+                  coefficients in addition (see `Coefficients`)
     clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
            outside
     progress  is told how many points have been taken, and how many are planned
@@ -212,8 +221,7 @@ def integrate(
     names = [over] if isinstance(over, str) else list(dict.fromkeys(over))
     lines = LineTargets.of(dataset, names)
     wanted = integrands(dataset, [field] if isinstance(field, str) else list(field), lines.end(names))
-    if coefficients is not None:
-        wanted += Coefficients.parse(coefficients).integrands(Names.of(dataset))
+    wanted += _coefficients(dataset, coefficients)
     if not wanted or not names or not 0 < error < 1:
         raise ElvisError(f"expected a quantity, a target and an error between 0 and 1, found {field}, {over}, {error}")
     others = [name for name in names if name not in lines]

@@ -280,7 +280,8 @@ class Flow:
             return f"{name} needs {_in_words(list(needed))}; the data lack {', and '.join(absent)}"
         meanings = [" or ".join(f"{key} ({PARAMETERS[key].meaning})" for key in group) for group in lack.parameters]
         example = ", ".join(f"{group[0]}=…" for group in lack.parameters)
-        return f"{name} needs {_in_words(meanings)}: write {name}({example})"
+        settings = " ".join(f"{group[0]}=…" for group in lack.parameters)
+        return f"{name} needs {_in_words(meanings)}: pass --set {settings}, or write {name}({example})"
 
     def _ingredients(self, name: str) -> list[str]:
         """What the first formula of a quantity needs of the fields."""

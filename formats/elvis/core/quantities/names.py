@@ -16,7 +16,7 @@ from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
-from elvis.core.quantities.predefined import PARAMETERS
+from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
@@ -62,7 +62,7 @@ class Names:
         sides = (ALL, *named) if mesh.dimension > 1 else ()
         fields = tuple(one.name for one in dataset.solution)
         others = {name: Names.of(other) for name, other in dataset.others.items()}
-        noted, rates = _parameters(dataset.metadata), dataset.rates
+        noted, rates = over(noted_values(dataset.metadata), dataset.reference), dataset.rates
         return Names(fields, dimension, dataset.time, noted, sides, rates, others, frozenset(dataset.shared))
 
     @cached_property
@@ -83,6 +83,8 @@ class Names:
             return number(CONSTANTS[name])
         if name in PUBLIC:
             return self.flow.node(name, {})
+        if name in self.parameters:
+            return number(self.parameters[name])
         return attribute(name) if name in ATTRIBUTES else None
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
@@ -115,6 +117,8 @@ class Names:
         """A sentence about a name that says nothing."""
         if name == "t":
             return "the data don't tell the time t"
+        if name in REFERENCE:
+            return f"the data don't tell {name} ({REFERENCE[name]}): pass --set {name}=…"
         if name in self.others:
             first = (*self.others[name].fields, "x")[0]
             return f"expected : after {name}, and what is asked of it, such as {name}:{first}"
@@ -134,24 +138,3 @@ class Names:
         )
         listed = ", and what elvis info --quantities lists" if self.flow.available or self.flow.waiting else ""
         return f"{known}; there are also {', '.join(others)}{listed}"
-
-
-def _parameters(metadata: Mapping[str, str]) -> dict[str, float]:
-    """The parameters that a solver has noted, as far as they make sense."""
-    noted = {key.lower(): text for key, text in metadata.items()}
-    found: dict[str, float] = {}
-    for name, parameter in PARAMETERS.items():
-        for key in parameter.keys:
-            value = _positive(noted.get(key))
-            if value is not None and (name != "gamma" or 1 < value < 10):
-                found.setdefault(name, value)
-    return found
-
-
-def _positive(text: str | None) -> float | None:
-    """A number of metadata, None where it is none that is finite and positive."""
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if 0 < value < math.inf else None

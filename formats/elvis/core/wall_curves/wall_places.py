@@ -52,9 +52,7 @@ def at_walls(dataset: Dataset, boundary: str, points: Floats, expressions: Seque
     ElvisError
         If the data have no such boundary, or a quantity has the name of another column.
     """
-    taken = [own.text for own in expressions if own.text in _OWN]
-    if taken:
-        raise ElvisError(taken_name(taken[0]))
+    _check_names(expressions)
     evaluator = Evaluator(dataset, expressions)
     pieces = wall_sides(dataset, evaluator, boundary, boundary)
     places = nearest(surface_of(dataset, boundary), points).place
@@ -74,6 +72,13 @@ def at_walls(dataset: Dataset, boundary: str, points: Floats, expressions: Seque
     columns |= dict(zip("xyz", found.T, strict=True)) | dict(zip(("nx", "ny", "nz"), normals.T, strict=True))
     columns |= {"element": element, "status": np.where(element < 0, int(Status.FAILED), int(Status.INSIDE))}
     return columns | {own.text: column for own, column in zip(expressions, values.T, strict=True)}
+
+
+def _check_names(expressions: Sequence[Expression]) -> None:
+    """ElvisError for a quantity with the name of another column."""
+    taken = [own.text for own in expressions if own.text in _OWN]
+    if taken:
+        raise ElvisError(taken_name(taken[0]))
 
 
 def _on_sides(pieces: Sequence[Piece], evaluator: Evaluator, places: Floats) -> list[tuple[Piece, Ints, Ints, Floats]]:

@@ -98,7 +98,8 @@ class Series(Sequence[Dataset]):
         # what is told of steps is told of all their fields
         reading = replace(reading, is_of_map=False)
         self.is_native, self._reading = found.is_native, reading
-        self._others = Others(reading)
+        files = [path for step in self.steps for path in step.files]
+        self._others = Others(reading, [*self.common, *files])
         self._parts = StepsByPart(found, reading) if reading.ranks.size > 1 else None
         self._first: Dataset | None = None
         self._warnings: tuple[str, ...] | None = None

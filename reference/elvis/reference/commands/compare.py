@@ -239,7 +239,8 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         scene_text(scene, output / "scene.toml")
     if scene.range == "series":
         raise SceneError("range: series is for films: expected seen, all or two values")
-    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
+    values = scene.reference.values
+    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others, reference=values)
     dataset = dataset_of(tuple(map(Path, scene.data)), reading)
     return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 

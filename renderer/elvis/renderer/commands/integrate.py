@@ -60,10 +60,10 @@ Examples:
 )
 @click.option(
     "--coefficients",
-    metavar="RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]",
+    metavar="[RHO,U,AREA,]AXIS[,LENGTH[,X,Y,Z]]",
     help="Also drag, lift and moment coefficients of walls: density, speed, area and, for moments, length of "
     "reference and the point that they are about; AXIS is that of the flow, as x, with that of lift, as xy, or an "
-    "angle of attack in degrees, as xy:4.",
+    "angle of attack in degrees, as xy:4.  AXIS alone takes rho_ref, u_ref, area, length, x_ref, y_ref and z_ref.",
 )
 @click.option(
     "--clip",

@@ -193,7 +193,8 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
 
 def _key(scene: Scene) -> object:
     """What the data of a scene depend on."""
-    return scene.data, scene.plugin, scene.reader, scene.others, scene.step, scene.time, scene.between
+    of_files = (scene.data, scene.plugin, scene.reader, scene.others, scene.reference)
+    return *of_files, scene.step, scene.time, scene.between
 
 
 def _open(

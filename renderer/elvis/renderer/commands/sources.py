@@ -5,8 +5,8 @@ Which of the two it is is decided here, once: both answer the same questions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union
@@ -19,6 +19,7 @@ from elvis.core.arguments import (
     other_option,
     plugin_option,
     reader_option,
+    set_option,
     step_option,
     time_option,
 )
@@ -76,6 +77,7 @@ class Data:
     between: str = "linear"
     others: tuple[str, ...] = ()
     is_of_map: bool = False
+    reference: Mapping[str, float] = field(default_factory=dict)
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
@@ -91,7 +93,8 @@ class Data:
 
         moment = Moment(self.step, self.time, self.between)
         options = pairs(self.reader)
-        return Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
+        own = Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
+        return replace(own, reference=self.reference)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
         """What answers questions about the files, or on quantities alone, after a word on what a conversion lost.
@@ -240,6 +243,7 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     @time_option
     @between_option
     @other_option
+    @set_option
     @cache_option
     @wraps(command)
     def parsed(
@@ -251,9 +255,11 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
         time: float | None,
         between: str,
         others: tuple[str, ...],
+        reference: dict[str, float],
         **rest: Any,
     ) -> None:
-        command(data=Data(data, plugin, reader, not no_cache, step, time, between, others), **rest)
+        own = Data(data, plugin, reader, not no_cache, step, time, between, others, reference=reference)
+        command(data=own, **rest)
 
     return parsed
 

@@ -79,5 +79,5 @@ setting_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     type=text_type("setting"),
-    help="Any other key of the scene.",
+    help="Any other key of the scene; a reference value of the flow, such as mu=2e-4, by its name alone.",
 )

@@ -237,4 +237,5 @@ def setting(text: str) -> tuple[str, str]:
     """``KEY=VALUE``."""
     key, equals, value = text.partition("=")
     check(key.strip() and equals, "a setting", "KEY=VALUE such as objects[0].style.opacity=0.5", repr(text))
-    return key.strip(), value.strip()
+    own = key.strip()
+    return f"reference.{own}" if own in settings(scene.Reference) else own, value.strip()
