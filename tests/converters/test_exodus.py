@@ -38,10 +38,12 @@ TYPES = {
     "TET4": (Shape.TETRAHEDRON, 4),
     "TETRA10": (Shape.TETRAHEDRON, 10),
     "TETRA14": (Shape.TETRAHEDRON, 14),
+    "TETRA15": (Shape.TETRAHEDRON, 15),
     "PYRAMID5": (Shape.PYRAMID, 5),
     "PYRAMID13": (Shape.PYRAMID, 13),
     "PYRAMID14": (Shape.PYRAMID, 14),
     "PYRAMID18": (Shape.PYRAMID, 18),
+    "PYRAMID19": (Shape.PYRAMID, 19),
     "WEDGE6": (Shape.PRISM, 6),
     "WEDGE15": (Shape.PRISM, 15),
     "WEDGE18": (Shape.PRISM, 18),
@@ -377,10 +379,41 @@ def test_bubbles_of_pyramids_are_those_of_libmesh():
         assert np.abs(functions.at(points)[:, node] - front).max() < 1e-12
 
 
+@pytest.mark.parametrize(("name", "kind"), [("TETRA15", "vtkLagrangeTetra"), ("PYRAMID19", "vtkTriQuadraticPyramid")])
+def test_elements_with_a_node_inside_have_the_functions_of_vtk(tmp_path, name, kind):
+    """Any values at the nodes: those between them are the sums over the nodes that VTK finds with its own functions."""
+    cells = pytest.importorskip("vtkmodules.vtkCommonDataModel")
+    shape, count = TYPES[name]
+    nodal = dict(zip(map(bytes, nodes_of(shape, count)), np.random.default_rng(7).normal(size=count), strict=True))
+    path = one_element(tmp_path / "one.e", name, lambda nodes: np.array([nodal[bytes(node)] for node in nodes]))
+    conversion = check(Exodus, [path])
+    assert {measure.state for measure in conversion.report.fields} == {"exact"}
+    places = np.random.default_rng(8).dirichlet(np.ones(len(shape.vertices)), 30) @ shape.vertices
+
+    cell = getattr(cells, kind)()
+    cell.GetPoints().SetNumberOfPoints(count)
+    cell.GetPointIds().SetNumberOfIds(count)
+    cell.Initialize()
+    parametric = np.array([cell.GetParametricCoords()[i] for i in range(3 * count)]).reshape(-1, 3)
+    # VTK's coordinates are affine in ours: the corners tell how
+    corners = nodes_of(shape, count)[: len(shape.vertices)]
+    affine, *_ = np.linalg.lstsq(np.column_stack([corners, np.ones(len(corners))]), parametric[: len(corners)])
+
+    def weights(own):
+        found = [0.0] * count
+        cell.InterpolateFunctions((np.append(own, 1) @ affine).tolist(), found)
+        return found
+
+    order = [int(np.argmax(weights(node))) for node in nodes_of(shape, count)]
+    wanted = np.array([weights(place) for place in places])[:, order] @ np.array(list(nodal.values()))
+    assert sorted(order) == list(range(count))
+    assert np.abs(values_found(conversion.dataset, "temperature", places) - 2 * wanted).max() < 1e-12
+
+
 @pytest.mark.parametrize(
     ("name", "count", "words"),
     [
-        ("TETRA15", 15, "expected a tetrahedron of 4, 10 or 14 nodes, found TETRA15 of 15"),
+        ("TETRA11", 11, "expected a tetrahedron of 4, 10, 14 or 15 nodes, found TETRA11 of 11"),
         ("NSIDED", 5, "expected elements of the shapes triangle, quadrilateral, .*, found the type NSIDED"),
     ],
 )

@@ -13,7 +13,7 @@ import numpy as np
 from elvis.converters.exodus_files import SIDES, Variables, is_exodus, nodes_of
 from elvis.converters.exodus_pieces import ExodusPiece, is_empty, number_nodes
 from elvis.converters.exodus_shells import FACES_OF_SHELLS, plane_sides
-from elvis.converters.incomplete import NodalFunctions, bubble_space
+from elvis.converters.incomplete import CentredPyramid, NodalFunctions, bubble_space
 from elvis.converters.inputs import STEP, step_number
 from elvis.converters.unit import UNIT, side_numbers
 from elvis.core.arrays import Floats, Ints
@@ -28,14 +28,19 @@ from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalVal
 #: of a state, and which of them wrote this one
 _MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?")
 
-#: elements with nodes in the middle of triangles, and whether prisms have one inside
+#: elements with nodes in the middle of triangles, and whether tetrahedra and prisms have one inside
 _WITH_BUBBLES = {
     (Shape.TRIANGLE, 7): True,
-    (Shape.TETRAHEDRON, 14): True,
+    (Shape.TETRAHEDRON, 14): False,
+    (Shape.TETRAHEDRON, 15): True,
     (Shape.PYRAMID, 18): True,
     (Shape.PRISM, 20): False,
     (Shape.PRISM, 21): True,
 }
+#: the pyramid with a node inside, whose functions are products of powers of collapsed coordinates
+_CENTRED_PYRAMID = (Shape.PYRAMID, 19)
+#: degree of the function that is 1 inside a tetrahedron and 0 on its faces
+_INSIDE_TETRAHEDRON = 4
 
 
 class Exodus(NodalConverter):
@@ -137,7 +142,7 @@ class Exodus(NodalConverter):
             piece.numbers[nodes[:, UNIT[shape].corners]],
             ids=ids,
             region=name,
-            pyramid=PyramidSpace.RATIONAL,
+            pyramid=PyramidSpace.TENSOR if kind == _CENTRED_PYRAMID else PyramidSpace.RATIONAL,
             key=NodalBlock(NodalValues(piece.places, functions, nodes)),
         )
 
@@ -269,10 +274,13 @@ def _labels(file: Variables, what: str, noun: str) -> Callable[[int], str]:
 
 def _functions_of(shape: Shape, count: int) -> ShapeFunctions:
     """The functions of a type of elements."""
+    if (shape, count) == _CENTRED_PYRAMID:
+        return CentredPyramid(nodes_of(shape, count)[:-1])
     if (shape, count) not in _WITH_BUBBLES:
         return _Functions(shape, count)
     is_whole = _WITH_BUBBLES[shape, count]
-    return NodalFunctions(3, lambda points: bubble_space(shape, is_whole, points), nodes_of(shape, count))
+    order = _INSIDE_TETRAHEDRON if shape is Shape.TETRAHEDRON and is_whole else 3
+    return NodalFunctions(order, lambda points: bubble_space(shape, is_whole, points), nodes_of(shape, count))
 
 
 class _Functions(NodalBasis):

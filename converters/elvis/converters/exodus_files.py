@@ -39,12 +39,17 @@ _NAMES = {
 }
 
 _TRIANGLE = [(0, 1), (1, 2), (2, 0)]
+_TETRAHEDRON = [*_TRIANGLE, (0, 3), (1, 3), (2, 3)]
 _SQUARE = [(0, 1), (1, 2), (2, 3), (3, 0)]
 _BLOCK = [*_SQUARE, (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4)]
 _PYRAMID = [*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)]
 _WEDGE = [*_TRIANGLE, (0, 3), (1, 4), (2, 5), (3, 4), (4, 5), (5, 3)]
 
-#: nodes beyond the corners, each the middle of these corners, by shape and number of nodes
+_FACES_OF_PYRAMID = [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 3, 4)]
+_FACES_OF_TETRAHEDRON = [(0, 1, 2), (1, 2, 3), (0, 2, 3), (0, 1, 3)]
+
+#: nodes beyond the corners, each the mean of these corners, by shape and number of nodes; the centroid of a pyramid is
+#: a quarter of its height above the base
 _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
     (Shape.TRIANGLE, 3): [],
     (Shape.TRIANGLE, 6): [*_TRIANGLE],
@@ -53,21 +58,14 @@ _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
     (Shape.QUADRILATERAL, 8): [*_SQUARE],
     (Shape.QUADRILATERAL, 9): [*_SQUARE, (0, 1, 2, 3)],
     (Shape.TETRAHEDRON, 4): [],
-    (Shape.TETRAHEDRON, 10): [*_TRIANGLE, (0, 3), (1, 3), (2, 3)],
-    (Shape.TETRAHEDRON, 14): [
-        *_TRIANGLE,
-        (0, 3),
-        (1, 3),
-        (2, 3),
-        (0, 1, 2),
-        (1, 2, 3),
-        (0, 2, 3),
-        (0, 1, 3),
-    ],
+    (Shape.TETRAHEDRON, 10): [*_TETRAHEDRON],
+    (Shape.TETRAHEDRON, 14): [*_TETRAHEDRON, *_FACES_OF_TETRAHEDRON],
+    (Shape.TETRAHEDRON, 15): [*_TETRAHEDRON, *_FACES_OF_TETRAHEDRON, tuple(range(4))],
     (Shape.PYRAMID, 5): [],
     (Shape.PYRAMID, 13): [*_PYRAMID],
     (Shape.PYRAMID, 14): [*_PYRAMID, (0, 1, 2, 3)],
-    (Shape.PYRAMID, 18): [*_PYRAMID, (0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (0, 3, 4)],
+    (Shape.PYRAMID, 18): [*_PYRAMID, *_FACES_OF_PYRAMID],
+    (Shape.PYRAMID, 19): [*_PYRAMID, *_FACES_OF_PYRAMID, (*range(4), *range(4), *range(4), 4, 4, 4, 4)],
     (Shape.PRISM, 6): [],
     (Shape.PRISM, 15): [*_WEDGE],
     (Shape.PRISM, 18): [*_WEDGE, (0, 1, 4, 3), (1, 2, 5, 4), (0, 2, 5, 3)],

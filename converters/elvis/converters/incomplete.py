@@ -88,9 +88,10 @@ def incomplete_space(shape: Shape, order: int, has_faces: bool, points: Floats) 
 def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
     """(n, m) quadratic functions, and those of third degree that are 1 in the middle of triangles.
 
-    For triangles of 7 nodes and tetrahedra of 14.  Prisms of 21 nodes have the functions of these triangles times
-    quadratic ones.  Prisms of 20 lack the one that is 1 in the middle (``is_whole`` is False).  On pyramids of 18 nodes
-    those of the triangles are libMesh's.
+    For triangles of 7 nodes and tetrahedra of 14; those of 15 have the function of fourth degree that is 0 on all
+    faces, too (``is_whole``).  Prisms of 21 nodes have the functions of these triangles times quadratic ones.  Prisms
+    of 20 lack the one that is 1 in the middle (``is_whole`` is False).  On pyramids of 18 nodes those of the triangles
+    are libMesh's.
     """
     if shape is Shape.PYRAMID:
         return np.column_stack([space_values(shape, 2, points, PyramidSpace.RATIONAL), *_pyramid_bubbles(points)])
@@ -98,7 +99,8 @@ def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
     triangle = edge_space(a, 2)
     bubbles = face_functions(a, 3)
     if shape is not Shape.PRISM:
-        return np.stack(triangle + bubbles, axis=1)
+        inside = [a.prod(axis=1)] if shape is Shape.TETRAHEDRON and is_whole else []
+        return np.stack(triangle + bubbles + inside, axis=1)
     y = points[:, 1]
     columns = [f * g for f in triangle + bubbles for g in (1 - y, 1 + y)]
     upright = triangle + (bubbles if is_whole else [])
@@ -117,6 +119,18 @@ def _pyramid_bubbles(points: Floats) -> list[Floats]:
     return [scale * (1 - p**2) * (1 + sign * q) ** 2 for p, q in ((x, y), (y, x)) for sign in (-1, 1)]
 
 
+#: what `CentredPyramid` adds to the functions of a pyramid of 18 nodes for corners of the base, its apex, edges of the
+#: base, the other edges, the base and the triangles: factors of c² z (1 - x²)(1 - y²) and of c z (1 - x²)(1 - y²), both
+#: scaled to be 1 at the node inside.  Those of VTK/Common/DataModel/vtkTriQuadraticPyramid.cxx.
+_TO_CENTRE = np.repeat(
+    [[-27 / 512, 3 / 64], [-27 / 256, 1 / 8], [27 / 256, 0], [27 / 128, -3 / 16], [0, -9 / 16], [-243 / 1024, 0]],
+    [4, 1, 4, 4, 1, 4],
+    axis=0,
+)
+#: height of the node inside such a pyramid: that of the centroid
+_CENTRE = 0.25
+
+
 class NodalFunctions(ShapeFunctions):
     """Functions of any space that are 1 at one node and 0 at the others.
 
@@ -131,6 +145,26 @@ class NodalFunctions(ShapeFunctions):
     def tabulate(self, points: Floats) -> Floats:
         """The functions of the space, combined."""
         return np.asarray(self._space(points) @ self._inverse)
+
+
+class CentredPyramid(ShapeFunctions):
+    """The functions of a pyramid of 19 nodes, as VTK defines them: of those on its surface, then of its centroid.
+
+    nodes  (18, 3) reference coordinates of those on the surface: corners, edges, base, triangles
+    """
+
+    order = 3
+
+    def __init__(self, nodes: Floats) -> None:
+        self._surface = NodalFunctions(3, lambda points: bubble_space(Shape.PYRAMID, True, points), nodes)
+
+    def tabulate(self, points: Floats) -> Floats:
+        """The functions, which are not all of the rational space: those of the centroid are of the tensor one."""
+        x, y, height = collapse(Shape.PYRAMID, points).T
+        z = (1 + height) / 2
+        scaled = (1 - x**2) * (1 - y**2) * z * (1 - z) / (_CENTRE * (1 - _CENTRE))
+        inside = np.stack([scaled * (1 - z) / (1 - _CENTRE), scaled], axis=1)
+        return np.column_stack([self._surface.at(points) + inside @ _TO_CENTRE.T, scaled])
 
 
 class ExtendedFunctions(ShapeFunctions):
