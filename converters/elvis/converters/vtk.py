@@ -20,7 +20,7 @@ from elvis.converters.vtk_cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk_files import Grid, array_names, files_by_time, kind_of, other_kind, overlap, read
 from elvis.converters.vtk_hdf import times_in
 from elvis.converters.vtk_nodes import FAMILIES, node_family
-from elvis.converters.vtk_numbering import exchanged, reversed_faces, third_face, upright
+from elvis.converters.vtk_numbering import exchanged, reversed_faces, row_of_nodes, running, third_face, upright
 from elvis.converters.vtk_times import time_in
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.errors import FormatError
@@ -132,6 +132,7 @@ class Vtk(NodalConverter):
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)
         self._number_wedges(wedges)
+        self._number_curves()
         self._place_nodes(nodes)
         self.blocks = [_block(part) for part in self._parts]
         self._add_fields(True)
@@ -207,6 +208,20 @@ class Vtk(NodalConverter):
             note = "wedges are numbered as by VTK 8, and were taken so (option wedges)"
             if wedges == "auto" and note not in self.notes:
                 self.notes = [*self.notes, note]
+
+    def _number_curves(self) -> None:
+        """Take the nodes of curves one after another where all cells of a file lie so, as Firedrake writes them."""
+        known = [part for part in self._every() if LAGRANGE.get(part.cell.kind.type) is Shape.SEGMENT]
+        for file in dict.fromkeys(part.grid.file for part in known):
+            parts = [part for part in known if part.grid.file == file]
+            own, in_rows = np.sum([running(part.places(part.nodes), part.cell) for part in parts], axis=0)
+            if own or in_rows < sum(len(part.rows) for part in parts):
+                continue
+            for part in parts:
+                part.nodes[:] = part.nodes[:, row_of_nodes(part.cell)]
+            note = "nodes of curves follow one another, though VTK puts both ends first, and were taken so"
+            if note not in self.warnings:
+                self.warnings = [*self.warnings, note]
 
     def _place_nodes(self, nodes: str) -> None:
         """Move the nodes of Lagrange cells to Gauss or Gauss-Lobatto places where asked, or where cells show them."""

@@ -1,7 +1,8 @@
-"""Cells whose nodes two versions of VTK number differently, told by where the nodes lie.
+"""Cells whose nodes two versions of VTK, or other programs, number differently, told by where the nodes lie.
 
 Of Lagrange hexahedra the nodes of two edges are exchanged; of Lagrange wedges those of the third quadrilateral run the
 other way along the triangle.  The library knows the first from versions of files, the second it doesn't know.
+Firedrake puts the nodes of Lagrange curves in a row (paraview_reordering.py, vtk_interval_local_coord).
 """
 
 from __future__ import annotations
@@ -58,6 +59,29 @@ def reversed_faces(places: Floats, cell: Cell) -> tuple[int, int]:
     suggested = np.matmul(_blend(cell, inside), places)
     own, other = (np.linalg.norm(places[:, nodes] - suggested, axis=2).sum(axis=1) for nodes in (inside, mirrored))
     return int(np.sum(own < _NEARER * other)), int(np.sum(other < _NEARER * own))
+
+
+def row_of_nodes(cell: Cell) -> Ints:
+    """(n,) where the nodes of a curve stand among nodes that follow one another."""
+    return np.rint(cell.nodes[:, 0] * cell.order).astype(np.int64)
+
+
+def running(places: Floats, cell: Cell) -> tuple[int, int]:
+    """In how many curves, nodes at (n, nodes, 3), the nodes run towards the last: by VTK's numbers, and as read.
+
+    Those of order 1 count in both.
+    """
+    as_read = _count_running(places)
+    by_number = np.empty_like(places)
+    by_number[:, row_of_nodes(cell)] = places
+    return _count_running(by_number), as_read
+
+
+def _count_running(places: Floats) -> int:
+    """In how many rows of places (n, nodes, 3) each step goes in the direction of the chord."""
+    steps = np.diff(places, axis=1)
+    chords = places[:, -1] - places[:, 0]
+    return int(np.all(np.einsum("nkc,nc->nk", steps, chords) > 0, axis=1).sum())
 
 
 def _blend(cell: Cell, inside: Ints) -> Floats:

@@ -14,6 +14,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import Assembly, GeometryBlock, parts
 from elvis.core.mapping.orientation import chunks
+from elvis.core.polynomials.expansion import values
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.regularity import are_regular
@@ -67,10 +68,11 @@ class Folded:
 def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
     """The elements of a dataset that are not valid for certain; of all parts where several ranks have parts of it.
 
-    Where space has more dimensions than the elements there is no sign, and nothing is found.
+    Where space has more dimensions than the elements there is no sign, and nothing is found.  Segments on a line may
+    run either way.
     """
     wrong, undecided = np.empty(0, np.int64), np.empty(0, np.int64)
-    if dataset.mesh.space == dataset.mesh.dimension > 1:
+    if dataset.mesh.space == dataset.mesh.dimension:
         wrong, undecided = _of_suspects(dataset, list(_suspects(dataset)))
     every = ranks.exchange((wrong, undecided), "elements that fold")
     return Folded.joined([Folded(*own) for own in every])
@@ -81,7 +83,7 @@ def _suspects(dataset: Dataset) -> Iterator[GeometryBlock]:
     for part in parts(dataset):
         for rows in _doubtful(part):
             if len(rows):
-                yield GeometryBlock(part.expansion, part.element_ids[rows], part.take(rows))
+                yield GeometryBlock(part.expansion, part.element_ids[rows], _maps(part, rows))
 
 
 def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
@@ -92,7 +94,17 @@ def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
         return
     for chunk in chunks(len(part), TOGETHER):
         rows = np.arange(chunk.start, chunk.stop)
-        yield rows[~are_regular(part.expansion, part.take(rows))]
+        yield rows[~are_regular(part.expansion, _maps(part, rows))]
+
+
+def _maps(part: GeometryBlock | Assembly, rows: Ints) -> Floats:
+    """(n, 3, m) coefficients of elements; of segments that run backwards those of their mirror image."""
+    coefficients = part.take(rows)
+    if part.expansion.shape is not Shape.SEGMENT:
+        return coefficients
+    start, end = values(part.expansion, Shape.SEGMENT.vertices)
+    direction = np.sign(coefficients[:, 0] @ (end - start))
+    return np.asarray(coefficients * np.where(direction < 0, -1.0, 1.0)[:, None, None])
 
 
 def _are_positive_simplices(corners: Floats) -> Bools:
