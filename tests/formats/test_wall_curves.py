@@ -265,6 +265,16 @@ def test_the_command(tmp_path, monkeypatch):
     assert [int(row["point"]) for row in table] == list(range(82))
     assert [float(row["z"]) for row in table] == pytest.approx([0.25] * 41 + [0.75] * 41)
     assert (tmp_path / "both.svg").read_text().count(">section:all:plane:0,0,0.") == 2
+    data = Dataset(grid(Shape.HEXAHEDRON, 2))
+    write(Dataset(data.mesh, fields=(approximated(data, "p", lambda x: 2 * x[:, 0] * x[:, 1], 3),)), "b.xml")
+    two = [*words, "--other", "ref=b.xml,b.fld", "--along", "ref:section:all:plane:0,0,0.25:0,0,1", "-o", "two.csv"]
+    assert CliRunner().invoke(elvis, two).exit_code == 0
+    with (tmp_path / "two.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["along"].partition(":")[0] for row in table] == ["section"] * 41 + ["ref"] * 41
+    factors = np.repeat([1, 2], 41)
+    products = np.array([float(row["x"]) * float(row["y"]) for row in table])
+    assert np.array([float(row["p"]) for row in table]) == pytest.approx(factors * products, abs=1e-13)
     for wrong, reason in [
         (["--along", "line:0,0,0:1,1,1"], "expected curves on boundaries alone, or none, found both"),
         (["--layers", "p"], "expected --layers with --along normal:"),

@@ -410,8 +410,8 @@ def test_mp4_has_all_frames(files, tmp_path, drawn):
 def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch):
     with pytest.raises(ElvisError, match=r"expected something that moves: a series, --key, --path or --orbit"):
         run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
-    with pytest.raises(ElvisError, match=r"expected films, \.webp or \.mp4, and one folder for frames, found .*x\.gif"):
-        run("animate", *files, *FAST, "-o", tmp_path / "x.gif")
+    with pytest.raises(ElvisError, match=r"expected films, .*, and one folder for frames, found .*x\.avi"):
+        run("animate", *files, *FAST, "-o", tmp_path / "x.avi")
     (tmp_path / "taken").write_text("")
     with pytest.raises(ElvisError, match="taken: cannot be written: it is a file, and a folder is to be written"):
         run("animate", *files, *FAST, "-o", tmp_path / "taken")
@@ -431,3 +431,16 @@ def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch)
         run("animate", *files, *FAST, "--workers", "2", "-o", tmp_path / "none")
     assert not (tmp_path / "none-frames").exists()
     assert not (tmp_path / "none").exists()
+
+
+def test_gif_has_all_frames(files, tmp_path, drawn):
+    run("animate", *files[:2], "--key", "zoom=1:3", "--frames", "3", "--rate", "3", "-o", tmp_path / "film.gif")
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 3
+        durations = []
+        for number in range(3):
+            film.seek(number)
+            durations.append(film.info["duration"])
+            assert np.abs(np.asarray(film.convert("RGB"))[1:6, 1:8] - 40.0 * (number + 1)).max() < 8
+    # a third of a second, in hundredths
+    assert durations == [330, 340, 330]

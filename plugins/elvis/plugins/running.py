@@ -20,6 +20,7 @@ from elvis.core.errors import ElvisError, fault_sentence
 from elvis.core.ranks import ALONE, Alone, MpiRanks, is_idle, ranks_of_run
 from elvis.core.terminal import one_line
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
+from elvis.plugins.many_files import STEM, for_many_files
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
 #: variables of the environment of which one is set where a browser can open, but for macOS and Windows
@@ -166,7 +167,16 @@ class PluginGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but files alone are shown; an unknown name is reported with those that are near it."""
+        """As click does, but files alone are shown; an unknown name is reported with those that are near it.
+
+        A command whose outputs name {stem} runs for one file of a pattern after another.
+        """
+        own_name, command, words = self._resolved(ctx, args)
+        if command is not None and any(STEM in word for word in words):
+            return own_name, for_many_files(command), words
+        return own_name, command, words
+
+    def _resolved(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
         if not name.startswith("-") and name not in self.list_commands(ctx):
             if _names_data(name):

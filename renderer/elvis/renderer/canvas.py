@@ -27,6 +27,7 @@ from elvis.renderer.tracing import Tracer
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame, Status, whole
+from elvis.scene.permissions import PIXELS
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -95,7 +96,7 @@ class Canvas:
     @property
     def _proves(self) -> bool:
         """Whether what is proved of contours is counted: for statistics and records alone."""
-        asked = self.scene.stats or any(not name.lower().endswith(".png") for name in self.scene.outputs)
+        asked = self.scene.stats or any(not name.lower().endswith(PIXELS) for name in self.scene.outputs)
         return bool(asked) and any(draw_call.style.contours is not None for draw_call in self.draw_calls)
 
     def frame(self) -> Frame:

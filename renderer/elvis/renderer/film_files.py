@@ -18,13 +18,17 @@ from PIL import Image
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import Outputs, write_text
 from elvis.core.needing import require_module
+from elvis.core.terminal import note
 
 RECORD = "film.json"
 #: how films end
-FILMS = (".webp", ".mp4")
+FILMS = (".webp", ".mp4", ".gif")
 #: of WebP: every pixel is that of its frame, for lossy films keep traces of earlier frames where colours change little;
 #: effort, of which more makes films a tenth smaller at twice the time
 _WEBP = {"lossless": True, "method": 3, "quality": 75}
+
+#: frames a second of GIF: browsers show those of less than two hundredths for a tenth of a second
+_FASTEST_GIF = 50
 
 
 def check_film(path: Path) -> None:
@@ -134,6 +138,8 @@ def write_film(frames: FrameFolder, path: Path, rate: float) -> None:
     with Outputs() as outputs, outputs.file(path) as new:
         if path.suffix.lower() == ".mp4":
             _write_mp4(frames, new, rate)
+        elif path.suffix.lower() == ".gif":
+            _write_gif(frames, new, rate)
         else:
             first, *rest = list(frames.images())
             duration = max(1, round(1000 / rate))
@@ -153,3 +159,14 @@ def _write_mp4(frames: FrameFolder, path: Path, rate: float) -> None:
             page.paste(image)
             film.mux(stream.encode(av.VideoFrame.from_image(page)))
         film.mux(stream.encode())
+
+
+def _write_gif(frames: FrameFolder, path: Path, rate: float) -> None:
+    """Frames of 256 colours each, shown for whole hundredths of a second, whose sum is right to half of one."""
+    if rate > _FASTEST_GIF:
+        note(f"{path.suffix}: it shows {_FASTEST_GIF} frames a second at most, and is slower than {rate:g}")
+    images = [image.quantize(256, dither=Image.Dither.NONE) for image in frames.images()]
+    ends = np.rint(100.0 * np.arange(len(images) + 1) / rate)
+    durations = [10 * max(2, int(own)) for own in np.diff(ends)]
+    first, *rest = images
+    first.save(path, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, disposal=1)

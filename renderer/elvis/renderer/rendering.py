@@ -54,6 +54,7 @@ from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
+from elvis.scene.permissions import PIXELS
 from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
@@ -114,7 +115,7 @@ def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
 
 def _is_exact(scene: Scene) -> bool:
     """Whether the scene asks for more than colours, such as what hides the box, or doesn't say what it is for."""
-    return scene.box or not scene.outputs or not all(name.lower().endswith(".png") for name in scene.outputs)
+    return scene.box or not scene.outputs or not all(name.lower().endswith(PIXELS) for name in scene.outputs)
 
 
 class Pictures:

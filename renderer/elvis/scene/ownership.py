@@ -12,11 +12,15 @@ from elvis.scene.errors import SceneError
 
 #: what files that ElVis writes name as their program
 SOFTWARE = "ElVis"
+#: what the comment of JPEG files says
+JPEG_COMMENT = b"Software: ElVis"
 #: bytes at the beginning and at the end of a file that are searched for the mark
 SEARCHED = 1 << 14
 #: how the mark looks in each format: a text of PNG, an attribute of EXR, the creator in SVG and PDF, a key of JSON
 MARKS = {
     ".png": b"Software\0ElVis",
+    ".jpg": JPEG_COMMENT,
+    ".jpeg": JPEG_COMMENT,
     ".exr": b"software\0string\0\5\0\0\0ElVis",
     ".svg": b"<dc:title>ElVis</dc:title>",
     ".pdf": b"/Creator (ElVis)",

@@ -12,7 +12,10 @@ from elvis.scene.tables import Table
 from elvis.scene.whole import Scene
 
 #: suffixes of pictures and records
-PICTURES = (".png", ".svg", ".pdf", ".exr", ".npz")
+JPEG = (".jpg", ".jpeg")
+#: those that hold colours of pixels alone
+PIXELS = (".png", *JPEG)
+PICTURES = (*PIXELS, ".svg", ".pdf", ".exr", ".npz")
 #: suffixes of files that a scene may write, by key
 SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
 

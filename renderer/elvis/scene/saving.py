@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,14 +16,16 @@ from elvis.core.moments import Instant
 from elvis.scene.errors import SceneError
 from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
-from elvis.scene.ownership import SOFTWARE
+from elvis.scene.ownership import JPEG_COMMENT, SOFTWARE
 from elvis.scene.page import Layout
-from elvis.scene.permissions import PICTURES
+from elvis.scene.permissions import JPEG, PICTURES, PIXELS
 from elvis.scene.png import write_png
 from elvis.scene.whole import VECTORS
 
 #: pixels beyond which a picture is made and compressed some rows at a time, which takes longer but no memory
 LARGE = 1 << 24
+#: of the sides of a JPEG file
+LONGEST_JPEG = 65500
 
 
 def check_suffix(path: Path) -> None:
@@ -37,10 +39,14 @@ def check_suffix(path: Path) -> None:
 def save_panels(frames: Sequence[Frame], path: Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
     """Write one figure of several pictures, which stand in rows and columns as the first one's scene says."""
     suffix = path.suffix.lower()
-    if suffix not in (*VECTORS, ".png"):
-        raise SceneError(f"{path}: expected a name that ends in .png, .svg, .pdf for panels, found {path.suffix}")
+    if suffix not in (*VECTORS, *PIXELS):
+        known = ", ".join((*PIXELS, *VECTORS))
+        raise SceneError(f"{path}: expected a name that ends in {known} for panels, found {path.suffix}")
     with replacing(path, outputs) as temporary:
-        save_figure(frames, temporary, suffix, plain=plain)
+        if suffix in JPEG:
+            _save_jpeg(frames[0], temporary, lambda stream: save_figure(frames, stream, ".png", plain=plain))
+        else:
+            save_figure(frames, temporary, suffix, plain=plain)
 
 
 def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
@@ -56,11 +62,33 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
             case ".png":
                 with temporary.open("wb") as stream:
                     save_png(frame, stream, plain=plain)
+            case suffix if suffix in JPEG:
+                _save_jpeg(frame, temporary, lambda stream: _save_pixels(frame, stream, plain))
             case ".exr":
                 _save_exr(frame, temporary)
             case _:
                 with temporary.open("wb") as stream:
                     np.savez_compressed(stream, **arrays(frame))
+
+
+def _save_pixels(frame: Frame, stream: BinaryIO, plain: bool) -> Layout:
+    """Write the picture as PNG, with a figure around it where the scene asks for one."""
+    if needs_figure(frame, ".png"):
+        return save_figure([frame], stream, ".png", plain=plain)
+    return save_png(frame, stream, plain=plain)
+
+
+def _save_jpeg(frame: Frame, path: Path, make: Callable[[BinaryIO], object]) -> None:
+    """Write as JPEG what is made as PNG; SceneError for a transparent background, and for sides that are too long."""
+    if frame.scene.is_clear:
+        raise SceneError("background: JPEG has no transparency: expected three numbers, or a .png")
+    pixels = BytesIO()
+    make(pixels)
+    with Image.open(pixels) as image:
+        if max(image.size) > LONGEST_JPEG:
+            raise SceneError(f"JPEG: expected sides of {LONGEST_JPEG} pixels at most, found {max(image.size)}")
+        # no subsampling of colours, which blurs lines
+        image.convert("RGB").save(path, "JPEG", quality=95, subsampling=0, comment=JPEG_COMMENT)
 
 
 def save_png(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:

@@ -393,7 +393,7 @@ class Scene(Model):
     outputs: Annotated[
         tuple[FilePath, ...],
         Setting(
-            "Pictures and records to be written: .png, .svg, .pdf, .exr, .npz.",
+            "Pictures and records to be written: .png, .jpg, .svg, .pdf, .exr, .npz.",
             option="--output -o",
             repeatable=True,
             default="the name of the scene or the first file, .png",

@@ -55,8 +55,8 @@ Examples:
     multiple=True,
     required=True,
     type=click.Path(path_type=Path),
-    help="A film, .webp or .mp4, or a folder for its frames; repeatable.  Frames of a film without a folder are in one "
-    "of its name that ends in -frames.",
+    help="A film, .webp, .mp4 or .gif, or a folder for its frames; repeatable.  Frames of a film without a folder are "
+    "in one of its name that ends in -frames.",
 )
 @click.option("--times", metavar="A:B:N", type=TextType(evenly), help="N times from A to B.  [default: every step]")
 @click.option(
@@ -161,7 +161,7 @@ def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) 
     folders = [path for path in outputs if path not in films]
     if len(folders) > 1 or any(path.suffix and not path.is_dir() for path in folders):
         found = next((path for path in folders if path.suffix), folders[-1])
-        raise ElvisError(f"expected films, .webp or .mp4, and one folder for frames, found {found}")
+        raise ElvisError(f"expected films, .webp, .mp4 or .gif, and one folder for frames, found {found}")
     for path in films:
         check_film(path)
     check_places(films, data, overwrite)

@@ -36,10 +36,11 @@ from elvis.renderer.commands.probe_points import (
     points_of_grid,
     spanned,
 )
-from elvis.renderer.commands.sources import Data, data_options, or_alone
+from elvis.renderer.commands.sources import Data, NativeSource, data_options, or_alone
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
+    from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
@@ -248,9 +249,15 @@ def _along(source: Source, curves: ProbeCurves, counts: tuple[int, ...] | None, 
     if counts and (len(counts) > 1 or curves.speed is not None):
         expected = "no -n with --layers" if curves.speed is not None else "one number of points along a curve"
         raise click.BadParameter(f"expected {expected}", context, param_hint="'-n'")
-    wanted = _wanted(source, asked.texts) if curves.are_on_walls else ()
-    count = counts[0] if counts else ALONG
-    return curves.table(source.dataset, wanted, count, partial(_columns, source, asked=asked))
+    dataset = source.dataset
+
+    def at_points(own: Dataset, places: Floats) -> Columns:
+        return _columns(source if own is dataset else NativeSource(own, False), places, asked)
+
+    texts = None if asked.texts is None else list(asked.texts)
+    if curves.are_on_walls:
+        texts = [each.text for each in _wanted(source, texts)]
+    return curves.table(dataset, texts, counts[0] if counts else ALONG, at_points)
 
 
 def _snapped(source: Source, boundary: str, places: Floats, asked: Asked) -> Columns:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.quantities import Expression
 
-#: what finds the table at points (n, 3)
-AtPoints = Callable[["Floats"], "Columns"]
+#: what finds the table at points (n, 3) of a dataset
+AtPoints = Callable[["Dataset", "Floats"], "Columns"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ProbeCurves:
         """Whether the curves are on boundaries; ElvisError where some are and some are not."""
         from elvis.core.wall_curves import is_wall_curve
 
-        several = {is_wall_curve(name) for name in self.names}
+        several = {is_wall_curve(name) or is_wall_curve(name.partition(":")[2]) for name in self.names}
         if len(several) > 1:
             raise ElvisError("--along: expected curves on boundaries alone, or none, found both; use two commands")
         return several == {True}
@@ -59,27 +59,26 @@ class ProbeCurves:
         if self.speed is not None and (not self.names or self.are_on_walls):
             raise click.UsageError("expected --layers with --along normal:BOUNDARY:POINT:LENGTH", context)
 
-    def table(self, dataset: Dataset, wanted: Sequence[Expression], count: int, at_points: AtPoints) -> Columns:
+    def table(self, dataset: Dataset, texts: Sequence[str] | None, count: int, at_points: AtPoints) -> Columns:
         """The table along all curves, with a column of their names where there are several.
 
+        texts      quantities, None for all fields
         count      points along each name
-        at_points  finds what is in elements; on boundaries values come from the element behind
+        at_points  finds what is in elements of a dataset; on boundaries values come from the element behind
         """
-        from elvis.core.terminal import warn
-
         names = [own for name in self.names for own in _stations(name)]
         if self.speed is not None:
-            from elvis.core.integrals.boundary_layers import boundary_layers
+            return _layers(dataset, names, self.speed)
+        if not self.are_on_walls:
+            tables = [_along(*_owner(dataset, name), count, at_points) for name in names]
+            return _joined(names, tables)
+        from elvis.core.wall_curves import on_walls
 
-            columns, remarks = boundary_layers(dataset, names, self.speed)
-            for remark in dict.fromkeys(remarks):
-                warn(remark)
-            return columns
-        if self.are_on_walls:
-            from elvis.core.wall_curves import on_walls
-
-            return _joined(names, [on_walls(dataset, name, wanted, count, self.chord) for name in names])
-        return _joined(names, [_along(dataset, name, count, at_points) for name in names])
+        tables = []
+        for name in names:
+            own, curve = _owner(dataset, name)
+            tables.append(on_walls(own, curve, wanted(own, texts), count, self.chord))
+        return _joined(names, tables)
 
 
 def curve_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -92,7 +91,8 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
         "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it, with a "
         "table of points in place of one: a curve for each; boundary:NAME, a boundary of 2D data; "
-        "section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.  Repeatable.",
+        "section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.  With the name of --other before it, as "
+        "ref:boundary:wing, a curve in those data.  Repeatable.",
     )
     @click.option(
         "--chord",
@@ -133,6 +133,30 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
     return parsed
 
 
+def wanted(dataset: Dataset, texts: Sequence[str] | None) -> Sequence[Expression]:
+    """Quantities by their texts, or all fields of a dataset."""
+    from elvis.core.arguments import expressions
+
+    return expressions(dataset, texts)
+
+
+def _owner(dataset: Dataset, name: str) -> tuple[Dataset, str]:
+    """The dataset that a curve is in, another one where its name begins the curve's, and the curve in it."""
+    other, _, rest = name.partition(":")
+    return (dataset.others[other], rest) if other in dataset.others else (dataset, name)
+
+
+def _layers(dataset: Dataset, names: Sequence[str], speed: str) -> Columns:
+    """The table of boundary layers, with a word on what it lacks."""
+    from elvis.core.integrals.boundary_layers import boundary_layers
+    from elvis.core.terminal import warn
+
+    columns, remarks = boundary_layers(dataset, names, speed)
+    for remark in dict.fromkeys(remarks):
+        warn(remark)
+    return columns
+
+
 def _stations(name: str) -> list[str]:
     """The curves of a name: one, or one for each point of the table that stands for the point of a normal."""
     from elvis.core.queries import points_in_table
@@ -154,7 +178,7 @@ def _along(dataset: Dataset, name: str, count: int, at_points: AtPoints) -> Colu
     if curve is None:
         raise ElvisError(f"--along: expected a curve, one of {', '.join(KINDS)}, such as line:0,0:1,0, found {name!r}")
     places, lengths = curve.evenly(count)
-    found = at_points(places)
+    found = at_points(dataset, places)
     return {"length": lengths[found["point"]], **found}
 
 

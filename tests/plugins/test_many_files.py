@@ -1,0 +1,84 @@
+"""One command for many files: a pattern in quotes, and outputs that name {stem}."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from elvis import Dataset, Shape, read, write
+from elvis.core.testing import approximated, grid
+from elvis.plugins.command import elvis
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Fields of three runs on one mesh: u is the number of the run."""
+    monkeypatch.chdir(tmp_path)
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    for number in (1, 2, 10):
+        field = approximated(bare, "u", lambda p, value=number: value + 0 * p[:, 0], 2)
+        write(Dataset(bare.mesh, (field,)), f"run_{number}.xml")
+    (tmp_path / "run_1.xml").rename("mesh.xml")
+    return tmp_path
+
+
+def run(*words):
+    found = CliRunner().invoke(elvis, [str(word) for word in words])
+    text = " ".join(found.output.split())
+    return found.exit_code, text if found.exception is None else f"{text} {found.exception}"
+
+
+def test_each_file_has_its_outputs(folder):
+    status, text = run("probe", "mesh.xml", "run_*.fld", "--point", "0.5,0.5", "-o", "p_{stem}.csv")
+    assert status == 0, text
+    last = [float((folder / f"p_run_{n}.csv").read_text().splitlines()[1].rpartition(",")[2]) for n in (1, 2, 10)]
+    assert last == pytest.approx([1, 2, 10])
+    size = ("--size", "12x10", "--device", "reference", "--plain")
+    status, text = run("render", "mesh.xml", "run_?.fld", *size, "-o", "{stem}.jpg", "-o", "{stem}.npz")
+    assert status == 0, text
+    assert sorted(path.name for path in folder.glob("run_*.npz")) == ["run_1.npz", "run_2.npz"]
+    assert np.nanmax(np.load("run_2.npz")["field"]) == pytest.approx(2)
+    with Image.open("run_2.jpg") as image:
+        assert (image.format, image.size) == ("JPEG", (12, 10))
+        assert image.info["comment"] == b"Software: ElVis"
+    assert run("convert", "mesh.xml", "run_*.fld", "--add", "v=2*u", "-o", "c_{stem}.fld")[0] == 0
+    assert read("mesh.xml", "c_run_10.fld")["v"](0.5, 0.5) == pytest.approx(20)
+
+
+def test_marks_of_several_patterns_stand_for_the_same(folder):
+    status, text = run("integrate", "run_*.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv")
+    assert status == 0, text
+    assert sorted(path.name for path in folder.glob("i_*")) == ["i_run_10.csv", "i_run_2.csv"]
+
+
+def test_failures_are_summed_up_and_others_go_on(folder):
+    (folder / "run_3.fld").write_text("x")
+    status, text = run("integrate", "mesh.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv")
+    assert status == 1
+    assert "warning: run_3.fld: expected a file of a known format" in text
+    assert "1 of 4 cases failed: run_3.fld" in text
+    assert len(list(folder.glob("i_*"))) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "reason"),
+    [
+        (("mesh.xml", "run_1.fld", "-o", "{stem}.csv"), 2, "expected a pattern of files in quotes"),
+        (("mesh.xml", "run_*.fld", "-o", "{stem}.csv", "--plot", "a.png"), 2, "as all cases would write a.png"),
+        (("mesh.xml", "rnu_*.fld", "-o", "{stem}.csv"), 1, "rnu_*.fld: expected files of such names, found none"),
+        (("mesh.xml", "run_*.fld", "-o", "{stem}.csv", "--feld", "u"), 2, "No such option"),
+        (("*.xml", "run_*.fld", "-o", "{stem}.csv"), 1, "expected a file with mesh in its name, found none"),
+    ],
+)
+def test_bad_input_gives_one_line_errors(folder, words, status, reason):
+    found, text = run("integrate", "--field", "u", *words)
+    assert found == status, text
+    assert reason in text
+
+
+def test_jpeg_has_no_transparency(folder):
+    size = ("--size", "12x10", "--device", "reference")
+    status, text = run("render", "mesh.xml", "run_1.fld", *size, "--background", "1,1,1,0", "-o", "a.jpg")
+    assert status == 1
+    assert "JPEG has no transparency" in text
+    assert not (folder / "a.jpg").exists()
