@@ -19,8 +19,8 @@ it left out of your files.
 * *Numbered files*: files whose names differ in a number are steps, unless the format marks them as parts or their
   meshes don't overlap. All commands follow this rule.
 * A field that lives on a part of the mesh is kept there; elsewhere its values are NaN.
-* The `vtk` converter reads the `.pvd` series of Firedrake's `VTKFile`: functions of any order, continuous or not, tensors
-  and pieces of processes. In one dimension Firedrake numbers nodes from end to end, which is recognized.
+* The `vtk` converter reads the `.pvd` series of Firedrake's `VTKFile`: functions of any order, continuous or not,
+  tensors and pieces of processes. In one dimension Firedrake numbers nodes from end to end, which is recognized.
 * `--fields u,p` reads some of the fields, in every command; so does `read(…, reader={"fields": "u,p"})`.
 """
 TITLES = {"nonconforming": "non-conforming", "parts": "parallel pieces"}
