@@ -216,6 +216,13 @@ def test_what_cannot_be_represented_is_refused_in_a_sentence(spoil, sentence):
     assert "\n" not in str(caught.value)
 
 
+def test_errors_about_elements_name_the_files():
+    source = nothing()
+    without_elements(source)
+    with pytest.raises(ElvisError, match=r"^a\.mesh, b\.gf: expected elements to convert, found none$"):
+        convert(source, files=["a.mesh", "b.gf"])
+
+
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [

@@ -12,7 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import Mesh
 from elvis.core.quantities.needed import needed_fields
@@ -124,11 +124,14 @@ class _Attempt:
 def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
     """The native dataset of a source, checked against the source's own samples.
 
-    files  to be named in the report
+    files  to be named in the report and in errors
     ElvisError where the source can't be represented, or contradicts itself.
     """
     settings = settings or Settings()
-    attempt = _best_attempt(source, settings)
+    try:
+        attempt = _best_attempt(source, settings)
+    except FormatError as error:
+        raise error.within(", ".join(map(str, files))) from error
     interfaces = with_interfaces(
         attempt.dataset, attempt.orders.plan.outline, source.precision, [attempt.orders.plan.mortars]
     )

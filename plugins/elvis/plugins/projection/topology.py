@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
-from elvis.core.errors import ElvisError
+from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Entities, Mesh
@@ -124,15 +124,15 @@ class _Pool:
 def _check(source: Converter) -> Sequence[Elements]:
     dimensions = {block.shape.dimension for block in source.blocks if len(block)}
     if not dimensions:
-        raise ElvisError("expected elements to convert, found none")
+        raise FormatError("expected elements to convert, found none")
     if len(dimensions) > 1:
-        raise ElvisError(f"expected elements of one dimension, found {' and '.join(map(str, sorted(dimensions)))}")
+        raise FormatError(f"expected elements of one dimension, found {' and '.join(map(str, sorted(dimensions)))}")
     for number, block in enumerate(source.blocks):
         wanted = (block.count, len(block.shape.vertices))
         if block.vertices is not None and np.shape(block.vertices) != wanted:
-            raise ElvisError(f"block {number}: expected vertices {wanted}, found {np.shape(block.vertices)}")
+            raise FormatError(f"block {number}: expected vertices {wanted}, found {np.shape(block.vertices)}")
         if block.order < 1:
-            raise ElvisError(f"block {number}: expected a map of order 1 or more, found {block.order}")
+            raise FormatError(f"block {number}: expected a map of order 1 or more, found {block.order}")
     return source.blocks
 
 
