@@ -87,6 +87,8 @@ DAMAGES = [
     ("geometry", [np.zeros((8, 2))] * 2, "places of three coordinates in 2 blocks"),
     ("f", [np.zeros((8, 1)), np.zeros((8, 0))], r"as many components in all blocks, found \[0, 1\]"),
     ("f", [np.zeros((3, 1)), np.zeros((8, 1))], r"rows in blocks, found \[3, 8\]"),
+    ("vtkOriginalPointIds", [], r"vtkOriginalPointIds: expected \[8, 8\] rows in blocks, found \[\]"),
+    ("vtkOriginalPointIds", [np.arange(8), np.arange(7)], r"expected \[8, 8\] rows in blocks, found \[8, 7\]"),
 ]
 
 

@@ -105,7 +105,6 @@ def grid_of(file: str, time: float, type: int, schema: str, arrays: Mapping[str,
     _check_mesh(points, tables)
     starts = np.cumsum([0, *(len(own) for own in points)])
     cells = np.concatenate([own[:, 1:] + start for own, start in zip(tables, starts, strict=False)])
-    ids = np.concatenate([np.ravel(block) for block in arrays.get(_IDS, [np.zeros(0, np.int64)])])
     grid = Grid(
         file=file,
         name="",
@@ -113,7 +112,9 @@ def grid_of(file: str, time: float, type: int, schema: str, arrays: Mapping[str,
         types=np.full(len(cells), type),
         nodes=cells.reshape(-1),
         offsets=np.arange(len(cells) + 1) * cells.shape[1],
-        ghosts=_copies(cells, ids) if len(ids) == starts[-1] else np.zeros(len(cells), np.int64),
+        ghosts=_copies(cells, arrays[_IDS], [len(own) for own in points])
+        if _IDS in arrays
+        else np.zeros(len(cells), int),
         time=time,
     )
     counts = {"PointData": [len(own) for own in points], "CellData": [len(own) for own in tables]}
@@ -144,8 +145,15 @@ def _check_mesh(points: Sequence[Floats], tables: Sequence[Ints]) -> None:
         check_rows(own[:, 1:], len(places), "points", place=_CELLS)
 
 
-def _copies(cells: Ints, ids: Ints) -> Ints:
-    """(n,) 1 for cells that an earlier process has too, told by the numbers of their nodes in the whole, else 0."""
+def _copies(cells: Ints, numbers: Sequence[Any], counts: Sequence[int]) -> Ints:
+    """(n,) 1 for cells that an earlier process has too, told by the numbers of their nodes in the whole, else 0.
+
+    numbers  of the nodes of each block; FormatError unless there are as many as ``counts``
+    """
+    rows = [np.size(block) for block in numbers]
+    if rows != list(counts):
+        raise FormatError(f"expected {list(counts)} rows in blocks, found {rows}", place=_IDS)
+    ids = np.concatenate([np.ravel(block) for block in numbers])
     copies = np.ones(len(cells), np.int64)
     copies[distinct_bits(np.sort(ids[cells], axis=1))[0]] = 0
     return copies
