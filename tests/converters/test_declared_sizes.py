@@ -93,6 +93,21 @@ def test_data_of_other_files_are_not_read(tmp_path, place):
         require(file, "u")
 
 
+def test_filters_that_are_not_there_are_named(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        properties.set_chunk((10,))
+        properties.set_shuffle()
+        # a number for tests, which no filter has; optional, so that the data may be written without it
+        properties.set_filter(257, h5py.h5z.FLAG_OPTIONAL, ())
+        space = h5py.h5s.create_simple((10,))
+        found = h5py.h5d.create(file.id, b"u", h5py.h5t.NATIVE_DOUBLE, space, properties)
+        found.write_direct_chunk((0,), np.arange(10.0).tobytes(), 0)
+    message = r"a\.h5: u: expected data that HDF5 can unpack here, found its filter 257; h5repack -f NONE"
+    with pytest.raises(FormatError, match=message), reading(tmp_path / "a.h5") as file:
+        require(file, "u")
+
+
 def test_a_link_to_a_pipe_is_not_opened(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with h5py.File(tmp_path / "a.h5", "w") as file:

@@ -39,6 +39,7 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
 
     count  of the numbers that are to be read, where these aren't all
     """
+    _check_filters(found, place)
     size = found.dtype.itemsize
     claimed = (math.prod(found.shape) if count is None else count) * size
     stored = found.id.get_storage_size()
@@ -57,6 +58,21 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
     if count is None and chunk and claimed > found.id.get_num_chunks() * chunk:
         held = found.id.get_num_chunks() * chunk
         raise FormatError(f"expected {claimed} bytes as declared, found {held} in chunks", place=place)
+
+
+def _check_filters(found: h5py.Dataset, place: str) -> None:
+    """FormatError where a dataset is packed by filters that this installation doesn't have."""
+    import h5py
+
+    properties = found.id.get_create_plist()
+    codes = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+    unknown = [str(code) for code in codes if not h5py.h5z.filter_avail(code)]
+    if unknown:
+        raise FormatError(
+            f"expected data that HDF5 can unpack here, found its filter {', '.join(unknown)}; h5repack -f NONE, run "
+            "where that filter is, unpacks the file",
+            place=place,
+        )
 
 
 def check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
