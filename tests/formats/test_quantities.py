@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis import Dataset, read
+from elvis import Dataset, integrate, read
 from elvis.core.errors import ElvisError
 from elvis.core.norms import quantity_norms
 from elvis.core.quantities import Expression, Names
@@ -14,7 +14,7 @@ from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.quantities.tree import leaves, partial
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 
 #: by order of the derivatives: fits of the fields are off by 1e-12, and derivatives enlarge that
 TOLERANCES = (1e-11, 5e-10, 1e-8)
@@ -175,8 +175,8 @@ def test_expressions_mean_what_mathematics_says(text, value):
         (
             "2*uu",
             "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x, y, z, "
-            "t, pi, e, element, order, shape, quality, jacobian, scaled_jacobian, jacobian_sign, nx, ny, nz, "
-            "face_height, and what elvis info --quantities lists",
+            "t, pi, e, element, composite, order, h, shape, quality, jacobian, scaled_jacobian, jacobian_sign, nx, ny, "
+            "nz, face_height, and what elvis info --quantities lists",
         ),
         ("mach", "mach needs a velocity, rho, and p or E"),
         ("__import__('os')", "there is no function '__import__'; there are abs"),
@@ -446,3 +446,18 @@ def test_derivatives_of_a_field_of_the_solver_are_closed_forms(nektar, case):
         for expression, rule in zip(expressions, closed.values(), strict=True):
             error = np.abs(evaluator.values(expression, patch, rows, reference) - rule(*world.T)).max()
             assert error < (1e-7 if expression.order == 2 else 1e-9), (patch.shape, expression.text)
+
+
+@pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
+def test_sizes_and_composites_of_elements(shape):
+    """Powers of sizes add up to the measure of bent elements, and composites are those of the mesh."""
+    mesh = curved(grid(shape, 2), ripple(0.04), 3)
+    dataset = Dataset(mesh)
+    evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in ("h", "composite")])
+    total = 0.0
+    for patch in evaluator.patches:
+        rows, middle = np.arange(len(patch)), np.zeros((len(patch), shape.dimension))
+        size, composite = (evaluator.values(each, patch, rows, middle) for each in evaluator.expressions)
+        total += (size**shape.dimension).sum()
+        assert set(composite) == {float(mesh.composites[0].id)}
+    assert total == pytest.approx(integrate(dataset, "1").value, rel=1e-12)

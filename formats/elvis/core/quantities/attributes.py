@@ -1,6 +1,8 @@
 """What is known of elements by themselves.
 
 element          id in the file
+composite        id of the composite that holds it, the first of several (see `element_sizes`)
+h                size: the d-th root of its length, area or volume
 order            highest degree of a field on it, of its map where it has no field
 shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
 jacobian_sign    1 where the Jacobian is proved to be positive all over, -1 where it isn't, 0 undecided (`validity`)
@@ -30,6 +32,7 @@ from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
+from elvis.core.quantities.element_sizes import composites, sizes
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import jumping_of, other_of, target_of
 from elvis.core.shapes import Shape
@@ -39,7 +42,7 @@ if TYPE_CHECKING:
     from elvis.core.quantities.elsewhere import Elsewhere
 
 #: those that are one number throughout an element, in addition to jump(...)
-CONSTANT = ("element", "order", "shape", "jacobian_sign")
+CONSTANT = ("element", "composite", "h", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 
 #: edges of the ideal element along xi, in columns; of the pyramid and the prism those at the middle of the base
@@ -117,8 +120,9 @@ class Attributes:
 
     def _constant(self, name: str) -> tuple[Ints, Floats]:
         """Ids of elements and the attribute on each."""
-        if name == "order":
-            return self._orders()
+        own = {"order": self._orders, "composite": self._composites, "h": self._sizes}
+        if name in own:
+            return own[name]()
         if name == "jacobian_sign":
             maps, space = geometry(self._dataset), self._dataset.mesh.space
             ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in maps)])
@@ -128,6 +132,12 @@ class Attributes:
             ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
             return ids, np.concatenate([np.empty(0), *(block.coefficients[:, 0] for block in blocks)])
         return jumps(self._dataset, name[5:-1])
+
+    def _composites(self) -> tuple[Ints, Floats]:
+        return composites(self._dataset)
+
+    def _sizes(self) -> tuple[Ints, Floats]:
+        return sizes(self._dataset)
 
     def _orders(self) -> tuple[Ints, Floats]:
         """Ids of elements and the highest degree of a field on each."""

@@ -16,7 +16,7 @@ from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, ta
 #: the highest power of a polynomial that is taken for a polynomial
 _MOST_POWER = 64
 #: attributes that an element has by itself, whatever lies around it
-_OWN = ("element", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
+_OWN = ("element", "composite", "h", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
 
 
 @dataclass(frozen=True, eq=False)

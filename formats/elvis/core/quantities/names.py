@@ -14,17 +14,25 @@ from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
-from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
-#: what is known of elements by themselves (see `attributes`), in every dataset
-ATTRIBUTES = (
-    *("element", "order", "shape", "quality", "jacobian", "scaled_jacobian", "jacobian_sign"),
-    *SIDES,
-)
+#: what is known of elements by themselves (see `attributes`), in every dataset, and what it means
+ATTRIBUTES: Mapping[str, str] = {
+    "element": "id of the element in the file",
+    "composite": "id of the composite or region that holds the element, the first of several",
+    "order": "highest degree of a field on the element",
+    "h": "size of the element: the root of its area, the cube root of its volume",
+    "shape": "0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron",
+    "quality": "mean ratio to the element with equal edges: 1 where it is alike, 0 where it is degenerate or inverted",
+    "jacobian": "determinant of the derivative of the element's map",
+    "scaled_jacobian": "Jacobian in parts of the lengths of its columns, -1 to 1",
+    "jacobian_sign": "1 where the Jacobian is proved to be positive, -1 where it is not, 0 undecided",
+    **{f"n{axis}": "component of the outward unit normal; on faces of elements, NaN elsewhere" for axis in AXES},
+    "face_height": "height of the element above a face; on faces of elements, NaN elsewhere",
+}
 
 
 @dataclass(frozen=True)
@@ -124,6 +132,12 @@ class Names:
             return f"expected : after {name}, and what is asked of it, such as {name}:{first}"
         meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
         return f"there is no {name!r}{meant}; {self._in_words}"
+
+    def attributes(self) -> list[dict[str, str | None]]:
+        """What is known of elements by themselves, but for names that fields have, as `Flow.catalogue` has it."""
+        rest = {"formula": None, "source": None, "lacks": None}
+        own = ((name, meaning) for name, meaning in ATTRIBUTES.items() if name not in self.fields)
+        return [{"name": name, "meaning": meaning, **rest} for name, meaning in own]
 
     @property
     def _in_words(self) -> str:

@@ -117,7 +117,7 @@ def info(
             task(source)
             return
     if predefined:
-        _list(source.names.flow.catalogue(), as_json)
+        _list([*source.names.flow.catalogue(), *source.names.attributes()], as_json)
         return
     with stage("measuring"):
         facts = source.facts(quantities)
