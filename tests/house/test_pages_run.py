@@ -66,8 +66,8 @@ def followed_sooner(seeds):
 
 
 def is_followed(option, value):
-    """Whether an option asks for lines that are integrated, which cores aren't."""
-    return option == "--streamlines" and not value.startswith("cores=")
+    """Whether an option asks for lines that are integrated, which cores and curves on walls aren't."""
+    return option == "--streamlines" and not value.startswith(("cores=", "along="))
 
 
 def test_commands_of_the_readme_run(run_commands):

@@ -31,6 +31,7 @@ class Plot:
     values  (places, n) by quantity, NaN where there is none
     over    what ``times`` are, where they are none
     is_reversed  whether values grow downwards
+    is_logarithmic  whether both axes are
     overlays     points (n, 2) that are drawn too, by what they are called
     """
 
@@ -40,6 +41,7 @@ class Plot:
     over: str = "time"
     is_reversed: bool = False
     overlays: Mapping[str, Floats] = field(default_factory=dict)
+    is_logarithmic: bool = False
 
     def save(self, path: Path) -> None:
         """Write PNG, SVG or PDF, by the suffix; equal values give equal bytes.
@@ -65,6 +67,9 @@ class Plot:
                 panel.plot(*points.T, "os^Dv"[number % 5], fillstyle="none", color="black", label=_plain(own))
             if self.is_reversed:
                 panel.invert_yaxis()
+            if self.is_logarithmic:
+                panel.set_xscale("log")
+                panel.set_yscale("log")
             panel.set_ylabel(_plain(name))
             panel.grid(alpha=0.3)
         panels[-1].set_xlabel(self.over)

@@ -36,6 +36,7 @@ from elvis.renderer.commands.probe_points import (
     points_of_grid,
     spanned,
 )
+from elvis.renderer.commands.probe_spectra import segment_of, spectra_of
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, or_alone
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ Examples:
   elvis probe wing.xml wing.fld --points taps.csv --snap wing --field p
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --clip sphere:0.5,0,0:0.2 -o outside.csv
   elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all -o signal.csv --plot signal.svg
+  elvis probe wing.xml wing_*.chk --point 0.5,0,0.1 --times all --spectrum 256 --plot spectrum.svg
   elvis probe wing.xml wing.fld --line 0,0,0:1,0,0 --field "sqrt(u^2+v^2)" --field "d(v,x)-d(u,y)"
 """
 
@@ -114,6 +116,13 @@ Examples:
 @click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
 @times_option
 @click.option(
+    "--spectrum",
+    metavar="all|N",
+    type=TextType(segment_of),
+    help="Power spectral densities over --times in place of values, by Welch's method with segments of N times, or one "
+    "of all.",
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
@@ -144,6 +153,7 @@ def probe(
     snap: str | None,
     every: bool,
     times: tuple[float, float, int] | str | None,
+    spectrum: int | None,
     output: Path | None,
     plot: Path | None,
     as_json: bool,
@@ -171,6 +181,8 @@ def probe(
     _check_outputs(output, plot, is_nrrd, data.inputs(points), overwrite)
     curves.check(plot is not None)
     _check_ways(curves, plot, times, every, clip, snap)
+    if spectrum is not None and (times is None or every):
+        raise click.UsageError("expected --spectrum with --times, and without --all", click.get_current_context())
     spans_box = grid is not None or isinstance(plane, str)
     if spans_box or curves.are_on_walls or curves.speed or snap or points == "-":
         if is_idle(ranks):
@@ -214,6 +226,8 @@ def probe(
             columns = _snapped(source or data.source(asked.quantities), snap, places, asked)
         elif times:
             columns = _at_moments(times, data, places, asked)
+            if spectrum is not None and not ranks.rank:
+                columns = spectra_of(columns, len(places), spectrum)
         else:
             columns = _columns(source or asked.source(data), places, asked)
     if not ranks.rank:
@@ -317,10 +331,16 @@ def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> No
         return
     known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
     curves = {name: column.reshape(-1, len(places)).T for name, column in known.items()}
-    times = curves.pop("time")[0]
+    is_spectrum = "frequency" in curves
+    times = curves.pop("frequency" if is_spectrum else "time")[0]
     names = ["at " + ", ".join(f"{x:g}" for x in place) for place in places.tolist()]
     is_outside = columns["element"].reshape(-1, len(places))[0] < 0
     names = [f"{name}: outside" if out else name for name, out in zip(names, is_outside, strict=True)]
+    if is_spectrum:
+        # no logarithm of the frequency 0
+        shown = {name: own[:, 1:] for name, own in curves.items()}
+        Plot(times[1:], names, shown, "frequency", is_logarithmic=True).save(path)
+        return
     Plot(times, names, curves).save(path)
 
 
