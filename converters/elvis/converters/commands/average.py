@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option, reader_option
+from elvis.core.arguments import cache_option, overwrite_option, reader_option, set_option
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.plugins.series.extremes import FitError
+    from elvis.plugins.series.series import Series
 
 EPILOG = """\b
 Examples:
   elvis average wing.xml 'wing_*.chk' -o mean.fld
   elvis average wing.xml wing_*.chk --covariances -o mean.fld
   elvis render wing.xml mean.fld --field "sqrt(max(u_u,0))" --plane 0,0,0:0,0,1 -o rms.png
+  elvis average wing.xml 'wing_*.chk' --wall wing --set mu=2e-4 -o shear.xml
   elvis average case.pyfrm case-*.pyfrs --over time -o mean.xml
 """
 
@@ -34,6 +36,19 @@ def _off(error: FitError) -> str:
     if error.bound < float("inf"):
         return f"it is off by {error.bound:.3g} of its largest value at most ({error.estimate:.3g} at points)"
     return f"it is off by about {error.estimate:.3g} of its largest value, an estimate from points"
+
+
+def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
+    """Write the statistics of a wall."""
+    from elvis.core.terminal import note, say, stage
+    from elvis.formats.writing import write
+    from elvis.plugins.wall_statistics import wall_statistics
+
+    with stage(f"wall shear of {len(series)} steps"):
+        found = wall_statistics(series, wall, over)
+    for remark in found.report.remarks():
+        note(remark)
+    say(f"{', '.join(map(str, write(found.dataset, output)))}: wall shear of {len(series)} steps on {wall}")
 
 
 @click.command("average", epilog=EPILOG, short_help="Write the mean of a series, and covariances.")
@@ -60,6 +75,13 @@ def _off(error: FitError) -> str:
     type=click.IntRange(1, 30),
     help="Highest degree of covariances, whose errors are told.  [default: that which holds them]",
 )
+@click.option(
+    "--wall",
+    metavar="NAME",
+    help="In place of fields statistics of the wall shear on a boundary, as data of its own: TAWSS, the mean of its "
+    "length, and its mean, shear_x, shear_y, shear_z.",
+)
+@set_option
 @reader_option
 @overwrite_option
 @cache_option
@@ -70,6 +92,8 @@ def average(
     covariances: bool,
     extremes: bool,
     order: int | None,
+    wall: str | None,
+    reference: dict[str, float],
     reader: tuple[str, ...],
     overwrite: bool,
     no_cache: bool,
@@ -90,7 +114,15 @@ def average(
     has_mesh = output.suffix == ".xml"
     files = expanded(data)
     check_places([output, output.with_suffix(".fld")] if has_mesh else [output], files, overwrite)
-    series = open_series(*files, reader=pairs(reader), cache=not no_cache)
+    series = open_series(*files, reader=pairs(reader), cache=not no_cache, reference=reference)
+    if wall is not None:
+        if not has_mesh or covariances or extremes or order is not None:
+            context = click.get_current_context()
+            raise click.UsageError(
+                "expected --wall with -o NAME.xml, without --covariances, --extremes, --order", context
+            )
+        _write_wall(series, wall, over, output)
+        return
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
     found = mean_of(series, over, covariances, order, extremes)

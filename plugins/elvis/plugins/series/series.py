@@ -51,19 +51,24 @@ _KEPT = 2
 LAST = Moment()
 
 
-def open_series(*paths: str | Path, reader: Mapping[str, str] | Sequence[str] = (), cache: bool = True) -> Series:
+def open_series(
+    *paths: str | Path,
+    reader: Mapping[str, str] | Sequence[str] = (),
+    cache: bool = True,
+    reference: Mapping[str, float] | None = None,
+) -> Series:
     """The series in files of any format, in any order: a mesh and the steps, an index of them, a file of many steps.
 
     Names may have * in them.  ``series[3]`` is a dataset, ``series.at(0.25)`` one between steps.
 
-    reader, cache  as of `read`
+    reader, cache, reference  as of `read`
 
     Raises FormatError where there are no two steps, or the files can't be read.
     """
     from elvis.plugins.data import Reading, check_readable, pairs
 
     options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
-    files, reading = [Path(path) for path in paths], Reading(None, options, cache)
+    files, reading = [Path(path) for path in paths], Reading(None, options, cache, reference=reference or {})
     found = series_in(files, reading)
     if found is None:
         check_readable(files, reading)

@@ -1,0 +1,115 @@
+"""Statistics of the wall shear over a series, on a boundary as a dataset of its own.
+
+TAWSS                      mean of the length of the wall shear tau: time-averaged wall shear stress
+shear_x, shear_y, shear_z  mean of tau
+
+Other measures are expressions of these (Himburg et al. 2004, Annals of Biomedical Engineering 32):
+
+    OSI = (1 - |mean tau| / TAWSS) / 2                 oscillatory shear index
+    RRT = 1 / ((1 - 2 OSI) TAWSS) = 1 / |mean tau|     relative residence time
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Floats
+from elvis.core.errors import ElvisError
+from elvis.plugins.boundary_data import BoundarySource
+from elvis.plugins.conversion import Elements, SourceField
+from elvis.plugins.converting import Conversion, Settings, convert
+from elvis.plugins.series.series import Series
+from elvis.plugins.series.statistics import is_one_mesh
+
+#: name of the mean of the length
+TAWSS = "TAWSS"
+#: steps that are kept in memory; others are read again for each set of points
+_KEPT = 32
+
+
+def wall_statistics(series: Series, boundary: str, over: str = "steps") -> Conversion:
+    """The statistics of a boundary, as fields that are projected on each of its elements, with their errors.
+
+    Parameters
+    ----------
+    series : Series
+        Steps with a velocity and a known viscosity, on one mesh.
+    boundary : str
+        Name or id of a boundary, or ``all`` outer sides.
+    over : str
+        ``steps``: every step counts the same; ``time``: the trapezoidal rule in time.
+
+    Raises
+    ------
+    ElvisError
+        If the mesh changes, the velocity or the viscosity is unknown, or there is no such boundary.
+    """
+    return convert(WallStatisticsSource(series, boundary, over), Settings(), (boundary,))
+
+
+class WallStatisticsSource(BoundarySource):
+    """The sides of a boundary with means over all steps, which are looked at once for each set of points."""
+
+    format = "wall statistics"
+
+    def __init__(self, series: Series, boundary: str, over: str) -> None:
+        self._series, self._boundary = series, boundary
+        first = series[0]
+        axes = "xyz"[: first.mesh.space]
+        self._shears = [f"shear_{axis}=wall_shear_{axis}" for axis in axes]
+        super().__init__(first, boundary, self._shears, ())
+        self._mesh_of = first
+        self._weights = _weights(series, over)
+        (vector, *_) = self.fields
+        self.fields = [replace(vector, name=TAWSS, is_polynomial=False, key=TAWSS), *self.fields]
+        self.time = None
+        self.metadata = {key: text for key, text in self.metadata.items() if key != "Time"}
+        self.metadata |= {"AveragedSteps": str(len(series)), "AveragedOver": over}
+        self._sources: dict[int, BoundarySource] = {}
+        self._means: tuple[Elements, Floats, dict[str, Floats]] | None = None
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The mean of a component, or of the length."""
+        means = self._means
+        if means is None or means[0] is not block or means[1] is not points:
+            means = block, points, self._found(block, points)
+            self._means = means
+        return means[2][field.name]
+
+    def _found(self, block: Elements, points: Floats) -> dict[str, Floats]:
+        """All means at points of a block's elements."""
+        names = [own.name for own in self.fields]
+        total = {name: np.zeros((len(block), len(points))) for name in names}
+        for number, weight in enumerate(self._weights.tolist()):
+            own = self._source(number)
+            vector = [own.sample(block, component, points) for component in own.fields]
+            for component, values in zip(own.fields, vector, strict=True):
+                total[component.name] += weight * values
+            total[TAWSS] += weight * np.sqrt(sum(values**2 for values in vector))
+        return total
+
+    def _source(self, number: int) -> BoundarySource:
+        """The boundary at a step; some steps are kept."""
+        known = self._sources.get(number)
+        if known is not None:
+            return known
+        step = self._series[number]
+        if not is_one_mesh(self._mesh_of, step):
+            time = self._series.times[number]
+            raise ElvisError(f"expected one mesh at all steps, found another at time {time:.10g}")
+        found = BoundarySource(step, self._boundary, self._shears, ())
+        if len(self._sources) < _KEPT:
+            self._sources[number] = found
+        return found
+
+
+def _weights(series: Series, over: str) -> Floats:
+    """(n,) of the steps, which add up to 1."""
+    if over == "steps":
+        return np.full(len(series), 1 / len(series))
+    times = np.asarray(series.times, np.float64)
+    steps = np.diff(times)
+    weights = np.concatenate([[0.0], steps]) + np.concatenate([steps, [0.0]])
+    return np.asarray(weights / weights.sum())

@@ -1,0 +1,62 @@
+"""Wall shear averaged over a series, against closed forms."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from elvis import Dataset, Shape, read, write
+from elvis.core.testing import approximated, grid
+from elvis.plugins.command import elvis
+
+#: of u = c (1 + x) y at each step; the viscosity
+FACTORS, MU = (1.0, -0.5, 2.0, -1.0), 0.25
+TIMES = (0.0, 1.0, 3.0, 4.0)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Shear flows in a square that change their sense; on the bottom y = 0 the shear is mu c (1 + x) along x."""
+    monkeypatch.chdir(tmp_path)
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    for number, (factor, time) in enumerate(zip(FACTORS, TIMES, strict=True)):
+        flow = {"u": lambda p, c=factor: c * (1 + p[:, 0]) * p[:, 1], "v": lambda p: 0 * p[:, 0]}
+        fields = tuple(approximated(bare, name, function, 3) for name, function in flow.items())
+        write(Dataset(bare.mesh, fields, time=time), f"run_{number}.xml")
+    (tmp_path / "run_0.xml").rename("mesh.xml")
+    return tmp_path
+
+
+def run(*words):
+    found = CliRunner().invoke(elvis, [*words])
+    return found.exit_code, f"{found.output}{found.exception or ''}"
+
+
+@pytest.mark.parametrize("over", ["steps", "time"])
+def test_means_of_shear_that_changes_its_sense(folder, over):
+    words = ("--over", over, "--set", f"mu={MU}", "-o", "shear.xml")
+    status, text = run("average", "mesh.xml", "run_*.fld", "--wall", "all", *words)
+    assert status == 0, text
+    wall = read("shear.xml", "shear.fld")
+    weights = np.array([1, 1, 1, 1]) / 4 if over == "steps" else np.array([0.5, 1.5, 1.5, 0.5]) / 4
+    size, mean = weights @ np.abs(FACTORS), abs(weights @ np.array(FACTORS))
+    for x in (0.2, 0.7):
+        assert wall["TAWSS"](x, 0.0) == pytest.approx(MU * size * (1 + x), rel=1e-10)
+        assert abs(wall["shear_x"](x, 0.0)) == pytest.approx(MU * mean * (1 + x), rel=1e-10)
+        osi = wall["0.5*(1 - sqrt(shear_x^2 + shear_y^2)/TAWSS)"](x, 0.0)
+        assert osi == pytest.approx((1 - mean / size) / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--wall", "all", "-o", "a.xml"), "needs mu (dynamic viscosity)"),
+        (("--wall", "al", "--set", "mu=1", "-o", "a.xml"), "there is no boundary 'al'"),
+        (("--wall", "all", "--set", "mu=1", "-o", "a.fld"), "expected --wall with -o NAME.xml"),
+        (("--wall", "all", "--covariances", "--set", "mu=1", "-o", "a.xml"), "without --covariances"),
+    ],
+)
+def test_bad_input_gives_one_line_errors(folder, words, reason):
+    status, text = run("average", "mesh.xml", "run_*.fld", *words)
+    assert status != 0
+    assert reason in " ".join(text.split())
+    assert not (folder / "a.xml").exists()
