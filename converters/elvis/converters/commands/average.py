@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from elvis.core.errors import ElvisError
 if TYPE_CHECKING:
     from elvis.plugins.series.extremes import FitError
     from elvis.plugins.series.series import Series
+    from elvis.plugins.series.statistics import Average
 
 EPILOG = """\b
 Examples:
@@ -20,6 +22,7 @@ Examples:
   elvis average wing.xml wing_*.chk --covariances -o mean.fld
   elvis render wing.xml mean.fld --field "sqrt(max(u_u,0))" --plane 0,0,0:0,0,1 -o rms.png
   elvis average wing.xml 'wing_*.chk' --wall wing --set mu=2e-4 -o shear.xml
+  elvis average spanwise.xml spanwise.fld --direction z -o mean.xml
   elvis average case.pyfrm case-*.pyfrs --over time -o mean.xml
 """
 
@@ -36,6 +39,48 @@ def _off(error: FitError) -> str:
     if error.bound < float("inf"):
         return f"it is off by {error.bound:.3g} of its largest value at most ({error.estimate:.3g} at points)"
     return f"it is off by about {error.estimate:.3g} of its largest value, an estimate from points"
+
+
+def _span(found: Average, series: Series) -> str:
+    """What a mean goes over, in words."""
+    count = found.dataset.metadata["AveragedSteps"]
+    return f"{count} steps from time {series.times[0]:.10g} to {series.times[-1]:.10g}"
+
+
+def _tell(found: Average, order: int | None) -> None:
+    """Say what a mean leaves out, and by how much statistics are off."""
+    from elvis.core.terminal import note
+
+    for remark in found.dataset.remarks:
+        note(remark)
+    if found.left_out:
+        note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
+    for name, error in found.errors.items():
+        if error.estimate > _ROUNDING:
+            holds_any = order is None or name.endswith(_ENDINGS)
+            reason = "no basis holds it" if holds_any else f"degree {order} does not hold it"
+            note(f"{name}: {reason}: {_off(error)}")
+
+
+def _write_mean_mode(
+    files: Sequence[Path], direction: str, output: Path, is_alone: bool, options: dict[str, str]
+) -> None:
+    """Write the mean along a direction of one state."""
+    from elvis.core.terminal import say
+    from elvis.formats.writing import write
+    from elvis.plugins.data import Reading, dataset_of
+    from elvis.plugins.fourier_mean import fourier_mean
+    from elvis.plugins.series.series import series_in
+
+    if not is_alone or output.suffix != ".xml":
+        context = click.get_current_context()
+        expected = "expected --direction with -o NAME.xml, without --covariances, --extremes, --order and --wall"
+        raise click.UsageError(expected, context)
+    reading = Reading(None, options)
+    if series_in(files, reading) is not None:
+        raise ElvisError("--direction: expected one state, found a series; write its mean first, or one step")
+    found = fourier_mean(dataset_of(files, reading), direction)
+    say(f"{', '.join(map(str, write(found, output)))}: mean along {direction}")
 
 
 def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
@@ -81,6 +126,11 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
     help="In place of fields statistics of the wall shear on a boundary, as data of its own: TAWSS, the mean of its "
     "length, and its mean, shear_x, shear_y, shear_z.",
 )
+@click.option(
+    "--direction",
+    type=click.Choice(["x", "y", "z"]),
+    help="In place of a mean over steps that of one state along its Fourier direction, exact, as plane data.",
+)
 @set_option
 @reader_option
 @overwrite_option
@@ -93,6 +143,7 @@ def average(
     extremes: bool,
     order: int | None,
     wall: str | None,
+    direction: str | None,
     reference: dict[str, float],
     reader: tuple[str, ...],
     overwrite: bool,
@@ -104,7 +155,7 @@ def average(
     square of the rms of the fluctuation of u.  Where a basis does not hold them, an estimate of the error is printed.
     """
     from elvis.core.files.output import check_places
-    from elvis.core.terminal import note, say
+    from elvis.core.terminal import say
     from elvis.formats.writing import write
     from elvis.plugins.data import pairs
     from elvis.plugins.series.series import open_series
@@ -114,6 +165,9 @@ def average(
     has_mesh = output.suffix == ".xml"
     files = expanded(data)
     check_places([output, output.with_suffix(".fld")] if has_mesh else [output], files, overwrite)
+    if direction is not None:
+        _write_mean_mode(files, direction, output, not (covariances or extremes or order or wall), pairs(reader))
+        return
     series = open_series(*files, reader=pairs(reader), cache=not no_cache, reference=reference)
     if wall is not None:
         if not has_mesh or covariances or extremes or order is not None:
@@ -126,16 +180,6 @@ def average(
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
     found = mean_of(series, over, covariances, order, extremes)
-    for remark in found.dataset.remarks:
-        note(remark)
-    if found.left_out:
-        note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
-    for name, error in found.errors.items():
-        if error.estimate > _ROUNDING:
-            holds_any = order is None or name.endswith(_ENDINGS)
-            reason = "no basis holds it" if holds_any else f"degree {order} does not hold it"
-            note(f"{name}: {reason}: {_off(error)}")
+    _tell(found, order)
     written = write(found.dataset, output) if has_mesh else write(found.dataset, field_path=output)
-    count = found.dataset.metadata["AveragedSteps"]
-    ends = f"time {series.times[0]:.10g} to {series.times[-1]:.10g}"
-    say(f"{', '.join(map(str, written))}: mean of {count} steps from {ends}")
+    say(f"{', '.join(map(str, written))}: mean of {_span(found, series)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from elvis.core.errors import ElvisError
 
@@ -31,7 +31,7 @@ def spectra_of(columns: Columns, count: int, segment: int) -> Columns:
     from elvis.core.spectra import power_spectrum
 
     times = np.asarray(columns["time"], np.float64)[::count]
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Any] = {}
     for name in (name for name in columns if name not in ("time", *_OF_PLACES)):
         values = np.asarray(columns[name], np.float64).reshape(-1, count)
         frequency, density = power_spectrum(times, values, segment or None)
