@@ -28,6 +28,7 @@ Examples:
   elvis integrate duct.xml duct.fld --field volume --field "average(p)"
   elvis integrate wing.xml wing.fld --coefficients 1.2,30,0.5,x --over wing
   elvis integrate duct.xml duct.fld --field volume --clip sphere:0.5,0.5,0.5:0.3
+  elvis integrate wing.xml wing.fld --field force --over section:wing:plane:0,0.5,0:0,1,0
   elvis integrate wing.xml wing_*.chk --field force --over wing --times all --plot force.png
   elvis integrate duct.xml duct.fld --field flux --over plane:0,0,0.5:0,0,1
   elvis integrate duct.xml duct.fld --field p --field speed --histogram 64 --plot shares.png -o shares.csv
@@ -43,7 +44,8 @@ Examples:
     default=("domain",),
     help="domain, region:NAME, a boundary by name or number, all (outer faces, a row for each boundary), element:ID "
     "(its faces), plane:POINT:NORMAL, sphere:CENTRE:RADIUS, cylinder:POINT:AXIS:RADIUS, QUANTITY=VALUE, an isosurface, "
-    "or a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH.  "
+    "or a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH, "
+    "section:BOUNDARY:plane:POINT:NORMAL, on which forces, moments and coefficients are per unit of span.  "
     "Repeatable.  [default: domain]",
 )
 @click.option(
