@@ -181,6 +181,7 @@ class _Drawing:
             "times": self._moments.times,
         }
         if isinstance(data, Dataset):
+            facts["quantities"] += names.of_elements
             facts["kind"] = Kind.of(data).name.lower()
             facts["boundaries"] = names_of_boundaries(data.mesh)
             facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()

@@ -14,6 +14,7 @@ from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
+from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
@@ -138,6 +139,11 @@ class Names:
         rest = {"formula": None, "source": None, "lacks": None}
         own = ((name, meaning) for name, meaning in ATTRIBUTES.items() if name not in self.fields)
         return [{"name": name, "meaning": meaning, **rest} for name, meaning in own]
+
+    @property
+    def of_elements(self) -> tuple[str, ...]:
+        """The names of what elements have all over, but for those that fields have."""
+        return tuple(name for name in ATTRIBUTES if name not in (*self.fields, *SIDES))
 
     @property
     def _in_words(self) -> str:
