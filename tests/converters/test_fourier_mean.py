@@ -16,7 +16,7 @@ PERIOD = 2.5
 
 
 def spanwise(planes):
-    """Plane data in which u is made of different functions on each plane of Fourier coefficients."""
+    """Plane data whose field u has another function on each plane of Fourier coefficients."""
     mesh = curved(grid(Shape.QUADRILATERAL, 2), ripple(0.04), 3)
     waves = Homogeneous((Basis.FOURIER,), (PERIOD,), tuple(range(planes)))
     blocks = []

@@ -450,7 +450,7 @@ def test_derivatives_of_a_field_of_the_solver_are_closed_forms(nektar, case):
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 def test_sizes_and_composites_of_elements(shape):
-    """Powers of sizes add up to the measure of bent elements, and composites are those of the mesh."""
+    """Powers of sizes add up to the measure of bent elements; composites have the ids of the mesh."""
     mesh = curved(grid(shape, 2), ripple(0.04), 3)
     dataset = Dataset(mesh)
     evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in ("h", "composite")])

@@ -50,7 +50,7 @@ def wall_statistics(series: Series, boundary: str, over: str = "steps") -> Conve
 
 
 class WallStatisticsSource(BoundarySource):
-    """The sides of a boundary with means over all steps, which are looked at once for each set of points."""
+    """The sides of a boundary with means over all steps; each set of points takes one pass over the steps."""
 
     format = "wall statistics"
 

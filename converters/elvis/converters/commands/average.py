@@ -42,7 +42,7 @@ def _off(error: FitError) -> str:
 
 
 def _span(found: Average, series: Series) -> str:
-    """What a mean goes over, in words."""
+    """Number and times of the averaged steps, in words."""
     count = found.dataset.metadata["AveragedSteps"]
     return f"{count} steps from time {series.times[0]:.10g} to {series.times[-1]:.10g}"
 

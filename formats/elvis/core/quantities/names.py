@@ -135,14 +135,14 @@ class Names:
         return f"there is no {name!r}{meant}; {self._in_words}"
 
     def attributes(self) -> list[dict[str, str | None]]:
-        """What is known of elements by themselves, but for names that fields have, as `Flow.catalogue` has it."""
+        """Rows of the quantities of elements whose names no field has, in the form of `Flow.catalogue`."""
         rest = {"formula": None, "source": None, "lacks": None}
         own = ((name, meaning) for name, meaning in ATTRIBUTES.items() if name not in self.fields)
         return [{"name": name, "meaning": meaning, **rest} for name, meaning in own]
 
     @property
     def of_elements(self) -> tuple[str, ...]:
-        """The names of what elements have all over, but for those that fields have."""
+        """Names of the quantities that every point of an element has, without those of fields."""
         return tuple(name for name in ATTRIBUTES if name not in (*self.fields, *SIDES))
 
     @property
