@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, Shape, integrate, read, write
+from elvis import Dataset, ElvisError, Shape, integrate, read, write
 from elvis.core.dataset import Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
+from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid, ripple
+from elvis.core.wall_curves import at_walls
 from elvis.plugins.command import elvis
 
 PERIOD = 2.5
@@ -68,3 +70,9 @@ def test_plane_data_have_none(tmp_path, monkeypatch):
     found = CliRunner().invoke(elvis, ["average", "a.xml", "a.fld", "--direction", "z", "-o", "b.xml"])
     assert found.exit_code == 1
     assert "with a Fourier direction along z, found none" in str(found.exception)
+
+
+def test_points_do_not_snap_to_walls_along_fourier_directions():
+    data, _ = spanwise(2)
+    with pytest.raises(ElvisError, match="all: expected data without Fourier directions"):
+        at_walls(data, "all", np.array([[0.5, 0.0, 0.3]]), [Expression.of(data, "u")])

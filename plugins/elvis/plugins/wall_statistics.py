@@ -20,8 +20,8 @@ from elvis.core.errors import ElvisError
 from elvis.plugins.boundary_data import BoundarySource
 from elvis.plugins.conversion import Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
+from elvis.plugins.series.between import is_one_mesh
 from elvis.plugins.series.series import Series
-from elvis.plugins.series.statistics import is_one_mesh
 
 #: name of the mean of the length
 TAWSS = "TAWSS"

@@ -52,8 +52,8 @@ def at_walls(dataset: Dataset, boundary: str, points: Floats, expressions: Seque
     ElvisError
         If the data have no such boundary, or a quantity has the name of another column.
     """
-    _check_names(expressions)
     evaluator = Evaluator(dataset, expressions)
+    _check(evaluator, boundary)
     pieces = wall_sides(dataset, evaluator, boundary, boundary)
     places = nearest(surface_of(dataset, boundary), points).place
     count = len(points)
@@ -74,11 +74,13 @@ def at_walls(dataset: Dataset, boundary: str, points: Floats, expressions: Seque
     return columns | {own.text: column for own, column in zip(expressions, values.T, strict=True)}
 
 
-def _check_names(expressions: Sequence[Expression]) -> None:
-    """ElvisError for a quantity with the name of another column."""
-    taken = [own.text for own in expressions if own.text in _OWN]
+def _check(evaluator: Evaluator, boundary: str) -> None:
+    """ElvisError for a quantity with the name of another column, and for data with Fourier directions."""
+    taken = [own.text for own in evaluator.expressions if own.text in _OWN]
     if taken:
         raise ElvisError(taken_name(taken[0]))
+    if any(patch.homogeneous for patch in evaluator.patches):
+        raise ElvisError(f"{boundary}: expected data without Fourier directions")
 
 
 def _on_sides(pieces: Sequence[Piece], evaluator: Evaluator, places: Floats) -> list[tuple[Piece, Ints, Ints, Floats]]:
