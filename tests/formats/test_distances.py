@@ -9,6 +9,7 @@ import trimesh
 
 from elvis import Dataset
 from elvis.core.distances import nearest, surface_of
+from elvis.core.distances.boundaries import bodies
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status
 from elvis.core.mesh import Composite
@@ -267,3 +268,33 @@ def test_points_that_are_nowhere_have_no_distance():
     found = nearest(surface, np.array([[np.nan, 0, 0], [np.inf, 0, 0], [2.0, 0.5, 0.5]])).distance
     assert np.isnan(found[:2]).all()
     assert found[2] == 1.0
+
+
+#: sides of a box of 4 x 4 x 4 cubes, by which a cell of the middle, or one on the floor, differs from its neighbours
+BODIES = {
+    "in the middle": ((1, 1, 1), (3, 2, 2), ["body"], 0.5),
+    "on the floor": ((1, 1, 0), (2, 3, 1), ["body"], 0.5),
+    "from floor to lid": ((1, 1, 0), (2, 2, 4), ["body"], 1.0),
+    "through a channel": ((0, 1, 0), (4, 2, 4), [], 0.0),
+    "a hole in a side": ((0, 1, 1), (0, 2, 2), [], 0.0),
+    "alone": (None, None, [], 0.0),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_bodies_are_what_other_boundaries_surround(name):
+    low, high, wanted, size = BODIES[name]
+    mesh = grid(Shape.HEXAHEDRON, 4)
+    faces, edges = mesh.of(Shape.QUADRILATERAL), mesh.of(Shape.SEGMENT)
+    corners = np.rint(4 * mesh.vertices[edges.members[faces.members]].reshape(len(faces), -1, 3))
+    (_, own) = mesh.composites
+    composites = [replace(own, name="far")]
+    if low is not None:
+        inside = ((corners >= low) & (corners <= high)).all(axis=(1, 2))
+        on_side = np.zeros(len(faces), bool)
+        for axis in range(3):
+            for place in {low[axis], high[axis]}:
+                on_side |= (corners[..., axis] == place).all(axis=1)
+        composites.append(Composite(2, (("F", faces.ids[inside & on_side]),), "body"))
+    found, share = bodies(replace(mesh, composites=tuple(composites)))
+    assert (found, share) == (wanted, pytest.approx(size))

@@ -181,3 +181,19 @@ def test_frozen_arrays_go_to_the_device_without_a_copy():
     assert not frozen.flags.writeable
     fixed = np.frombuffer(b"abc", np.uint8)
     assert (_as_writeable(fixed) == fixed).all()
+
+
+def test_one_core_is_announced_once(monkeypatch, capfd):
+    """If nothing but the CPU target can draw, a line says what to install; not if it is asked for."""
+    cpu = Adapter("cpu", "slang's CPU target, one thread", True)
+    monkeypatch.setattr(adapters, "adapters", lambda: [cpu])
+    monkeypatch.setattr(adapters, "open_adapter", lambda adapter: adapter.name)
+    monkeypatch.setattr(adapters.sys, "platform", "linux")
+    adapters._tell_of_one_core.cache_clear()
+    assert adapters.open_device("cpu").device == "cpu"
+    assert capfd.readouterr().err == ""
+    for _ in range(2):
+        assert adapters.open_device("auto").device == "cpu"
+    said = capfd.readouterr().err
+    assert said.count("one core") == 1
+    assert "mesa-vulkan-drivers" in said

@@ -89,6 +89,8 @@ $ elvis render notes.txt [1]
 notes.txt: expected a file of a known format
 nek
 found a text that begins 'hello'
+$ elvis view notes.txt --no-browser [1]
+notes.txt: expected a file of a known format
 $ elvis info folder [1]
 found a folder: give files of it
 $ elvis info nothing.xml [1]

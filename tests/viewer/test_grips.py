@@ -8,8 +8,9 @@ import pytest
 from driving import PATIENCE, change, settled
 from PIL import Image
 
-from elvis import read, render
+from elvis import ColorBar, read, render
 from elvis.reference.linear_pictures import LinearPictures
+from elvis.scene.palette import scales
 from elvis.scene.view import View
 
 
@@ -199,3 +200,20 @@ def test_what_is_hidden_in_one_page_is_so_in_all(browser, page, viewer, scene):
     page.locator(".elvis-hidden").wait_for(state="detached")
     assert viewer.session.current.plane == scene.plane
     other.close()
+
+
+def test_ends_of_a_symmetric_logarithmic_range_have_grips(page, viewer):
+    """A key moves an end by a hundredth of the bar, on the scale by which the renderer spreads its colours."""
+    bar = {"scale": "symlog", "linear": 0.05}
+    change(page, {"bar": bar, "range": [-2.0, 3.0]})
+    settled(page, viewer)
+    grip = page.locator(".elvis-bar-grip[data-name=high]")
+    grip.focus()
+    page.keyboard.press("ArrowDown")
+    settled(page, viewer)
+    low, high = viewer.session.table["range"]
+    there, back = scales(ColorBar(**bar), -2.0, 3.0)
+    ends = there(np.array([-2.0, 3.0]))
+    wanted = back(ends[1:] - 0.01 * (ends[1] - ends[0]))[0]
+    assert (low, high) == (-2.0, pytest.approx(wanted, rel=1e-12))
+    assert page.locator(".elvis-bar-grip").count() == 2

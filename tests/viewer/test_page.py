@@ -14,6 +14,7 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.renderer.commands.render import render as render_command
 from elvis.scene import Scene
 from elvis.scene.files import read_scene
+from elvis.scene.view import View
 
 
 def as_rendered(viewer, tmp_path):
@@ -290,3 +291,94 @@ def test_the_least_value_is_found_and_cut(page, viewer, scene):
     add(page, "plane")
     settled(page, viewer)
     assert viewer.session.current.objects[1].surface.normal == (0.0, 1.0, 0.0)
+
+
+def test_lines_of_equal_value_are_switched_on_by_a_tick(page, viewer):
+    """A tick in the panel makes valid settings: of contours a count, which gives way to values."""
+    page.locator(".elvis-panel summary", has_text="style").click()
+    page.locator(".elvis-own").get_by_label("contours").click()
+    settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden()
+    assert viewer.session.current.every_object[0].style.contours.count == 10
+    field = page.get_by_label("values", exact=True)
+    field.fill("0.2")
+    field.press("Enter")
+    settled(page, viewer)
+    assert viewer.session.current.every_object[0].style.contours.values == (0.2,)
+    page.get_by_label("count", exact=True).first.click()
+    settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden()
+    found = viewer.session.current.every_object[0].style.contours
+    assert (found.values, found.count) == ((), 10)
+
+
+def test_one_turns_about_what_is_seen(page, viewer):
+    """After a look at one corner, a drag turns about what is there: it stays in its place, and something stays."""
+    page.get_by_title("View iso").click()
+    settled(page, viewer)
+    width, height = page.evaluate("window.elvis.picture.image.slice(2)")
+    page.mouse.move(*canvas_place(page, int(0.62 * width), int(0.45 * height)))
+    for _ in range(8):
+        page.mouse.wheel(0, -100)
+    settled(page, viewer)
+    middle = np.array([page.evaluate("elvis.picture.middle")])
+    before = View.through(viewer.session.current.camera, viewer.session.size)
+    x, y = canvas_place(page, width // 2, height // 2)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 25, steps=4)
+    page.mouse.up()
+    settled(page, viewer)
+    after = View.through(viewer.session.current.camera, viewer.session.size)
+    assert not np.allclose(before.camera.basis(), after.camera.basis(), atol=0.1)
+    one, other = (view.projected(middle)[0] for view in (before, after))
+    assert np.allclose(one[:2] / one[2], other[:2] / other[2], rtol=0, atol=0.01)
+    assert page.locator(".elvis-error").is_hidden()
+
+
+def test_a_view_of_nothing_offers_the_way_back(page, viewer):
+    camera = {"eye": [9, 9, 9], "at": [9, 9, 0], "up": [0, 1, 0], "height": 1.0}
+    change(page, {"camera": camera})
+    fit = page.get_by_role("alert").get_by_role("button", name="fit")
+    fit.wait_for()
+    fit.click()
+    settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden()
+    assert sum(page.evaluate("Object.values(elvis.picture.counts)")) > 0
+
+
+def test_pages_and_files_are_named_after_the_data(page):
+    assert page.title() == "wave - ElVis"
+    with page.expect_download() as started:
+        page.get_by_label("save", exact=True).select_option("scene .toml")
+    assert started.value.suggested_filename == "wave.toml"
+
+
+def test_names_come_in_chapters_and_are_found_by_what_is_typed(page):
+    chapters = (
+        page.get_by_label("names: field")
+        .locator("optgroup")
+        .evaluate_all("groups => groups.map((own) => [own.label, ...[...own.children].map((one) => one.textContent)])")
+    )
+    assert [own[0] for own in chapters] == ["fields", "mesh"]
+    assert {"element", "order", "x"} <= set(chapters[1])
+    for _, *names in chapters:
+        assert names == sorted(names, key=str.lower)
+    listed = page.locator(f"#{setting(page, 'field').get_attribute('list')} option")
+    assert listed.count() == sum(len(own) - 1 for own in chapters)
+
+
+def test_a_value_is_copied_with_all_digits(page, viewer, scene):
+    """Six digits stand beside the pointer."""
+    width, height = page.evaluate("window.elvis.picture.image.slice(2)")
+    page.mouse.move(*canvas_place(page, width // 2, height // 2))
+    page.locator(".elvis-tip").wait_for()
+    told = page.inner_text(".elvis-tip")
+    page.get_by_role("button", name="copy all").click()
+    rows = dict(line.split("\t") for line in page.get_by_label("values", exact=True).input_value().splitlines())
+    page.get_by_role("button", name="close").click()
+    point = [float(rows[axis]) for axis in "xyz"]
+    exact = sample(read(*scene.data), ["u"], [point])["u"][0]
+    assert float(rows["u"]) == pytest.approx(exact, rel=0, abs=1e-11)
+    assert told == f"{float(rows['u']):.6g}"
+    assert (rows["status"], rows["order"]) == ("certain", "2")

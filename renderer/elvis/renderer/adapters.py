@@ -14,6 +14,7 @@ from shutil import which
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from elvis.core.memory import c_library
+from elvis.core.terminal import note
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.diagnostics import errors_alone
 from elvis.renderer.drawing import slangpy_module
@@ -27,6 +28,9 @@ Opened = TypeVar("Opened")
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
+#: what is said where the CPU target draws for lack of a Vulkan driver: its processor time is 2.5 to 4 times that of
+#: Mesa's driver, which takes all cores
+ONE_CORE = f"no Vulkan device draws here, so one core does, several times slower; {ADVICE}"
 #: what to install where slang's CPU target finds no compiler
 COMPILER_ADVICE = "install a C++ compiler (g++)"
 #: the variable of the environment that says how much Slang optimises kernels, and what it may be
@@ -118,7 +122,16 @@ def has_compiler() -> bool:
 def open_device(name: str) -> Choice[slangpy.Device]:
     """The device of ``auto``, ``vulkan``, ``vulkan:N``, ``cuda`` or ``cpu``, opened (see first_fit)."""
     slangpy_module()
-    return first_fit(name, adapters(), open_adapter)
+    found = first_fit(name, adapters(), open_adapter)
+    if name == "auto" and found.adapter.kind == "cpu" and sys.platform.startswith("linux"):
+        _tell_of_one_core()
+    return found
+
+
+@cache
+def _tell_of_one_core() -> None:
+    """Print once what makes pictures quicker."""
+    note(ONE_CORE)
 
 
 def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Opened]) -> Choice[Opened]:

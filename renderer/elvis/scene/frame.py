@@ -144,12 +144,15 @@ class Frame:
         for first in range(0, len(self.element), step):
             rows, columns = np.nonzero(self.element[first : first + step] >= 0)
             rows += first
-            if self.drawing is None:
-                position[rows, columns] = self._plane.points_of(columns, rows)
-            else:
-                origins, directions = self.view.rays(columns, rows)
-                position[rows, columns] = origins + self.drawing.depth[rows, columns, None] * directions
+            position[rows, columns] = self.points_of(columns, rows)
         return position
+
+    def points_of(self, columns: Ints, rows: Ints) -> Floats:
+        """(n, 3) world positions of what is seen at pixels (n,)."""
+        if self.drawing is None:
+            return self._plane.points_of(columns, rows)
+        origins, directions = self.view.rays(columns, rows)
+        return np.asarray(origins + self.drawing.depth[rows, columns, None] * directions)
 
     @cached_property
     def depth(self) -> Floats:

@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from elvis.core.errors import ElvisError
+from elvis.scene.errors import AbsentError
 from elvis.viewer.drawing_process import Process, Source, spawn
 
 
@@ -64,8 +65,8 @@ class Drawer:
         if kind == "died":
             self.close()
             raise DiedError("the process that draws has ended, and is started again")
-        if kind == "error":
-            raise ElvisError(found)
+        if kind in ("error", "absent"):
+            raise (AbsentError if kind == "absent" else ElvisError)(found)
         return None if kind == "obsolete" else found
 
     async def restart(self) -> None:

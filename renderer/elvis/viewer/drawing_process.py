@@ -7,6 +7,7 @@ Requests and answers go through a pipe as tuples (name, number, content); errors
 from __future__ import annotations
 
 import os
+import re
 import signal
 from base64 import b64encode
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from elvis.viewer.encoding import file_of, lossless, lossy, png, with_proof
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.core.quantities import Names
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.renderer.bricks import Bricks, Opening
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
+#: rows, or columns, of pixels that tell where the middle of what is seen is
+SAMPLES = 64
 Table = dict[str, Any]
 
 
@@ -102,8 +106,11 @@ def _serve(pipe: Connection, newest: Any, source: Source) -> None:
 
 
 def _failure(error: Exception) -> str:
+    from elvis.scene.errors import AbsentError
     from elvis.scene.time_limit import ObsoleteError
 
+    if isinstance(error, AbsentError):
+        return "absent"
     return "obsolete" if isinstance(error, ObsoleteError) else "error"
 
 
@@ -164,18 +171,19 @@ class _Drawing:
     def _facts(self, _: int, __: Any) -> Table:
         """What the page offers: quantities, boundaries, the box around the data."""
         from elvis.core.dataset import Dataset
-        from elvis.core.distances.boundaries import names_of_boundaries
+        from elvis.core.distances.boundaries import bodies, names_of_boundaries
         from elvis.core.picturing import Kind
-        from elvis.core.quantities import Names
         from elvis.plugins.serving import names_of
         from elvis.renderer.bricks import Bricks
 
         data = self._few
-        names: Names = names_of(data)
+        names = names_of(data)
         facts: Table = {
             "fields": list(names.fields),
-            "quantities": [*names.fields, *names.flow.available, *"xyz"[: names.dimension]],
+            "quantities": _grouped(names),
             "boundaries": [],
+            "bodies": [],
+            "body_size": 0.0,
             "kind": "solid",
             "box": None,
             "times": self._moments.times,
@@ -184,6 +192,8 @@ class _Drawing:
             facts["quantities"] += names.of_elements
             facts["kind"] = Kind.of(data).name.lower()
             facts["boundaries"] = names_of_boundaries(data.mesh)
+            if not isinstance(self._data, Bricks):
+                facts["bodies"], facts["body_size"] = bodies(data.mesh)
             facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()
             facts["remarks"] = list(data.remarks)
         return facts
@@ -216,6 +226,7 @@ class _Drawing:
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
         facts = _facts_of(frame, layout)
+        facts["middle"] = _middle_of(frame) if is_final else None
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
         return {**facts, "number": number, "final": is_final}, file
 
@@ -407,14 +418,58 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
     }
 
 
+def _grouped(names: Names) -> dict[str, list[str]]:
+    """What colours a picture, by chapter; in each by the alphabet, with numbers by their size."""
+    from elvis.core.quantities.names import ATTRIBUTES
+
+    own = [name for name in ATTRIBUTES if name in ("element", "order", "quality", "jacobian", "scaled_jacobian")]
+    chapters = {
+        "fields": names.fields,
+        "derived": names.flow.available,
+        "mesh": [*"xyz"[: names.dimension], *own],
+    }
+    taken = set[str]()
+    found = {}
+    for title, listed in chapters.items():
+        found[title] = sorted((name for name in listed if name not in taken), key=_natural)
+        taken.update(found[title])
+    return found
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+    """The key by which names are sorted: letters without their case, numbers by their size."""
+    parts = re.split(r"(\d+)", name.lower())
+    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
+
+
+def _middle_of(frame: Frame) -> list[float] | None:
+    """(3,) the middle of the box around what is seen, of pixels that lie apart; None where nothing is seen."""
+    import numpy as np
+
+    step = max(1, min(frame.seen.shape) // SAMPLES)
+    rows, columns = np.nonzero(frame.seen[::step, ::step])
+    if not len(rows):
+        rows, columns = np.nonzero(frame.seen)
+        step = 1
+    if not len(rows):
+        return None
+    points = frame.points_of(columns * step, rows * step)
+    return [float(place) for place in 0.5 * (points.min(axis=0) + points.max(axis=0))]
+
+
 def _facts_of_bar(bar: BarPlace) -> Table:
     """Where a colour bar lies, and which values are at its ends."""
+    from elvis.scene.palette import linear_part
+
     palette = bar.legend.palette
     assert palette is not None
     own = bar.legend.bar
     scale = "linear" if own is None else own.scale
     ends = {"low": palette.low, "high": palette.high}
-    return {"title": bar.legend.title, "box": list(bar.box), "upright": bar.upright, "scale": scale, **ends}
+    # up to which size a symmetric logarithmic scale is linear
+    linear = linear_part(own, palette.low, palette.high) if own is not None and scale == "symlog" else None
+    facts = {"title": bar.legend.title, "box": list(bar.box), "upright": bar.upright, "scale": scale, "linear": linear}
+    return {**facts, **ends}
 
 
 def _number(value: float) -> float | None:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import secrets
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
+from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 MOST_BYTES = 1 << 20
 #: messages to a page that takes none, after which its connection is closed; it comes back when it can
 MOST_WAITING = 500
+#: seconds in which most data that can't be read are found out
+DOUBT = 0.5
 #: files of the page, and what they are
 PAGE = {
     "": ("index.html", "text/html"),
@@ -112,7 +116,7 @@ class Server:
         name, kind = PAGE[request.match_info.get("name", "")]
         text = (files("elvis.viewer") / "page" / name).read_text(encoding="utf-8")
         if name == "index.html":
-            text = text.replace("{{token}}", self.token)
+            text = text.replace("{{token}}", self.token).replace("{{title}}", escape(f"{self.session.name} - ElVis"))
         return web.Response(text=text, content_type=kind)
 
     async def _socket(self, request: web.Request) -> web.WebSocketResponse:
@@ -169,7 +173,9 @@ class Server:
             content = await self.session.content_of(suffix, _how(request))
         except ElvisError as error:
             return web.Response(status=400, text=f"{error}\n")
-        headers = {"Content-Disposition": f'attachment; filename="elvis{suffix}"'}
+        # names of files may hold what headers may not
+        own = re.sub(r"[^\w.-]", "_", self.session.name, flags=re.ASCII)
+        headers = {"Content-Disposition": f'attachment; filename="{own}{suffix}"'}
         return web.Response(body=content, content_type="application/octet-stream", headers=headers)
 
 
@@ -213,12 +219,21 @@ def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
-async def serve(server: Server, host: str, port: int, opened: Callable[[str], object], idle: float | None) -> None:
+async def serve(
+    server: Server,
+    host: str,
+    port: int,
+    opened: Callable[[str], object],
+    idle: float | None,
+    needs_data: bool = False,
+) -> None:
     """Serve until it is cancelled, or nobody has looked for ``idle`` seconds.
 
-    opened  called with the address once it can be opened
+    opened      called with the address once it can be opened
+    needs_data  whether data that can't be read end it, by an ElvisError; else pages show why, until they can be read
     """
     done = asyncio.Event()
+    unreadable: list[str] = []
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_heed)
 
@@ -236,11 +251,24 @@ async def serve(server: Server, host: str, port: int, opened: Callable[[str], ob
             waiting.pop().cancel()
         waiting.append(loop.call_later(idle, end_if_empty))
 
+    def end(reason: str) -> bool:
+        unreadable.append(reason)
+        done.set()
+        return True
+
+    if needs_data:
+        server.session.on_unreadable = end
     server.on_empty = on_empty
     own = await server.start(host, port)
     try:
         on_empty()
-        opened(f"http://{host if ':' not in host else f'[{host}]'}:{own}/?token={server.token}")
-        await done.wait()
+        with suppress(asyncio.TimeoutError):
+            # a browser that opens at once would show nothing but the end
+            await asyncio.wait_for(done.wait(), DOUBT if needs_data else 0)
+        if not unreadable:
+            opened(f"http://{host if ':' not in host else f'[{host}]'}:{own}/?token={server.token}")
+            await done.wait()
     finally:
         await server.close()
+    if unreadable:
+        raise ElvisError(unreadable[0])

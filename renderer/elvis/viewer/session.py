@@ -8,6 +8,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -15,7 +16,7 @@ from typing import Any, TypeAlias
 from elvis.core.errors import ElvisError, fault_sentence
 from elvis.core.files.output import write_bytes
 from elvis.core.terminal import warn
-from elvis.scene.errors import SceneError
+from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.files import SUFFIXES, scene_text
 from elvis.scene.permissions import PICTURES
 from elvis.scene.tables import Table, input_files, table_of
@@ -40,6 +41,8 @@ WATCH = 2.0
 DEATHS = 3
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
+#: size of bodies in parts of the data's box, above which the edges of the box are shown too
+LARGE_BODY = 0.2
 #: objects that can be hidden
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
@@ -94,6 +97,8 @@ class Session:
         self._settled = -1
         self._leavable = 0
         self._has_shown = False
+        #: called with the reason if the data can't be read when they are read first; whether that ends the drawing
+        self.on_unreadable: Callable[[str], bool] = lambda reason: False
         self._drawer = Drawer(self.source, self.process)
         self._files = WatchedFiles(self.scene.data)
         #: what has changed on disk since the data were read
@@ -249,6 +254,12 @@ class Session:
         """The scene as it is, with the size of the picture."""
         return replace(scene_of_page(self.table, self.scene), size=self.size)
 
+    @property
+    def name(self) -> str:
+        """That of the data, without their suffix, for titles and files; ``elvis`` for data that are no files."""
+        first = next(iter(self.scene.data), "elvis")
+        return Path(Path(first).name.removesuffix(".gz")).stem or "elvis"
+
     def text(self, suffix: str) -> str:
         """The scene as a file; SceneError for another suffix than .toml, .yaml, .json."""
         return scene_text(self.current, folder_of(self.scene) / f"scene{suffix}")
@@ -308,7 +319,8 @@ class Session:
         return bytes(found)
 
     def _state(self, **more: Any) -> str:
-        known = {"table": self.table, "revision": self.revision, "size": self.size, "facts": self.facts}
+        facts = None if self.facts is None else {**self.facts, "name": self.name}
+        known = {"table": self.table, "revision": self.revision, "size": self.size, "facts": facts}
         steps = {"undo": len(self._undo), "redo": len(self._redo), "proof": self.is_proof, "hidden": self.hidden}
         return json.dumps({"type": "state", "writes": self.may_write, "stale": self._stale, **known, **steps, **more})
 
@@ -331,7 +343,9 @@ class Session:
                 else:
                     await self._give_up("the process that draws ends again and again")
             except ElvisError as error:
-                await self._give_up(str(error))
+                if self.facts is None and not self._has_shown and self.on_unreadable(str(error)):
+                    return
+                await self._give_up(str(error), isinstance(error, AbsentError))
             except Exception as error:  # a fault must not end the viewer
                 await self._give_up(fault_sentence(error))
 
@@ -376,10 +390,23 @@ class Session:
             await viewer.send(self._state())
 
     async def _facts_once(self) -> None:
-        if self.facts is None:
-            self._files.note()
-            self.facts = await self._drawer.ask("facts")
-            await self._send_state()
+        if self.facts is not None:
+            return
+        self._files.note()
+        self.facts = await self._drawer.ask("facts")
+        self._begin(self.facts)
+        await self._send_state()
+
+    def _begin(self, facts: Table) -> None:
+        """Show bodies alone where nothing says what to show, and a far field would hide them."""
+        is_untouched = self.revision == 0 and not self._undo and self.table is self._start
+        if not (is_untouched and facts.get("bodies")) or self.scene.every_object:
+            return
+        faces = {"kind": "faces", "select": facts["bodies"]}
+        # a view that holds the box of a wide far field would show its body as a dot
+        box = {"box": True} if facts["body_size"] > LARGE_BODY else {}
+        self.table = {**self.table, "objects": [faces], **box}
+        self._start = self.table
 
     async def _draw(self) -> None:
         """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""
@@ -443,14 +470,14 @@ class Session:
         for viewer in list(self.viewers):
             await viewer.take(self._number, message, bool(facts["final"]))
 
-    async def _give_up(self, text: str) -> None:
-        """There is no picture of this scene, and why."""
+    async def _give_up(self, text: str, is_empty: bool = False) -> None:
+        """There is no picture of this scene, and why; of an empty one another view may show something."""
         self._settled = self.revision
-        await self._tell(text)
+        await self._tell(text, is_empty)
 
-    async def _tell(self, text: str) -> None:
+    async def _tell(self, text: str, is_empty: bool = False) -> None:
         """Tell those who look what is wrong; the terminal, where nobody looks yet."""
         if not self.viewers:
             warn(text)
         for viewer in list(self.viewers):
-            await viewer.send(json.dumps({"type": "error", "text": text, "until": "picture"}))
+            await viewer.send(json.dumps({"type": "error", "text": text, "until": "picture", "fit": is_empty}))

@@ -87,7 +87,8 @@ def view(
     async def run() -> None:
         source = source_of(scene, is_kept=not no_cache, is_live=live)
         server = Server(Session(scene, source, allow_writes, process), allow_hosts=allow_host)
-        await serve(server, host, port, opened, idle)
+        # a run that goes on may have its first step later
+        await serve(server, host, port, opened, idle, needs_data=not live)
 
     with suppress(KeyboardInterrupt), ExitStack() as pages:
         asyncio.run(run())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.errors import ElvisError
@@ -23,6 +23,10 @@ from elvis.core.shapes import Shape
 
 #: what stands for all outer faces
 ALL = "all"
+#: distance from the sides of the data's box within which a boundary touches them, in parts of the box
+CLEARANCE = 0.02
+#: thickness of a flat boundary, in parts of the box
+FLATNESS = 1e-6
 _JOINED = (NON_CONFORMING, PERIODIC)
 _KINDS = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}
 
@@ -57,6 +61,53 @@ def names_of_boundaries(mesh: Mesh) -> list[str]:
         if same not in found or (found[same].isdecimal() and not word.isdecimal()):
             found[same] = word
     return list(found.values())
+
+
+def bodies(mesh: Mesh) -> tuple[list[str], float]:
+    """Names of the boundaries that others surround, such as a wing in its far field, and their size.
+
+    There are none unless there are others.  The size is the largest side of their box in parts of that of the data's.
+
+    A body stays clear of both ends of the data's box along two axes or more, and does not lie flat on a side of the
+    box: a wing may stand on a plane of symmetry, a cylinder between two periodic planes, and an inlet is not a body.
+    Boxes are those of vertices and of the points of curves.
+    """
+    if mesh.dimension != 3 or mesh.excerpt is not None:
+        return [], 0.0
+    names = names_of_boundaries(mesh)
+    rows = boundaries(mesh)
+    low, high = mesh.corners
+    room = CLEARANCE * (high - low)
+    found = []
+    corners = []
+    for name in names:
+        points = _points_of_faces(mesh, rows[name])
+        if not len(points):
+            continue
+        least, greatest = points.min(axis=0), points.max(axis=0)
+        is_clear = (least > low + room) & (greatest < high - room)
+        is_flat = (greatest - least <= FLATNESS * (high - low)) & ~is_clear
+        if is_clear.sum() >= 2 and not is_flat.any():
+            found.append(name)
+            corners += [least, greatest]
+    if not found or len(found) == len(names):
+        return [], 0.0
+    return found, float((np.ptp(corners, axis=0) / (high - low)).max())
+
+
+def _points_of_faces(mesh: Mesh, rows: Ints) -> Floats:
+    """(n, 3) the vertices of faces (triangles first), and the points of their curves."""
+    triangles = mesh.of(Shape.TRIANGLE).members
+    quadrilaterals = mesh.of(Shape.QUADRILATERAL).members
+    count = len(triangles)
+    sides = [triangles[rows[rows < count]].ravel(), quadrilaterals[rows[rows >= count] - count].ravel()]
+    edges = distinct(np.concatenate(sides))
+    vertices = distinct(mesh.of(Shape.SEGMENT).members[edges].ravel())
+    found = [mesh.vertices[vertices]]
+    for curves, own in ((mesh.edge_curves, edges), (mesh.face_curves, rows)):
+        is_own = np.isin(curves.rows, own)
+        found.append(curves.points[np.repeat(is_own, np.diff(curves.offsets))])
+    return np.concatenate(found)
 
 
 def sides_by_name(mesh: Mesh) -> dict[str, Ints]:

@@ -141,6 +141,10 @@ function ticked(names, name, isTicked) {
 // ---------------------------------------------------------------- controls, made from the schema of scenes
 
 const QUANTITIES = new Set(["field", "quantity", "expression"]);
+//: settings of which an object has one at most
+const EITHER = [["radius", "width", "ribbon"], ["values", "count"]];
+//: what of a style is drawn on surfaces alone
+const ON_SURFACES = new Set(["contours", "mesh_lines", "lic"]);
 //: cosines of directions that count as equal
 const NEARLY = 0.05;
 const OPTIONAL = (schema) => schema.anyOf?.some((one) => one.type === "null");
@@ -159,8 +163,10 @@ class Controls {
     const own = this.resolve(schema);
     const usual = {
       point: this.middle(), center: this.middle(), apex: this.middle(), normal: this.axis(), axis: this.axis(),
-      radius: this.extent() / 4, angle: 30, expression: this.facts?.quantities?.[0] ?? "x", values: [0], count: 10,
-      range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
+      radius: this.extent() / 4, angle: 30, expression: this.facts?.fields?.[0] ?? "x", values: [0], count: 10,
+      contours: { count: 10 }, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
+      across: this.axis(), length: this.extent(), arrows: this.extent() / 10, arrow_length: this.extent() / 40, ribbon: this.extent() / 50,
+      tolerance: 1e-6, font_size: 12,
     };
     if (key in usual) return usual[key];
     if (own.default !== undefined && own.default !== null) return own.default;
@@ -171,10 +177,12 @@ class Controls {
     if (own.type === "object") {
       const needed = own.required ?? [];
       const kind = own.properties.kind ? { kind: own.properties.kind.const } : {};
-      if (own.description?.startsWith("Lines of equal value")) return { count: 10 };
       return Object.assign(kind, Object.fromEntries(needed.map((name) => [name, this.start(own.properties[name], name)])));
     }
-    return { number: own.minimum ?? own.exclusiveMinimum ?? 1, integer: own.minimum ?? 1, boolean: false, string: "", array: [] }[own.type];
+    // a number that may not be at its limits begins apart from them
+    const { exclusiveMinimum: above } = own;
+    const number = above === undefined ? 1 : (above + (own.exclusiveMaximum ?? own.maximum ?? above + 2)) / 2;
+    return { number: own.minimum ?? number, integer: own.minimum ?? 1, boolean: false, string: "", array: [] }[own.type];
   }
 
   // around what was seen when an object was added, else around all data
@@ -269,15 +277,18 @@ class Controls {
   }
 
   text(key, value, set, id) {
-    const names = key === "palette" ? this.palettes : QUANTITIES.has(key) ? this.facts?.quantities ?? [] : null;
+    const chapters = key === "palette" ? { "colour maps": this.palettes } : QUANTITIES.has(key) ? this.facts?.quantities ?? {} : null;
     const usual = QUANTITIES.has(key) ? this.facts?.shown ?? "" : "";
     const field = make("input", { id, type: "text", value, spellcheck: false, placeholder: usual,
       onchange: (e) => set(e.target.value === "" ? undefined : e.target.value) });
-    if (!names) return field;
-    // a list of its own, as browsers offer only names that hold what stands in the field
+    if (!chapters) return field;
+    // all names by chapter, and those that hold what is typed
+    const names = Object.values(chapters).flat(), known = make("datalist", { id: `${id}-known` }, ...names.map((name) => make("option", { value: name })));
+    field.setAttribute("list", known.id);
     const choose = (e) => e.target.selectedIndex && set(names[e.target.selectedIndex - 1]);
+    const groups = Object.entries(chapters).filter(([, own]) => own.length).map(([label, own]) => make("optgroup", { label }, ...own.map((name) => make("option", {}, name))));
     const listed = make("select", { className: "elvis-names", "aria-label": `names: ${words(key)}`, title: "Names to choose from", onchange: choose },
-      make("option", {}, ""), ...names.map((name) => make("option", {}, name)));
+      make("option", {}, ""), ...groups);
     const note = make("div", { className: "elvis-note" });
     if (QUANTITIES.has(key)) {
       field.addEventListener("input", async () => {
@@ -286,7 +297,7 @@ class Controls {
         note.textContent = answer ?? "";
       });
     }
-    return make("div", {}, make("div", { className: "elvis-several" }, field, listed), note);
+    return make("div", {}, make("div", { className: "elvis-several" }, field, listed, known), note);
   }
 
   list(key, own, value, set, id) {
@@ -348,9 +359,10 @@ class Controls {
   }
 
   rows(own, value, set) {
-    return Object.entries(own.properties).filter(([name]) => name !== "kind").map(([name, one]) =>
+    return Object.entries(own.properties).filter(([name]) => name !== "kind" && !this.hidden?.has(name)).map(([name, one]) =>
       this.row(name, one, value[name], (next, moving) => {
         const { [name]: _, ...rest } = value;
+        if (next !== undefined) for (const other of EITHER.find((names) => names.includes(name)) ?? []) delete rest[other];
         set(next === undefined ? rest : { ...rest, [name]: next }, moving);
       }));
   }
@@ -761,6 +773,24 @@ class TransferEditor {
 
 // ---------------------------------------------------------------- ranges, dragged on colour bars
 
+//: what the linear part of a symmetric logarithmic scale has for each power of ten beyond it, as matplotlib has it
+const LINEAR_ROOM = 1 / (1 - 0.1);
+
+// what goes evenly along a bar as a function of its values, and the inverse
+function scaleOf({ scale, linear }) {
+  if (scale === "log") return { there: Math.log, back: Math.exp };
+  if (scale !== "symlog") return { there: (value) => value, back: (place) => place };
+  const there = (value) => {
+    const size = Math.abs(value) / linear;
+    return Math.sign(value) * (size <= 1 ? LINEAR_ROOM * size : LINEAR_ROOM + Math.log10(size));
+  };
+  const back = (place) => {
+    const size = Math.abs(place);
+    return Math.sign(place) * linear * (size <= LINEAR_ROOM ? size / LINEAR_ROOM : 10 ** (size - LINEAR_ROOM));
+  };
+  return { there, back };
+}
+
 class BarGrips {
   constructor(viewer) {
     this.viewer = viewer;
@@ -772,8 +802,7 @@ class BarGrips {
 
   draw() {
     const { picture, canvas } = this.viewer;
-    // colours of bars on any other scale have no ends that could be told from a place
-    const bars = (picture?.bars ?? []).filter((bar) => ["linear", "log"].includes(bar.scale) && bar.high > bar.low && this.keys(bar).length);
+    const bars = (picture?.bars ?? []).filter((bar) => bar.high > bar.low && this.keys(bar).length);
     this.svg.setAttribute("viewBox", `0 0 ${canvas.width} ${canvas.height}`);
     Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
     const focused = this.svg.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
@@ -808,12 +837,16 @@ class BarGrips {
     });
   }
 
-  partOf({ low, high, scale }, value) {
-    return scale === "log" ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+  partOf(bar, value) {
+    const { there } = scaleOf(bar), [low, high] = [there(bar.low), there(bar.high)];
+    return (there(value) - low) / (high - low);
   }
 
-  valueAt({ low, high, scale }, part) {
-    return scale === "log" ? low * (high / low) ** part : low + part * (high - low);
+  valueAt(bar, part) {
+    if (part === 0) return bar.low;
+    if (part === 1) return bar.high;
+    const { there, back } = scaleOf(bar), [low, high] = [there(bar.low), there(bar.high)];
+    return back(low + part * (high - low));
   }
 
   press(event, bar, end) {
@@ -1082,6 +1115,8 @@ const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
 const STEP = Math.PI / 24;
+//: the colour of bodies next to other objects
+const GREY = [0.78, 0.78, 0.78];
 //: a page and its image, column, row, width and height, before anything is known of either
 const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
 //: pixels by which a page may be smaller than its place
@@ -1112,8 +1147,9 @@ class Viewer {
   build(el) {
     this.canvas = make("canvas", { width: 16, height: 16, "aria-label": "the picture" });
     this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "A click takes this away", onclick: () => { this.error.hidden = true; } });
+    this.tip = make("div", { className: "elvis-tip", hidden: true, "aria-hidden": "true" });
     this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
-      this.canvas, this.error);
+      this.canvas, this.error, this.tip);
     this.handles = new Handles(this);
     this.linear = new LinearSide(this);
     this.barGrips = new BarGrips(this);
@@ -1124,8 +1160,9 @@ class Viewer {
     this.panel.addEventListener("pointerdown", (e) => { this.isSliding = e.target.type === "range" || Boolean(e.target.closest(".elvis-transfer")); });
     for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
     this.values = make("output", { "aria-label": "values under the pointer" });
+    this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, its place and its element with all digits", onclick: () => this.copyPicked() }, "copy all");
     this.counts = make("span", {});
-    this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.counts, this.values));
+    this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
     this.root.append(this.dialog);
     el.append(this.root);
@@ -1174,6 +1211,8 @@ class Viewer {
 
   update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden }) {
     Object.assign(this, { revision, hidden });
+    // another view or other objects: their middle is not known yet
+    if (!this.camera || JSON.stringify(table.camera) !== JSON.stringify(plain(this.camera))) this.middle = null;
     // what pictures and searches have told since stays known; controls hold these facts, too
     if (facts) this.facts = Object.assign(this.facts ?? {}, facts);
     this.table = table;
@@ -1207,7 +1246,7 @@ class Viewer {
   }
 
   // a sentence; it goes with the next picture, or with that of the next change, or when the connection is back
-  fail({ id, text, until = "change" }) {
+  fail({ id, text, until = "change", fit = false }) {
     if (this.waiting.has(id)) {
       this.waiting.get(id).reject(new Error(text));
       this.waiting.delete(id);
@@ -1216,6 +1255,8 @@ class Viewer {
     // a change that was refused has left the camera where it was
     if (!this.dragged && !this.rolling) this.camera = null;
     this.error.textContent = text;
+    // a view in which nothing is seen has a way back
+    if (fit) this.error.append(" ", make("button", { type: "button", title: "Show all that there is, from this side", onclick: () => this.fit() }, "fit"));
     this.error.hidden = false;
     this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
     this.controls();
@@ -1432,6 +1473,12 @@ class Viewer {
     return isFixed(camera) || !this.picture ? {} : { camera: plain(this.current()) };
   }
 
+  // what one turns about: a place that was chosen, else the middle of what was seen when the turning began
+  pivot(camera) {
+    this.middle ??= this.picture?.middle ?? camera.at;
+    return this.centre ?? this.middle;
+  }
+
   pixels() {
     return this.picture?.image[3] ?? 1;
   }
@@ -1472,7 +1519,8 @@ class Viewer {
     const isFree = this.freeButton.ariaPressed === "true";
     const angle = Math.PI / (this.canvas.clientHeight || 1);
     this.look((camera) => this.dragged.isPan ? pan(camera, dx * ratio, dy * ratio, this.pixels())
-      : orbit(camera, this.centre ?? camera.at, dx * angle, dy * angle, isFree), true);
+      : orbit(camera, this.pivot(camera), dx * angle, dy * angle, isFree), true);
+    if (this.dragged.isPan) this.middle = null;
   }
 
   release(event) {
@@ -1489,6 +1537,7 @@ class Viewer {
     const [x, y] = this.place(event), [, , width, height] = this.picture.image;
     const factor = Math.exp(Math.max(-60, Math.min(60, event.deltaY)) / 400);
     this.dragged = null;
+    this.middle = null;
     this.look((camera) => zoom(camera, factor, x - width / 2, y - height / 2, height), true);
     clearTimeout(this.rolling);
     this.rolling = setTimeout(() => {
@@ -1514,7 +1563,7 @@ class Viewer {
     const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const isPan = event.shiftKey || this.facts?.kind === "plane";
     if (way) this.look((camera) => isPan ? pan(camera, way[0] * 40, way[1] * 40, this.pixels())
-      : orbit(camera, this.centre ?? camera.at, way[0] * STEP, way[1] * STEP, this.freeButton.ariaPressed === "true"));
+      : orbit(camera, this.pivot(camera), way[0] * STEP, way[1] * STEP, this.freeButton.ariaPressed === "true"));
     else if (event.key === "+" || event.key === "=") this.look((camera) => zoom(camera, 0.8, 0, 0, this.pixels()));
     else if (event.key === "-") this.look((camera) => zoom(camera, 1.25, 0, 0, this.pixels()));
     else if (event.key === "f") this.fit();
@@ -1549,6 +1598,8 @@ class Viewer {
   }
 
   point(event) {
+    // a value that was found elsewhere is not that of this place
+    this.tip.hidden = true;
     this.pointer = event ? { clientX: event.clientX, clientY: event.clientY } : null;
     this.hover();
   }
@@ -1560,7 +1611,9 @@ class Viewer {
     let asked = null;
     while (this.pointer && this.isWhole && asked !== this.pointer) {
       asked = this.pointer;
-      this.tell(await this.pick(asked));
+      const found = await this.pick(asked);
+      this.tell(found);
+      if (this.pointer === asked) this.hint(found, asked);
     }
     this.isPicking = false;
   }
@@ -1570,9 +1623,29 @@ class Viewer {
       this.values.textContent = "";
       return;
     }
+    this.picked = found;
+    this.copyAll.hidden = false;
     const place = found.position.map(String).join(", ");
     const more = (found.order ?? null) === null ? "" : `  order ${found.order}  Jacobian ${found.jacobian}`;
     this.values.textContent = `${found.field} = ${found.value ?? "not a number"}  at (${place})  element ${found.element}${more}  ${found.status}`;
+  }
+
+  // six digits of the value beside the pointer
+  hint(found, { clientX, clientY }) {
+    this.tip.hidden = !(found?.element >= 0) || typeof found.value !== "number";
+    if (this.tip.hidden) return;
+    this.tip.textContent = short(found.value);
+    const box = this.stage.getBoundingClientRect();
+    const left = Math.min(clientX - box.left + 14, box.width - this.tip.offsetWidth - 4);
+    Object.assign(this.tip.style, { left: `${left}px`, top: `${Math.max(2, clientY - box.top - 26)}px` });
+  }
+
+  // what was told last, a name and a value a line, for tables
+  copyPicked() {
+    const { field, value, position, element, order, jacobian, status } = this.picked;
+    const rows = { [field]: value ?? "not a number", x: position[0], y: position[1], z: position[2], element, order, jacobian, status };
+    const text = Object.entries(rows).filter(([, own]) => (own ?? null) !== null).map((pair) => pair.join("\t")).join("\n");
+    return this.give("values", text);
   }
 
   setMode(mode) {
@@ -1699,7 +1772,8 @@ class Viewer {
     const items = this.schema.properties.objects.items;
     const schemaOf = (kind) => controls.resolve({ $ref: items.discriminator.mapping[kind] ?? this.schema.properties.clip.items.$ref });
     const rows = this.listed().map(({ key, item, number }, place) => {
-      const set = (value, moving) => this.change({ [key]: this.kept(key, value) }, moving);
+      const set = (value, moving) => (key === "plane" && value.style ? this.setFirst(value, moving) : this.change({ [key]: this.kept(key, value) }, moving));
+      controls.hidden = ["streamlines", "glyphs"].includes(item.kind) ? ON_SURFACES : null;
       const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
       const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Take it out of the picture, and keep it", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
       if (number !== undefined) buttons.append(button("duplicate", "The same once more", () => this.add(item)));
@@ -1744,6 +1818,12 @@ class Viewer {
     if (this.histograms.get(moment)) return;
     this.histograms.set(moment, null);
     this.histograms.set(moment, await this.ask("histogram", quantity).catch(() => null));
+  }
+
+  // the shortcut for a plane has no style: with one it becomes the first object
+  setFirst(item, moving) {
+    if (this.selected === "plane") this.selected = "objects[0].surface";
+    this.change({ plane: null, objects: [item, ...(this.table.objects ?? [])] }, moving);
   }
 
   // an object as it stands in the scene
@@ -1826,9 +1906,15 @@ class Viewer {
         oninput: (e) => move(e, true), onchange: (e) => move(e, false) }));
   }
 
-  // the view stays as it is
+  // the view stays as it is, and so does what is seen, as a background of the new object
   add(item, more = this.still()) {
-    this.change({ [`objects[${(this.table.objects ?? []).length}]`]: item, ...more });
+    const { objects = [], plane } = this.table, { bodies = [], kind } = this.facts;
+    const put = (...items) => this.change({ ...Object.fromEntries(items.map((one, i) => [`objects[${objects.length + i}]`, one])), ...more });
+    // flat data show themselves as long as they have no objects
+    if (kind !== "solid" && !objects.length && !plane && item.kind !== "faces") return put({ kind: "faces", select: ["all"] }, item);
+    const isBodies = bodies.length && objects.length === 1 && objects[0].kind === "faces" && !objects[0].style && String(objects[0].select) === String(bodies);
+    if (isBodies && item.kind !== "faces") more = { ...more, "objects[0].style": { color: GREY } };
+    put(item);
   }
 
   // a new object, begun where one looks
@@ -1889,7 +1975,7 @@ class Viewer {
 
   async keep(suffix, how = {}) {
     const file = await this.model.file(suffix, how, this);
-    make("a", { href: URL.createObjectURL(file), download: `elvis${suffix}` }).click();
+    make("a", { href: URL.createObjectURL(file), download: `${this.facts?.name ?? "elvis"}${suffix}` }).click();
   }
 
   // a picture or a record: of the size that is shown, or of any other one
