@@ -175,9 +175,14 @@ def interrupted(miniature):
     return run
 
 
-@pytest.mark.parametrize(("how", "said"), [("import", "done\n"), ("destructor", "done\n"), ("translated", "")])
+@pytest.mark.parametrize(
+    ("how", "said"), [("import", "done\n"), ("destructor", "done\n"), ("translated", ""), ("constructor", "")]
+)
 def test_an_interrupt_ends_in_a_sentence_wherever_it_comes(interrupted, how, said):
-    """While a module is loaded, it waits for that; where Python can't take it, it comes again."""
+    """While a module is loaded, it waits for that; where Python can't take it, it comes again.
+
+    What it leaves half made says nothing when it is destroyed.
+    """
     status, out, err = interrupted("wait", how)
     assert (status, err.strip()) == (130, "elvis: error: interrupted")
     assert said.startswith(out)

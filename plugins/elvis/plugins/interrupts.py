@@ -43,7 +43,8 @@ class Interrupts:
             return
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, signal.SIG_IGN if self._is_process else self._before)
-        sys.unraisablehook = self._hook
+        if not (self._is_process and self.asked):
+            sys.unraisablehook = self._hook
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt now, or see again soon."""
@@ -58,10 +59,13 @@ class Interrupts:
         signal.setitimer(signal.ITIMER_REAL, _LATER)
 
     def _unraisable(self, lost: sys.UnraisableHookArgs) -> None:
-        """An interrupt that came where nothing can be raised, as in a destructor, comes again; others are told."""
+        """An interrupt that came where nothing can be raised, as in a destructor, comes again; others are told.
+
+        After an interrupt they aren't: objects that it left half made complain when they are destroyed.
+        """
         if issubclass(lost.exc_type, KeyboardInterrupt):
             self._try_later()
-        else:
+        elif not self.asked:
             self._hook(lost)
 
 

@@ -58,8 +58,19 @@ def wait(how):
             click.echo("waiting")
             time.sleep(0.5)
 
+    class HalfMade:
+        def __init__(self):
+            click.echo("waiting")
+            time.sleep(60)
+            self.socket = 1
+
+        def __del__(self):
+            self.socket += 1
+
     if how == "import":
         import slow  # noqa: F401
+    elif how == "constructor":
+        HalfMade()
     elif how == "destructor":
         Slow()
     elif how == "translated":
