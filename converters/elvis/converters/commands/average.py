@@ -69,7 +69,7 @@ def _write_mean_mode(
     from elvis.core.terminal import say
     from elvis.formats.writing import write
     from elvis.plugins.data import Reading, dataset_of
-    from elvis.plugins.fourier_mean import fourier_mean
+    from elvis.plugins.fourier_planes import fourier_mean
     from elvis.plugins.series.series import series_in
 
     if not is_alone or output.suffix != ".xml":

@@ -46,7 +46,7 @@ _MESHES = (".xml", ".vtu", ".msh")
     type=FILE,
     required=True,
     help="The file to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary also with its own elements, as "
-    ".xml (fields go next to it, .fld), .vtu or .msh.",
+    ".xml (fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml.",
 )
 @click.option("--boundary", metavar="NAME", help="A boundary by name, or all outer faces: all.")
 @click.option("--plane", metavar="P:N|z=V", help="The plane through P with the normal N, as 0,0,0.5:0,0,1, or z=0.5.")
@@ -115,7 +115,9 @@ def extract(
     dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)
-    if is_mesh:
+    if is_mesh and surface[0] == "plane":
+        _write_plane(dataset, surface[1].removeprefix("plane:"), output, options["quantities"], options["as_json"])
+    elif is_mesh:
         _write_mesh(dataset, surface[1], output, options["quantities"], options["as_json"])
     else:
         _write_triangles(dataset, surface, output, **options)
@@ -133,10 +135,11 @@ def _surface(named: dict[str, str | None]) -> tuple[str, str]:
 
 
 def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any]) -> bool:
-    """Whether a boundary keeps its own elements; ElvisError where the output's name does not fit."""
+    """Whether a boundary, or a plane of Fourier data, keeps its own elements; ElvisError for an unsuitable name."""
     from elvis.converters.triangle_export import SUFFIXES, check_name
 
-    if surface[0] == "boundary" and output.suffix in _MESHES:
+    is_plane = surface[0] == "plane" and output.suffix == ".xml"
+    if is_plane or (surface[0] == "boundary" and output.suffix in _MESHES):
         if options["tolerance"] is not None or options["clips"]:
             raise ElvisError(
                 f"{output}: --tolerance and --clip are for triangles, found a name ending in {output.suffix}"
@@ -227,3 +230,42 @@ def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str,
             note(f"{output.name}: {sentence}")
     if not as_json:
         say(f"\nwrote {output}")
+
+
+def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ...], as_json: bool) -> None:
+    """Write a plane across the Fourier direction of data as plane data."""
+    from dataclasses import replace
+
+    from elvis.converters.triangle_export import SUFFIXES
+    from elvis.core.terminal import say
+    from elvis.formats.writing import write
+    from elvis.plugins.fourier_planes import fourier_plane
+
+    if not any(block.expansion.homogeneous for own in dataset.fields for block in own.blocks):
+        known = ", ".join(SUFFIXES)
+        raise ElvisError(f"{output}: expected a name ending in {known}, as the data have no Fourier direction")
+    axis, place = _across(text)
+    found = fourier_plane(dataset, axis, place)
+    unknown = [name for name in texts if name not in dataset]
+    if unknown or as_json:
+        raise ElvisError(f"{output}: expected names of fields and no --json, found {', '.join(unknown) or '--json'}")
+    if texts:
+        found = replace(found, fields=tuple(own for own in found.fields if own.name in texts))
+    say(f"wrote {' and '.join(map(str, write(found, output)))}")
+
+
+def _across(text: str) -> tuple[str, float]:
+    """The axis that a plane is at right angles to, and where it cuts it; ElvisError for a plane across none."""
+    from elvis.core.arguments import triples
+
+    name, equals, value = (part.strip() for part in text.partition("="))
+    try:
+        if equals:
+            return name, float(value)
+        point, normal = triples(text, 2)
+    except ValueError:
+        raise ElvisError(f"--plane: expected P:N or z=0.5, found {text!r}") from None
+    axes = [axis for axis, own in enumerate(normal) if own]
+    if len(axes) != 1:
+        raise ElvisError(f"--plane: expected a plane across an axis for a name ending in .xml, found {text}")
+    return "xyz"[axes[0]], point[axes[0]]

@@ -1,4 +1,4 @@
-"""Means along Fourier directions, against integrals over the whole period."""
+"""Means along Fourier directions, against integrals over the whole period; planes across them, against values there."""
 
 from dataclasses import replace
 
@@ -69,10 +69,33 @@ def test_plane_data_have_none(tmp_path, monkeypatch):
     write(Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0], 2),)), "a.xml")
     found = CliRunner().invoke(elvis, ["average", "a.xml", "a.fld", "--direction", "z", "-o", "b.xml"])
     assert found.exit_code == 1
-    assert "with a Fourier direction along z, found none" in str(found.exception)
+    assert "with a Fourier direction, found none" in str(found.exception)
 
 
 def test_points_do_not_snap_to_walls_along_fourier_directions():
     data, _ = spanwise(2)
     with pytest.raises(ElvisError, match="all: expected data without Fourier directions"):
         at_walls(data, "all", np.array([[0.5, 0.0, 0.3]]), [Expression.of(data, "u")])
+
+
+@pytest.mark.parametrize("plane", ["0,0,0.7:0,0,2", "z=3.2"])
+def test_planes_have_the_values_there(tmp_path, monkeypatch, plane):
+    """The second plane is one period further."""
+    monkeypatch.chdir(tmp_path)
+    data, _ = spanwise(4)
+    write(data, "a.xml")
+    found = CliRunner().invoke(elvis, ["extract", "a.xml", "a.fld", "--plane", plane, "-o", "plane.xml"])
+    assert found.exit_code == 0, found.output
+    cut = read("plane.xml", "plane.fld")
+    for x, y in ((0.4, 0.3), (0.8, 0.6)):
+        assert cut["u"](x, y) == pytest.approx(data["u"](x, y, 0.7), abs=1e-12)
+    for wrong, reason in [
+        ("0,0,0:1,0,1", "expected a plane across an axis"),
+        ("0.5,0,0:1,0,0", "with a Fourier direction along x, found one along z"),
+        ("z=a", "expected P:N or z=0.5"),
+    ]:
+        words = ["extract", "a.xml", "a.fld", "--plane", wrong, "-o", "none.xml"]
+        done = CliRunner().invoke(elvis, words)
+        assert done.exit_code != 0
+        assert reason in f"{done.output}{done.exception}"
+        assert not (tmp_path / "none.xml").exists()
