@@ -53,8 +53,9 @@ def test_bricks_tell_what_the_whole_tells(limited, monkeypatch):
         replace(limited, memory=None), source_of(replace(limited, memory=None))
     )
     assert facts == whole_facts
-    assert {"u", "h", "composite", "quality"} <= set(facts["quantities"])
-    assert "nx" not in facts["quantities"]
+    assert "u" in facts["quantities"]["fields"]
+    assert {"h", "composite", "quality"} <= set(facts["quantities"]["mesh"])
+    assert "nx" not in facts["quantities"]["mesh"]
     assert file == whole_file
     assert whole_picked.items() > picked.items()
     assert picked["status"] == "certain"

@@ -10,7 +10,7 @@ import os
 import re
 import signal
 from base64 import b64encode
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -180,7 +180,7 @@ class _Drawing:
         names = names_of(data)
         facts: Table = {
             "fields": list(names.fields),
-            "quantities": _grouped(names),
+            "quantities": _grouped(names, names.of_elements if isinstance(data, Dataset) else ()),
             "boundaries": [],
             "bodies": [],
             "body_size": 0.0,
@@ -189,7 +189,6 @@ class _Drawing:
             "times": self._moments.times,
         }
         if isinstance(data, Dataset):
-            facts["quantities"] += names.of_elements
             facts["kind"] = Kind.of(data).name.lower()
             facts["boundaries"] = names_of_boundaries(data.mesh)
             if not isinstance(self._data, Bricks):
@@ -418,15 +417,15 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
     }
 
 
-def _grouped(names: Names) -> dict[str, list[str]]:
-    """What colours a picture, by chapter; in each by the alphabet, with numbers by their size."""
-    from elvis.core.quantities.names import ATTRIBUTES
+def _grouped(names: Names, of_elements: Sequence[str]) -> dict[str, list[str]]:
+    """What colours a picture, by chapter; in each by the alphabet, with numbers by their size.
 
-    own = [name for name in ATTRIBUTES if name in ("element", "order", "quality", "jacobian", "scaled_jacobian")]
+    of_elements  what is known of elements
+    """
     chapters = {
         "fields": names.fields,
         "derived": names.flow.available,
-        "mesh": [*"xyz"[: names.dimension], *own],
+        "mesh": [*"xyz"[: names.dimension], *of_elements],
     }
     taken = set[str]()
     found = {}
