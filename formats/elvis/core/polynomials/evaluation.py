@@ -16,6 +16,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
 from elvis.core.polynomials.lattices import lattice_lines, values_and_gradients_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products
+from elvis.core.polynomials.tensor_points import is_factored, values_and_gradients_at_points, values_at_points
 
 #: numbers in a table of modes
 _BATCH = 1 << 18
@@ -57,6 +58,8 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
 
 def evaluate_at(expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats) -> Floats:
     """(n, ...) values at the points xi (n, d), point i in element ``rows[i]`` of ``coefficients`` (e, ..., m)."""
+    if is_factored(expansion):
+        return values_at_points(expansion, coefficients, rows, points)
     result = np.empty((len(points), *coefficients.shape[1:-1]))
     for batch in _batches(len(points), _width(coefficients)):
         modes = values(expansion, points[batch])
@@ -68,6 +71,8 @@ def evaluate_at_with_gradients(
     expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats
 ) -> tuple[Floats, Floats]:
     """Values (n, ...) and gradients in xi (n, ..., d) at the points xi (n, d), point i in element ``rows[i]``."""
+    if is_factored(expansion):
+        return values_and_gradients_at_points(expansion, coefficients, rows, points)
     values = np.empty((len(points), *coefficients.shape[1:-1]))
     gradients = np.empty((*values.shape, dimension(expansion)))
     for batch in _batches(len(points), _width(coefficients)):
@@ -78,9 +83,9 @@ def evaluate_at_with_gradients(
     return values, gradients
 
 
-def is_small(expansion: Expansion, points: Floats) -> bool:
-    """Whether the table of modes at points (n, d) is made in one batch, so that it may be kept."""
-    return 0 < len(points) * mode_count(expansion) <= _BATCH
+def has_small_table(expansion: Expansion, points: Floats) -> bool:
+    """Whether a table of modes at points (n, d) is made, and in one batch, so that it may be kept."""
+    return not is_factored(expansion) and 0 < len(points) * mode_count(expansion) <= _BATCH
 
 
 def _width(coefficients: Floats) -> int:

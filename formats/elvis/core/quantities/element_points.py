@@ -13,7 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.polynomials.curvature import hessians_at
-from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients, is_small
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients, has_small_table
 from elvis.core.polynomials.expansion import dimension, values, values_and_gradients
 
 
@@ -68,7 +68,7 @@ class ElementPoints:
 
     def _values(self, field: int) -> Floats:
         expansion, coefficients = self._own(field)
-        if not is_small(expansion, self.points):
+        if not has_small_table(expansion, self.points):
             return pointwise.values(self.patch, field, self.rows, self.points)
         return np.asarray(np.einsum("nm,nm->n", coefficients[self.rows], self._table(expansion)))
 
@@ -79,7 +79,7 @@ class ElementPoints:
     def reference_gradients(self, field: int) -> Floats:
         """(n, d) derivatives of a field that the patch has in the reference coordinates that it depends on."""
         expansion, coefficients = self._own(field)
-        if is_small(expansion, self.points):
+        if has_small_table(expansion, self.points):
             return np.asarray(np.einsum("nm,ndm->nd", coefficients[self.rows], self._sloped_table(expansion)))
         return pointwise.reference_gradients(self.patch, field, self.rows, self.points)
 

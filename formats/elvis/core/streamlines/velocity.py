@@ -13,7 +13,8 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
-from elvis.core.polynomials.expansion import dimension, values, values_and_gradients
+from elvis.core.polynomials.evaluation import evaluate_at
+from elvis.core.polynomials.expansion import dimension, values_and_gradients
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
@@ -23,6 +24,8 @@ from elvis.core.shapes import Shape
 
 #: of an expression at points (n,), or everywhere
 Values: TypeAlias = Floats | float
+#: points whose coefficients are gathered together
+_AT_ONCE = 1 << 10
 _SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
@@ -177,9 +180,12 @@ class Velocity:
         # components that share an expansion share its table
         expansion = patch.fields[fields[0]]
         assert expansion is not None
-        modes = values(expansion, points[:, : dimension(expansion)])
-        for axis, field in enumerate(fields):
-            velocity[:, axis] = np.einsum("nm,nm->n", self._coefficients(number, field, rows, points), modes)
+        own = points[:, : dimension(expansion)]
+        for first in range(0, len(rows), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            nets = [self._coefficients(number, field, rows[some], points[some]) for field in fields]
+            coefficients = np.stack(nets, axis=1)
+            velocity[some, : len(fields)] = evaluate_at(expansion, coefficients, np.arange(len(nets[0])), own[some])
         if constant is None:
             return velocity, pointwise.jacobians(patch, rows, points[:, : patch.dimension])
         return velocity, patch.geometry_coefficients[rows] @ constant

@@ -27,9 +27,11 @@ from elvis.core.polynomials.bernstein import (
     to_bernstein,
 )
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 
 _UNIT = np.finfo(np.float64).eps / 2
+#: coefficients of products that are summed together: they stay in the processor's cache
+_CACHED = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +67,40 @@ class Polynomials:
         space = BernsteinSpace(self.space.shape, degrees)
         long, short = sorted((self, other), key=lambda each: -each.space.count)
         scaled, factors = (each.net * _weights(each.space)[:, None] for each in (long, short))
-        net = np.zeros((space.count, self.net.shape[1]))
-        for powers, factor in zip(short.space.powers, factors, strict=True):
-            net[space.positions[tuple((long.space.powers + powers).T)]] += scaled * factor
+        sums = _lattice_sums if self.space.shape in TENSOR else _sums
+        net = sums(space, (long.space, scaled), (short.space, factors))
         net /= _weights(space)[:, None]
 
         # each coefficient sums at most as many products as the shorter factor has coefficients
         a, b = self.magnitude, other.magnitude
         error = a * other.error + b * self.error + (short.space.count + 8) * _UNIT * a * b
         return Polynomials(space, net, error)
+
+
+def _sums(space: BernsteinSpace, long: tuple[BernsteinSpace, Floats], short: tuple[BernsteinSpace, Floats]) -> Floats:
+    """(count, n) for each function of the space the sum of all products of rows whose powers add up to its own."""
+    net = np.zeros((space.count, long[1].shape[1]))
+    for powers, factor in zip(short[0].powers, short[1], strict=True):
+        net[space.positions[tuple((long[0].powers + powers).T)]] += long[1] * factor
+    return net
+
+
+def _lattice_sums(
+    space: BernsteinSpace, long: tuple[BernsteinSpace, Floats], short: tuple[BernsteinSpace, Floats]
+) -> Floats:
+    """The same on tensor shapes, where rows of all powers are a lattice, and those of a product a box in it."""
+    counts, longs, shorts = (tuple(degree + 1 for degree in own.degrees[::-1]) for own in (space, long[0], short[0]))
+    net = np.zeros((space.count, long[1].shape[1]))
+    step = max(1, _CACHED // space.count)
+    for first in range(0, net.shape[1], step):
+        some = slice(first, first + step)
+        factors = np.ascontiguousarray(long[1][:, some]).reshape(*longs, -1)
+        found, product = np.zeros((*counts, factors.shape[-1])), np.empty_like(factors)
+        for place, factor in zip(np.ndindex(shorts), short[1][:, some], strict=True):
+            np.multiply(factors, factor, out=product)
+            found[tuple(slice(start, start + count) for start, count in zip(place, longs, strict=True))] += product
+        net[:, some] = found.reshape(space.count, -1)
+    return net
 
 
 def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polynomials:
