@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Expansion
-from elvis.core.polynomials import evaluation
+from elvis.core.polynomials import evaluation, tensor_points
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients
 from elvis.core.shapes import Shape
@@ -12,6 +12,7 @@ from elvis.core.shapes import Shape
 EXPANSIONS = [
     Expansion(Shape.TRIANGLE, (Basis.MODIFIED_A, Basis.MODIFIED_B), (3, 5)),
     Expansion(Shape.HEXAHEDRON, (Basis.GLL_LAGRANGE,) * 3, (3, 2, 4)),
+    Expansion(Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (5, 5)),
 ]
 
 
@@ -19,6 +20,8 @@ EXPANSIONS = [
 def case(request, monkeypatch):
     """An expansion, coefficients of 5 elements with 3 components, 40 points and their elements; small batches."""
     monkeypatch.setattr(evaluation, "_BATCH", 1000)
+    monkeypatch.setattr(tensor_points, "_NUMBERS", 300)
+    monkeypatch.setattr(tensor_points, "_TABULATED", 17)
     random = np.random.default_rng(0)
     expansion = request.param
     points = random.uniform(-1, 0, (40, expansion.shape.dimension))

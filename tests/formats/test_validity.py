@@ -7,13 +7,14 @@ import pytest
 from elvis import Dataset, Shape
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.connectivity import connected
-from elvis.core.polynomials.bernstein import bernstein_values
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradients
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved, grid, mixed_volume, one_element, ripple
-from elvis.core.validity.determinants import determinant
+from elvis.core.validity import determinants
+from elvis.core.validity.determinants import Polynomials, determinant
 from elvis.core.validity.squares import descended, lower_bound
 from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
 
@@ -162,6 +163,21 @@ def dip(depth, shape=Shape.QUADRILATERAL):
         world[2] = xi[:, 2]
     coefficients = np.linalg.solve(values(expansion, xi), world.T).T[None]
     return GeometryBlock(expansion, np.array([7]), coefficients)
+
+
+def test_products_in_boxes_of_a_lattice_are_those_of_lists(monkeypatch):
+    random = np.random.default_rng(3)
+    a, b = (
+        Polynomials(BernsteinSpace(Shape.HEXAHEDRON, degrees), random.normal(size=(count, 7)), np.zeros(7))
+        for degrees, count in (((2, 1, 3), 24), ((1, 2, 0), 6))
+    )
+    monkeypatch.setattr(determinants, "_CACHED", 200)
+    found = a * b
+    monkeypatch.setattr(determinants, "_lattice_sums", determinants._sums)
+    assert np.allclose(found.net, (a * b).net, rtol=1e-14, atol=1e-14)
+    places = random.uniform(-1, 1, (5, 3))
+    factors = [bernstein_values(each.space, places) @ each.net for each in (a, b)]
+    assert np.allclose(bernstein_values(found.space, places) @ found.net, factors[0] * factors[1], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.HEXAHEDRON])

@@ -404,6 +404,8 @@ class _Working:
             raise DeviceLostError(f"the device failed: {' '.join(str(error).split()) or 'it was lost'}") from error
 
 
+#: nodes of a line of the lattices of guesses, from this degree of maps and fields on
+_MORE_NODES, _FROM_DEGREE = 9, 4
 #: around all that a device is given to do
 WORKING = _Working()
 
@@ -421,12 +423,18 @@ def _of_type(stage: str, part: Part, chosen: Part | Quantity, line_degree: int) 
         f"import volume; import {part.module}; {chosen.source}\nexport struct TheVolume : IVolume = {chosen.type};"
         f"export static const bool lanes_together = {str(together).lower()};"
         f"export static const bool compact = {str(compact).lower()};"
+        f"export static const int guess_nodes = {guess_nodes(part)};"
         f"export static const int cube_degree = {degree};"
         f"export static const int cube_base_degree = {chosen.base_degree or degree};"
         f"export static const int line_degree = {line_degree or chosen.degree or STAND_IN};"
         f"export static const bool cube_collapsed = {str(part.collapsed).lower()};{chosen_leaves}"
         f"{_condition(chosen) if stage == 'iso_line' else ''}"
     )
+
+
+def guess_nodes(part: Part) -> int:
+    """Nodes of a line of the lattices that guesses of the inverse map go through: more for high degrees."""
+    return _MORE_NODES if part.degree >= _FROM_DEGREE else 3
 
 
 def _condition(chosen: Part | Quantity) -> str:

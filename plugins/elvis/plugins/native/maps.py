@@ -22,7 +22,7 @@ class Maps:
     """Scaled Bernstein control points of elements, and boxes that hold these.
 
     points   (m, 3)
-    indices  (n * k,) the control points of one element after the other
+    indices  (n * k,) the control points of one element after the other, in spaces of degree 1
     boxes    (n, 6) see Part
     """
 
@@ -49,7 +49,8 @@ def keep_nothing(_: Hashable, make: Callable[[], Once[Maps]]) -> Once[Maps]:
 def _control_points(patches: Sequence[Patch], space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
     """Scaled Bernstein control points (m, 3) of the maps of patches, and which of them each element has, (n * count,).
 
-    Where all are straight, the points are the vertices of the mesh: the same array for all its parts.
+    Where all are straight, the points are the vertices of the mesh: the same array for all its parts.  In spaces of
+    higher degree each element has its own, one after the other, and no list tells so.
     """
     corners = patches[0].corners
     found = (_vertex_rows(patch, space) for patch in patches)
@@ -57,7 +58,8 @@ def _control_points(patches: Sequence[Patch], space: BernsteinSpace) -> tuple[Fl
     if corners is not None and len(rows) == len(patches):
         return corners.vertices, np.concatenate(rows)
     points = np.concatenate([_controls(patch, space) for patch in patches]).reshape(-1, 3)
-    return frozen_floats(points), np.arange(len(points), dtype=np.uint32)
+    count = len(points) if space.degrees[0] == 1 else 1
+    return frozen_floats(points), np.arange(count, dtype=np.uint32)
 
 
 def _vertex_rows(patch: Patch, space: BernsteinSpace) -> NDArray[np.uint32] | None:

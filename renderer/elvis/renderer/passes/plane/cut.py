@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
-from elvis.renderer.device import Device, Given, Kernel
+from elvis.renderer.device import Device, Given, Kernel, guess_nodes
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import Gaps, beside, unknown
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
@@ -110,6 +110,8 @@ class Cutter:
         with self.clock.stage("aim"):
             buffers["sections"] = self.device.buffer(sections)
             buffers["guesses"] = self.device.empty(aim.dtype("guesses"), len(sections))
+            numbers = 3 * guess_nodes(part) ** 2 * len(sections)
+            buffers["guess_values"] = self.device.empty(np.float64, numbers)
             buffers["view"] = self._view(aim, view, number, len(sections))
             aim(len(sections), buffers)
 
