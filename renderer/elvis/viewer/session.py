@@ -42,7 +42,7 @@ DEATHS = 3
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
 #: size of bodies in parts of the data's box, above which the edges of the box are shown too
-LARGE_BODY = 0.2
+LARGE_BODY = 0.3
 #: objects that can be hidden
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself

@@ -66,7 +66,7 @@ def names_of_boundaries(mesh: Mesh) -> list[str]:
 def bodies(mesh: Mesh) -> tuple[list[str], float]:
     """Names of the boundaries that others surround, such as a wing in its far field, and their size.
 
-    There are none unless there are others.  The size is the largest side of their box in parts of that of the data's.
+    There are none unless there are others.  The size is the longest side of their box in parts of that of the data's.
 
     A body stays clear of both ends of the data's box along two axes or more, and does not lie flat on a side of the
     box: a wing may stand on a plane of symmetry, a cylinder between two periodic planes, and an inlet is not a body.
@@ -92,7 +92,7 @@ def bodies(mesh: Mesh) -> tuple[list[str], float]:
             corners += [least, greatest]
     if not found or len(found) == len(names):
         return [], 0.0
-    return found, float((np.ptp(corners, axis=0) / (high - low)).max())
+    return found, float(np.ptp(corners, axis=0).max() / (high - low).max())
 
 
 def _points_of_faces(mesh: Mesh, rows: Ints) -> Floats:
