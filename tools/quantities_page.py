@@ -1,4 +1,4 @@
-"""Writes docs/quantities.md from the table of predefined quantities; `make pages` runs it."""
+"""Write docs/quantities.md from the table of predefined quantities; `make pages` runs it."""
 
 from __future__ import annotations
 
@@ -12,31 +12,34 @@ HEAD = """<!-- made by tools/quantities_page.py from the table in formats/elvis/
 
 # Predefined quantities
 
-These names stand for expressions wherever a [quantity](../formats/README.md#quantities) is asked for: `--field
-lambda2`, `--isosurface "swirl=2"`, `--field "wall_shear(mu=1e-3)"`, in scenes and in Python. Each is read as
-the formula that is shown here, and evaluated as any other expression is, from the solver's own polynomials.
-`elvis info DATA --quantities` lists those of a file, and what it lacks for the others. A field comes before the
-quantity of its name.
+These names stand for expressions. You can use them wherever ElVis expects a
+[quantity](../formats/README.md#quantities): `--field lambda2`, `--isosurface "swirl=2"`,
+`--field "wall_shear(mu=1e-3)"`, in scenes and in Python. ElVis replaces each name by the formula on
+this page and evaluates it like any other expression, from the solver's own polynomials.
+`elvis info DATA --quantities` lists the quantities of a file, and for the others what the file
+lacks. A field takes precedence over a quantity of the same name.
 """
 FIELDS = """
 ## Fields
 
-In the formulas `u`, `v`, `w`, `rho`, … are the first fields that are there of these, or what is computed from
-others. In two dimensions `w` and derivatives along z are nought; in quasi-3D data z is the direction of the
-Fourier series.
+In the formulas `u`, `v`, `w`, `rho`, … stand for the first of these fields that the data have. If
+the data have none of them, the last column has the formula from which they are computed. In two
+dimensions `w` and derivatives along z are zero. In quasi-3D data z is the direction of the Fourier
+series.
 
-| in formulas | names of fields | else |
+| in formulas | names of fields | otherwise |
 |---|---|---|
 """
 NUMBERS = """
 ## Parameters
 
-Numbers that belong to a flow as a whole stand in parentheses after the quantity, in any order:
-`mach(gamma=1.3)`, `pressure_coefficient(p_ref=0, u_ref=1)`. They may be expressions, such as Sutherland's law
-or a field: `wall_shear(mu=mu_field)`. What is not given is taken from the metadata of the data (in any case of
-letters); a quantity that then lacks one says which.
+Parameters of the flow as a whole stand in parentheses after the quantity, in any order:
+`mach(gamma=1.3)`, `pressure_coefficient(p_ref=0, u_ref=1)`. A parameter may be an expression, such
+as Sutherland's law, or a field: `wall_shear(mu=mu_field)`. Parameters that you do not give there come from the
+[reference values](howto/numbers.md#reference-values), and finally from the metadata of the data,
+where upper and lower case are equal. If a parameter is still missing, an error names it.
 
-| parameter | meaning | metadata | else |
+| parameter | meaning | metadata | default |
 |---|---|---|---|
 """
 TABLE = """
@@ -48,8 +51,8 @@ TABLE = """
 PARTS = """
 ## Parts of formulas
 
-What formulas are made of in addition. These names are known in formulas alone. Where there are several, the
-first that the data suffice for is taken.
+The formulas also use these names, which are known only inside of formulas. If a name has several
+formulas, the first one for which the data suffice is used.
 
 | part | formula |
 |---|---|
@@ -57,32 +60,40 @@ first that the data suffice for is taken.
 NOTES = """
 ## Walls
 
-`wall_shear`, `skin_friction` and `y_plus` take the outward normal `nx`, `ny`, `nz` on sides of elements, faces
-or in a plane edges, and the height `face_height` of the element above them, 1 / |grad l| with l from 0 on the
-side to 1 at the far end of the reference element. So they have values on sides alone and are NaN elsewhere: ask
-for them where `--faces` draws, or `elvis probe` at points of walls. They are the stress that the flow exerts on
-the wall, from the side of the element in which a point is found; the pressure, and what dilatation adds to the
-normal stress, do not count.
+`wall_shear`, `skin_friction` and `y_plus` use two properties of the sides of elements (faces, or
+edges in a plane):
 
-`y_plus` is the height of the element that stands on the wall, in wall units. With nodes inside, the first lies
-at about `y_plus/order`. In a laminar sublayer, where the stress is that of the wall,
-`distance(wall)*sqrt(tau/rho)/nu` is the y+ of any point; elsewhere the stress at the nearest wall is not known
-to a point.
+- the outward normal `nx`, `ny`, `nz`,
+- the height `face_height` of the element above the side: 1 / |grad l|, where l goes from 0 on the
+  side to 1 at the far end of the reference element.
+
+These quantities therefore have values only on sides and are NaN elsewhere. Use them where `--faces`
+draws, or with `elvis probe` at points of walls. The wall shear is the stress that the flow exerts
+on the wall, evaluated in the element in which a point is found. The pressure, and the part of the
+normal stress that comes from dilatation, do not count.
+
+`y_plus` is the height of the element at the wall, in wall units. In an element with interior nodes,
+the first node lies at about `y_plus/order`. In a laminar sublayer, the stress is equal to the
+stress at the wall, so `distance(wall)*sqrt(tau/rho)/nu` is the y+ of any point. In other regions
+ElVis cannot compute y+ at a point, because a point does not know the stress at the nearest wall.
 
 ## Accuracy
 
-Quantities that are polynomials of the fields and of their derivatives, such as `q_criterion` and the components
-of vorticity and strain, are expanded exactly on straight elements. Eigenvalues are closed forms:
+Quantities that are polynomials of the fields and of their derivatives, such as `q_criterion` and
+the components of vorticity and strain, are expanded exactly on straight elements. Eigenvalues are
+computed in closed form:
 
-- `middle_eigenvalue(xx, yy, zz, xy, xz, yz)`, of a symmetric matrix, has an error of some units in the last
-  place of the matrix's greatest entry, where eigenvalues are equal or nearly so too: its discriminant is a sum
-  of squares. Plane flows without divergence have two equal ones everywhere. Where eigenvalues meet it has no
-  derivative, `d(lambda2, x)` is NaN.
-- `imaginary_root(a, b)`, of t^3 + a t + b, has a square with an error of some units in the last place of |a| +
-  |b|^(2/3). Near zero half of the digits of the root are right, and a third of them where the flow is nearly
-  pure shear: there, eigenvalues of the gradient are that sensitive to the gradient itself.
+- `middle_eigenvalue(xx, yy, zz, xy, xz, yz)` is the middle eigenvalue of a symmetric matrix. Its
+  error is some units in the last place of the largest matrix entry. This also holds if eigenvalues
+  are equal or nearly equal, as the discriminant is computed as a sum of squares. Plane flows
+  without divergence have two equal eigenvalues everywhere. The function has no derivative at points
+  where eigenvalues coincide: `d(lambda2, x)` is NaN there.
+- `imaginary_root(a, b)` is the imaginary part of the complex roots of t^3 + a t + b. The error of
+  its square is some units in the last place of |a| + |b|^(2/3). Near zero, half of the digits of
+  the root are correct, and a third of them if the flow is nearly pure shear. The eigenvalues of the
+  gradient are this sensitive to the gradient itself.
 
-Both are functions that expressions may use.
+Both functions can be used in expressions.
 """
 
 

@@ -49,7 +49,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "p_ref": Parameter("reference pressure", ("p_ref", "pinf", "p_inf")),
     "rho_ref": Parameter("reference density", ("rho_ref", "rhoinf", "rho_inf")),
     "u_ref": Parameter("reference speed", ("u_ref",)),
-    **{f"{axis}_ref": Parameter(f"{axis} of the point that moments are about", (), 0.0) for axis in "xyz"},
+    **{f"{axis}_ref": Parameter(f"{axis} of the reference point of moments", (), 0.0) for axis in "xyz"},
 }
 
 #: what several formulas are made of
@@ -98,10 +98,10 @@ _ZHOU = "Zhou, Adrian, Balachandar and Kendall 1999, Mechanisms for generating c
 _LEVY = "Levy, Degani and Seginer 1990, Graphical visualization of vortical flows by means of helicity"
 _LIEPMANN = "Liepmann and Roshko 1957, Elements of gasdynamics"
 _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
-_FORCE = "component of the force of the flow on a wall, by area; of the pressure alone where no viscosity is known"
-_FRICTION = "component of the force of viscosity on a wall, by area, -2 mu (S - div(u)/3) n"
-_MOMENT = "component of the moment of the force, by area"
-_ON_WALLS = "stress of a Newtonian fluid on a wall, along it"
+_FORCE = "component of the force of the flow on a wall, per area; only of the pressure if no viscosity is known"
+_FRICTION = "component of the viscous force on a wall, per area, -2 mu (S - div(u)/3) n"
+_MOMENT = "component of the moment of the force, per area"
+_ON_WALLS = "tangential stress of a Newtonian fluid on a wall"
 
 
 def _components(name: str, meaning: str, formula: str, source: str = "", *others: str) -> list[PredefinedQuantity]:
@@ -114,24 +114,22 @@ def _components(name: str, meaning: str, formula: str, source: str = "", *others
 
 
 QUANTITIES: tuple[PredefinedQuantity, ...] = (
-    PredefinedQuantity("speed", "length of the velocity", ("sqrt(u*u + v*v + w*w)",)),
+    PredefinedQuantity("speed", "magnitude of the velocity", ("sqrt(u*u + v*v + w*w)",)),
     PredefinedQuantity("velocity_x", "component of the velocity", ("u",)),
     PredefinedQuantity("velocity_y", "component of the velocity", ("v",), "", _PLANE),
     PredefinedQuantity("velocity_z", "component of the velocity", ("w",), "", _SOLID),
     PredefinedQuantity("divergence", "divergence of the velocity", ("ux + vy + wz",)),
-    PredefinedQuantity(
-        "vorticity", "rotation of the velocity: in a plane its one component", ("vorticity_z",), "", (2,)
-    ),
+    PredefinedQuantity("vorticity", "curl of the velocity: its only component in a plane", ("vorticity_z",), "", (2,)),
     PredefinedQuantity(
         "vorticity",
-        "length of the rotation of the velocity",
+        "magnitude of the curl of the velocity",
         ("sqrt(vorticity_x*vorticity_x + vorticity_y*vorticity_y + vorticity_z*vorticity_z)",),
         "",
         _SOLID,
     ),
-    PredefinedQuantity("vorticity_x", "component of the rotation of the velocity", ("wy - vz",), "", _SOLID),
-    PredefinedQuantity("vorticity_y", "component of the rotation of the velocity", ("uz - wx",), "", _SOLID),
-    PredefinedQuantity("vorticity_z", "component of the rotation of the velocity", ("vx - uy",), "", _PLANE),
+    PredefinedQuantity("vorticity_x", "component of the curl of the velocity", ("wy - vz",), "", _SOLID),
+    PredefinedQuantity("vorticity_y", "component of the curl of the velocity", ("uz - wx",), "", _SOLID),
+    PredefinedQuantity("vorticity_z", "component of the curl of the velocity", ("vx - uy",), "", _PLANE),
     PredefinedQuantity("helicity", "u . rot u", ("u*vorticity_x + v*vorticity_y + w*vorticity_z",), "", _SOLID),
     PredefinedQuantity(
         "normalised_helicity",
@@ -157,13 +155,13 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     PredefinedQuantity("q_criterion", "(|Omega|^2 - |S|^2)/2 = -tr((grad u)^2)/2", ("-0.5*gradient2",), _HUNT),
     PredefinedQuantity(
         "q_invariant",
-        "second invariant of grad u, which is q_criterion where the flow has no divergence",
+        "second invariant of grad u; equal to q_criterion if the flow has no divergence",
         ("0.5*(divergence*divergence - gradient2)",),
         _CHONG,
     ),
     PredefinedQuantity(
         "q_deviatoric",
-        "second invariant of grad u without its divergence, grad u - (div u)/3: Q of compressible flows",
+        "second invariant of the deviatoric gradient, grad u - (div u)/3: Q of compressible flows",
         ("0.5*(divergence*third - gradient2)",),
         "Kolar 2009, Compressibility effect in vortex identification",
     ),
@@ -179,39 +177,41 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     ),
     PredefinedQuantity(
         "swirl",
-        "swirling strength: the imaginary part of the complex eigenvalues of grad u, 0 where all are real",
+        "swirling strength: imaginary part of the complex eigenvalues of grad u, 0 if all are real",
         (_SWIRL,),
         _ZHOU,
         _PLANE,
     ),
-    PredefinedQuantity("pressure", "pressure, from the total energy where only that is there", ("p",), _LIEPMANN),
+    PredefinedQuantity("pressure", "pressure, computed from the total energy if it is not a field", ("p",), _LIEPMANN),
     PredefinedQuantity(
         "temperature",
-        "temperature, from the equation of state where only pressure and density are there",
+        "temperature, computed from pressure and density by the equation of state if it is not a field",
         ("T",),
         _LIEPMANN,
     ),
-    PredefinedQuantity("mach", "speed in parts of the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN),
+    PredefinedQuantity(
+        "mach", "Mach number: speed divided by the speed of sound", ("speed/sqrt(gamma*p/rho)",), _LIEPMANN
+    ),
     PredefinedQuantity(
         "total_pressure",
-        "pressure of the gas, or of the incompressible flow, brought to rest without loss",
+        "pressure of the gas, or of the incompressible flow, brought to rest without losses",
         ("p*heating^(gamma/(gamma - 1))", "p + 0.5*density*speed2"),
         _LIEPMANN,
     ),
     PredefinedQuantity("total_temperature", "temperature of the gas brought to rest", ("T*heating",), _LIEPMANN),
     PredefinedQuantity(
-        "entropy", "in parts of c_v, up to a constant: log(p/rho^gamma)", ("log(p/rho^gamma)",), _LIEPMANN
+        "entropy", "entropy divided by c_v, up to a constant: log(p/rho^gamma)", ("log(p/rho^gamma)",), _LIEPMANN
     ),
-    PredefinedQuantity("schlieren", "length of the gradient of the density", ("grad(rho)",)),
+    PredefinedQuantity("schlieren", "magnitude of the gradient of the density", ("grad(rho)",)),
     PredefinedQuantity(
         "pressure_coefficient",
-        "pressure beyond that of the free stream, in parts of its dynamic pressure",
+        "pressure minus that of the free stream, divided by its dynamic pressure",
         ("(p - p_ref)/dynamic_pressure",),
         _SCHLICHTING,
     ),
     PredefinedQuantity(
         "wall_shear",
-        f"length of the {_ON_WALLS}; on faces of elements, NaN elsewhere",
+        f"magnitude of the {_ON_WALLS}; on faces of elements, NaN elsewhere",
         ("sqrt(wall_shear_x*wall_shear_x + wall_shear_y*wall_shear_y + wall_shear_z*wall_shear_z)",),
         _SCHLICHTING,
         _PLANE,
@@ -219,22 +219,22 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     *_components("wall_shear", f"component of the {_ON_WALLS}", "traction_@ - traction*n@", _SCHLICHTING),
     PredefinedQuantity(
         "skin_friction",
-        "wall shear in parts of the dynamic pressure",
+        "wall shear divided by the dynamic pressure",
         ("wall_shear/dynamic_pressure",),
         _SCHLICHTING,
         _PLANE,
     ),
     *_components(
         "skin_friction",
-        "component of the wall shear in parts of the dynamic pressure",
+        "component of the wall shear divided by the dynamic pressure",
         "wall_shear_@/dynamic_pressure",
         _SCHLICHTING,
     ),
     PredefinedQuantity(
-        "flux", "velocity through a face, outwards: its integral is the rate of flow", ("u*nx + v*ny + w*nz",)
+        "flux", "outward velocity through a face; its integral is the volume flow rate", ("u*nx + v*ny + w*nz",)
     ),
-    PredefinedQuantity("mass_flux", "mass that flows through a face, outwards, by area", ("mass*flux",)),
-    *_components("pressure_force", "component of the force of the pressure on a wall, by area", "p*n@"),
+    PredefinedQuantity("mass_flux", "outward mass flow through a face, per area", ("mass*flux",)),
+    *_components("pressure_force", "component of the pressure force on a wall, per area", "p*n@"),
     *_components("viscous_force", _FRICTION, "viscous_@", _SCHLICHTING),
     *_components("force", _FORCE, "p*n@ + viscous_@", _SCHLICHTING, "p*n@"),
     PredefinedQuantity("moment_x", _MOMENT, ("(y - y_ref)*force_z - (z - z_ref)*force_y",), "", _SOLID),
@@ -242,7 +242,7 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     PredefinedQuantity("moment_z", _MOMENT, ("(x - x_ref)*force_y - (y - y_ref)*force_x",), "", _PLANE),
     PredefinedQuantity(
         "y_plus",
-        "height of the element on a face, in wall units; divide by the order for that of its first nodes",
+        "height of the element on a face, in wall units; divide by the order for the height of its first nodes",
         ("face_height*sqrt(mass*wall_shear)/viscosity",),
         _SCHLICHTING,
         _PLANE,
