@@ -3,6 +3,7 @@ import io
 import numpy as np
 import pytest
 
+from elvis.core import queries
 from elvis.core.errors import FormatError
 from elvis.core.queries import points_in_table, points_on_line, points_on_plane
 
@@ -71,6 +72,17 @@ def test_faults_are_placed(tmp_path, monkeypatch, text, message):
     with pytest.raises(FormatError) as failure:
         points_in_table("points.csv")
     assert str(failure.value) == message
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2 3\r4 5 6\r", "y;x\n# note\n 2; 1\n\n5;4\n", "name,x,y,z\na,1,2,3\n", "x,y\n1_0,2\n", '"1",2\n3,4\n']
+)
+def test_tables_are_read_at_once_as_line_by_line(tmp_path, monkeypatch, text):
+    path = tmp_path / "points.txt"
+    path.write_bytes(text.encode())
+    found = points_in_table(path)
+    monkeypatch.setattr(queries, "_plain_numbers", lambda *_: None)
+    assert np.array_equal(found, points_in_table(path))
 
 
 @pytest.mark.parametrize("content", [b"\x00\xff\xfe\x01", b"\x89PNG\r\n\x1a\n" + bytes(100)])
