@@ -13,6 +13,10 @@ def test_results_come_in_the_order_of_the_jobs():
     assert list(results([lambda own=own: own**2 for own in range(20)])) == [own**2 for own in range(20)]
 
 
+def test_a_single_job_starts_no_thread():
+    assert list(results([threading.get_ident])) == [threading.get_ident()]
+
+
 def test_the_first_failure_comes_out():
     """After the results before it."""
     found, jobs = [], [lambda: 1, lambda: [][0], lambda: 1 / 0]

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import copy_context
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -19,13 +20,18 @@ _AT_ONCE = 2
 def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
     """What jobs return, in their order; the next ones are at work meanwhile, and made in the calling thread.
 
-    The first exception of a job, in their order, comes out of here.
+    The first exception of a job, in their order, comes out of here.  A single job is done in the calling thread.
     """
+    remaining = iter(jobs)
+    first = list(islice(remaining, 2))
+    if len(first) < 2:
+        yield from (copy_context().run(job) for job in first)
+        return
     from concurrent.futures import ThreadPoolExecutor
 
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(_AT_ONCE, "elvis-work") as pool:
-        for job in jobs:
+        for job in chain(first, remaining):
             waiting.append(pool.submit(copy_context().run, job))
             if len(waiting) > _AT_ONCE:
                 yield waiting.popleft().result()
