@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from elvis.core.arrays import Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.common_elements import place_of
 from elvis.core.dataset import Dataset, Field, is_rate, rate_name
 from elvis.core.errors import ElvisError
@@ -24,15 +24,16 @@ if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BorrowedRates:
-    """Derivatives in time that a part of a dataset has among its fields: names of the fields, and what they are.
+    """Derivatives in time that a part of a dataset has among its fields: names, what they are, and times of steps.
 
     They need no steps of a series any longer.
     """
 
     names: frozenset[str]
     remark: str
+    times: Floats
 
     @staticmethod
     def of(dataset: Dataset) -> BorrowedRates | None:
@@ -40,7 +41,7 @@ class BorrowedRates:
         if dataset.rates is None:
             return None
         names = (name[2:-3] for name in dataset.borrowed if is_rate(name))
-        return BorrowedRates(frozenset(names), dataset.rates.remark)
+        return BorrowedRates(frozenset(names), dataset.rates.remark, dataset.rates.times)
 
     def field(self, name: str) -> Field:
         """See `elvis.core.dataset.Rates`: the name alone, as values are those of the part."""

@@ -7,6 +7,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
@@ -100,6 +103,7 @@ class _AskedRates:
 
     def __init__(self) -> None:
         self.names: set[str] = set()
+        self.times: Floats = np.empty(0)
 
     def field(self, name: str) -> Field:
         """A field without values."""
