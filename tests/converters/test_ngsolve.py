@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from elvis import sample
+from elvis import from_ngsolve, sample
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.ngsolve_export import _rule, export
 from elvis.converters.unit import UNIT
@@ -381,6 +381,36 @@ def test_complex_functions_products_and_parts_of_the_mesh(tmp_path):
         NGSolve(saved(tmp_path, part), spaces="H1:2@middle")
     with pytest.raises(FormatError, match="complex numbers of H1 of order 2"):
         NGSolve(saved(tmp_path, part), spaces="H1:2:complex")
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_functions_at_quadrature_points(tmp_path, order):
+    """They have their own values at these, and the integrals of linear functions; between, the library has none."""
+    mesh = reloaded(tmp_path, two_squares())
+    space = ngsolve.comp.IntegrationRuleSpace(mesh, order=order)
+    function = ngsolve.GridFunction(space)
+    function.Interpolate(1 + ngsolve.x - 2 * ngsolve.y)
+    dataset = convert(NGSolve(saved(tmp_path, function), spaces=f"IntegrationRuleSpace:{order}")).dataset
+    wanted = ngsolve.Integrate(1 + ngsolve.x - 2 * ngsolve.y, mesh)
+    assert value(dataset, "u") == pytest.approx(wanted, rel=1e-12)
+
+    function.Interpolate(ngsolve.sin(9 * ngsolve.x) + ngsolve.y**5)
+    live = from_ngsolve(mesh, {"u": function})
+    rule = space.GetIntegrationRules()
+    places = mesh.MapToAllElements({kind: rule[kind] for kind in (ngsolve.ET.TRIG, ngsolve.ET.QUAD)}, ngsolve.VOL)
+    points = np.column_stack([np.ravel(own(places)) for own in (ngsolve.x, ngsolve.y)])
+    assert np.allclose(sample(live, "u", points)["u"], np.array(function.vec), rtol=0, atol=1e-13)
+
+
+def test_other_functions_at_points_are_refused(tmp_path):
+    mesh = two_squares()
+    waves = ngsolve.GridFunction(ngsolve.comp.IntegrationRuleSpace(mesh, order=2, complex=True))
+    with pytest.raises(ElvisError, match="u: expected real values at quadrature points, found complex ones"):
+        from_ngsolve(mesh, {"u": waves})
+    solid = ngsolve.Mesh(ngsolve.unit_cube.GenerateMesh(maxh=2))
+    outside = ngsolve.GridFunction(ngsolve.comp.IntegrationRuleSpaceSurface(solid, order=2))
+    with pytest.raises(ElvisError, match="u: expected a function inside of elements, found one at points of surfaces"):
+        from_ngsolve(solid, {"u": outside})
 
 
 def test_surfaces_without_a_volume(tmp_path):

@@ -64,7 +64,7 @@ class NGSolve(NodalConverter):
     reads = Reads(
         "all",
         "any",
-        "H1, L2, vectors of these, H(div), H(curl), products",
+        "H1, L2, vectors of these, H(div), H(curl), products, values at quadrature points",
         "by name and number",
         "none",
         "none",

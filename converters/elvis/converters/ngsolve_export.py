@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from elvis.converters.ngsolve_points import PointValues
 from elvis.converters.unit import UNIT, unit_basis
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
@@ -55,7 +56,9 @@ UNIT_VERTICES = {
 
 #: types of spaces of continuous fields, and of all fields that are polynomials in the reference element
 _CONTINUOUS = ("h1ho", "VectorH1", "nodalfespace")
-_POLYNOMIAL = (*_CONTINUOUS, "l2ho", "VectorL2", "number", "Periodich1ho")
+#: of functions that have values at quadrature points, and on those of surfaces alone
+_AT_POINTS, _AT_SURFACE_POINTS = "irspace", "irspacesurface"
+_POLYNOMIAL = (*_CONTINUOUS, "l2ho", "VectorL2", "number", "Periodich1ho", _AT_POINTS)
 
 #: the dimension of meshes that may be surfaces
 _SPACE_DIMENSION = 3
@@ -105,7 +108,13 @@ class Session:
         if not self.elements:
             raise ElvisError("expected elements, found none")
         own = mesh.Elements(self._parts)
+        rows = {shape: (SHAPES[shape], numbers) for shape, (numbers, *_) in self.elements.items()}
+        at_points = {name: field for name, field in self._fields.items() if _type(field) == _AT_POINTS}
+        self._at_points = {
+            name: PointValues(name, field.function, self._parts, rows) for name, field in at_points.items()
+        }
         self.orders = {name: _order(own, name, field.space, order) for name, field in self._fields.items()}
+        self.orders |= {name: values.order for name, values in self._at_points.items()}
         self._place = ngsolve.CoefficientFunction((ngsolve.x, ngsolve.y, ngsolve.z)[: mesh.dim])
         one = {getattr(ngsolve.ET, name.upper()): _one_point(ngsolve, SHAPES[name]) for name in self.elements}
         self._first = mesh.MapToAllElements(one, self._parts)[:1]
@@ -118,7 +127,7 @@ class Session:
         regions_NAME  the parts of the mesh that have the function, where these aren't all
         """
         data: dict[str, Any] = {"order": np.array([self.geometry, max([self.geometry, *self.orders.values()])])}
-        types = {name: getattr(own.space, "type", "") for name, own in self._fields.items()}
+        types = {name: _type(own) for name, own in self._fields.items()}
         data["continuous"] = np.array([name for name, own in types.items() if own in _CONTINUOUS], dtype="U")
         data["polynomial"] = np.array([name for name, own in types.items() if own in _POLYNOMIAL], dtype="U")
         data |= {f"order_{name}": np.array(each) for name, each in self.orders.items()}
@@ -139,6 +148,8 @@ class Session:
 
     def values(self, name: str, elements: Ints, points: Floats) -> Floats:
         """(k, n, c) components of a function at reference points (n, d) of elements (k,)."""
+        if name in self._at_points:
+            return self._at_points[name].at(elements, points)
         try:
             return self._table(self._fields[name].function, elements, points)
         except Exception as error:
@@ -156,6 +167,11 @@ class Session:
         records["nr"] = np.repeat(elements, len(points))
         found = np.asarray(function(records), np.float64) if len(records) else np.empty((0, 1))
         return found.reshape(len(elements), len(points), -1)
+
+
+def _type(field: Sampled) -> str:
+    """The library's name of the kind of a field's space, empty where there is none."""
+    return getattr(field.space, "type", "")
 
 
 def export(
@@ -225,13 +241,15 @@ def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
     """Functions with real values: of complex ones two, of those on several spaces one for each."""
     found: dict[str, Sampled] = {}
     for name, field in fields.items():
+        if getattr(getattr(field, "space", None), "type", "") == _AT_SURFACE_POINTS:
+            raise ElvisError(f"{name}: expected a function inside of elements, found one at points of surfaces")
         own = field if isinstance(field, Sampled) else Sampled(field, getattr(field, "space", None))
         # spaces of vectors have components too, and a type; products of spaces have none
         if own.space is not None and not own.space.type and own.function.components:
             parts = {f"{name}_{number}": part for number, part in enumerate(own.function.components, 1)}
             found |= _real_fields(parts)
             continue
-        if own.function.is_complex:
+        if own.function.is_complex and _type(own) != _AT_POINTS:
             found[f"{name}_re"] = own._replace(function=own.function.real)
             found[f"{name}_im"] = own._replace(function=own.function.imag)
         else:
@@ -354,12 +372,12 @@ def _functions(ngsolve: Any, mesh: Any, path: Path, spaces: Sequence[Sequence[An
 def _space(ngsolve: Any, mesh: Any, path: Path, kind: str, order: int, is_complex: bool, region: str) -> Any:
     """A space by its kind and order, on all of the mesh or on the parts that a regular expression names."""
     if not region:
-        return getattr(ngsolve, kind)(mesh, order=order, complex=is_complex)
+        return getattr(ngsolve.comp, kind)(mesh, order=order, complex=is_complex)
     names = _regions(mesh, region)
     if not names:
         known = ", ".join(sorted(set(mesh.GetMaterials())))
         raise FormatError(f"expected parts of the mesh among {known}, found {region!r}", file=path)
-    return getattr(ngsolve, kind)(mesh, order=order, complex=is_complex, definedon=mesh.Materials("|".join(names)))
+    return getattr(ngsolve.comp, kind)(mesh, order=order, complex=is_complex, definedon=mesh.Materials("|".join(names)))
 
 
 def _regions(mesh: Any, region: str) -> tuple[str, ...] | None:

@@ -27,7 +27,7 @@ from elvis.core.files.plain import content, leading, unpacked_limit
 from elvis.plugins.discovery import installing
 
 #: spaces that can be named
-SPACES = ("H1", "L2", "VectorH1", "VectorL2", "HDiv", "HCurl")
+SPACES = ("H1", "L2", "VectorH1", "VectorL2", "HDiv", "HCurl", "IntegrationRuleSpace")
 
 _BEGIN = re.compile(rb"(?m)^mesh[123]d\s*$")
 #: a space: its kind and order, whether it is complex, the part of the mesh that it is defined on
