@@ -37,9 +37,15 @@ def solid():
     return with_fields(Dataset(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.02), n=3)), w=lambda x: x[:, 2])
 
 
+def test_points_in_place_of_quantities_are_named():
+    bare = Dataset(grid(Shape.TRIANGLE, 1))
+    with pytest.raises(ElvisError, match="expected the text of a quantity, found ndarray"):
+        sample(bare, np.zeros((1, 2)), ["x"])
+
+
 def test_fields_are_found_by_name(plane):
     assert list(plane) == ["u", "v"]
-    assert plane["u"] is plane.fields[0] is plane.field("u")
+    assert plane["u"].blocks is plane.fields[0].blocks is plane.field("u").blocks
     assert "v" in plane
     assert "speed" not in plane
 

@@ -32,6 +32,8 @@ class Expression:
 
         ElvisError, with the place in the text and the known names, where it says none.
         """
+        if not isinstance(text, str):
+            raise ElvisError(f"expected the text of a quantity, found {type(text).__name__}")
         return Expression(text, field(text) if text in names.fields else Parser(text, names).whole())
 
     @staticmethod
