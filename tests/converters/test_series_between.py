@@ -145,7 +145,7 @@ def test_values_over_time(tmp_path, elvis):
     assert elvis("probe", *files, *points, "--times", "all", "--plot", tmp_path / "t.png") == ""
     with pytest.raises(ElvisError, match=r"t\.jpg: expected a name that ends in \.svg, \.pdf, \.png for a plot"):
         elvis("probe", *files, *points, "--times", "all", "--plot", tmp_path / "t.jpg")
-    with pytest.raises(UsageError, match="expected --plot with --times or --along, and without --all"):
+    with pytest.raises(UsageError, match="expected --plot with --times, --along or --line, and without --all"):
         elvis("probe", *files, *points, "--plot", tmp_path / "t.svg")
     with pytest.raises(ElvisError, match="--times: expected a series, without --step and --time, found one state"):
         elvis("probe", *files[:2], "--point", "0,0", "--times", "all")

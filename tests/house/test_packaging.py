@@ -18,7 +18,7 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 #: what conda calls packages by other names
-CONDA = {"openexr": "openexr-python"}
+CONDA = {"matplotlib": "matplotlib-base", "openexr": "openexr-python"}
 
 
 @pytest.fixture(scope="module")

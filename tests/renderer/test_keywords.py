@@ -243,7 +243,7 @@ def test_output_writes_the_picture_but_not_over_data(cube, tmp_path, monkeypatch
     frame.save("again.png", plain=True)
     assert Path("again.png").read_bytes() == Path("u.png").read_bytes()
     with pytest.raises(SceneError, match=r"ends in .png"):
-        render(cube, "u", output="u.jpg", size=(16, 12), plane=CUT)
+        render(cube, "u", output="u.bmp", size=(16, 12), plane=CUT)
 
 
 def test_keywords_change_a_scene(cube):

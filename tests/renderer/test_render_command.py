@@ -138,7 +138,7 @@ def test_an_empty_picture_is_refused_by_every_device(render, device_name, camera
         (("--plane", "0,0,0:0,0,0"), "--plane"),
         (("--plane", "0,0,0:0,0,nan"), "--plane"),
         (("--size", "0x10"), "--size"),
-        (("--size", "100"), "--size"),
+        (("--size", "100x"), "--size"),
         (("--size", "99999x10"), "--size"),
         (("--range", "1:1"), "--range"),
         (("--range", "1"), "--range"),
@@ -158,7 +158,7 @@ def test_a_usage_error_is_two(render, options, part):
 @pytest.mark.parametrize(
     ("outputs", "sentence"),
     [
-        (("a.npz", "b.jpg"), "expected a name that ends in .png, .svg, .pdf, .exr, .npz, found .jpg"),
+        (("a.npz", "b.bmp"), "expected a name that ends in .png, .jpg, .jpeg, .svg, .pdf, .exr, .npz, found .bmp"),
         (("a.npz", "nowhere/b.png"), "there is no folder"),
     ],
 )
