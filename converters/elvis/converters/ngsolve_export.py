@@ -241,9 +241,9 @@ def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
     """Functions with real values: of complex ones two, of those on several spaces one for each."""
     found: dict[str, Sampled] = {}
     for name, field in fields.items():
-        if getattr(getattr(field, "space", None), "type", "") == _AT_SURFACE_POINTS:
-            raise ElvisError(f"{name}: expected a function inside of elements, found one at points of surfaces")
         own = field if isinstance(field, Sampled) else Sampled(field, getattr(field, "space", None))
+        if _type(own) == _AT_SURFACE_POINTS:
+            raise ElvisError(f"{name}: expected a function inside of elements, found one at points of surfaces")
         # spaces of vectors have components too, and a type; products of spaces have none
         if own.space is not None and not own.space.type and own.function.components:
             parts = {f"{name}_{number}": part for number, part in enumerate(own.function.components, 1)}

@@ -27,6 +27,13 @@ field_option = click.option(
     metavar="EXPR",
     help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a predefined quantity; repeatable.",
 )
+
+
+def names_option(text: str) -> Callable[[Any], Any]:
+    """The option for names of fields of a command that takes no expressions; ``text`` is its help."""
+    return click.option("--fields", "--field", "-f", "fields", metavar="NAMES", help=text)
+
+
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from elvis.converters.commands.field_options import field_options
-from elvis.core.arguments import between_option, other_option, set_option, time_option
+from elvis.core.arguments import between_option, names_option, other_option, set_option, time_option
 from elvis.core.moments import Moment
 
 if TYPE_CHECKING:
@@ -93,14 +93,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
-@click.option(
-    "--fields",
-    "--field",
-    "-f",
-    "fields",
-    metavar="NAMES",
-    help="Fields to convert, commas between them.  [default: all]",
-)
+@names_option("Fields to convert, commas between them.  [default: all]")
 @field_options
 @other_option
 @set_option

@@ -13,10 +13,10 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
-from elvis.core.polynomials.expansion import dimension, mode_count, values, values_and_gradients
+from elvis.core.polynomials.expansion import dimension, is_factored, mode_count, values, values_and_gradients
 from elvis.core.polynomials.lattices import lattice_lines, values_and_gradients_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.polynomials.tensor_points import is_factored, values_and_gradients_at_points, values_at_points
+from elvis.core.polynomials.tensor_points import values_and_gradients_at_points, values_at_points
 
 #: numbers in a table of modes
 _BATCH = 1 << 18

@@ -218,6 +218,11 @@ def _numbers(planes: Homogeneous) -> tuple[tuple[int, ...], ...]:
     return (planes.y_ids, planes.z_ids) if len(planes.bases) == 2 else (planes.z_ids,)
 
 
+def is_factored(expansion: Expansion) -> bool:
+    """Whether an expansion is a tensor product in the coordinates of its shape alone."""
+    return expansion.shape in TENSOR and expansion.homogeneous is None
+
+
 def dimension(expansion: Expansion) -> int:
     """Number of reference coordinates: of the shape, and one for each homogeneous direction."""
     return expansion.shape.dimension + (len(expansion.homogeneous.bases) if expansion.homogeneous else 0)

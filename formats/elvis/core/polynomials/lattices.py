@@ -13,9 +13,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion
-from elvis.core.polynomials.expansion import product_plan
+from elvis.core.polynomials.expansion import is_factored, product_plan
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.shapes import TENSOR
 
 #: points of a direction from which factors pay
 _LEAST = 2
@@ -38,7 +37,7 @@ def lattice_lines(expansion: Expansion, points: Floats) -> list[Line] | None:
     None, too, for expansions that aren't tensor products.
     """
     count, dimension = points.shape
-    if expansion.shape not in TENSOR or expansion.homogeneous is not None or count < _LEAST**dimension:
+    if not is_factored(expansion) or count < _LEAST**dimension:
         return None
     steps = [_step(column) for column in points.T]
     lines, step = [], count

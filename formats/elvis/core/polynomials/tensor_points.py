@@ -14,17 +14,11 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.factors import Factors
-from elvis.core.shapes import TENSOR
 
 #: numbers of coefficients that are contracted together: they stay in the processor's cache
 _NUMBERS = 1 << 16
 #: points whose factors are tabulated together
 _TABULATED = 1 << 12
-
-
-def is_factored(expansion: Expansion) -> bool:
-    """Whether an expansion is a tensor product in the coordinates of its shape alone."""
-    return expansion.shape in TENSOR and expansion.homogeneous is None
 
 
 def values_at_points(expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats) -> Floats:

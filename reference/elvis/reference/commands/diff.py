@@ -14,6 +14,7 @@ from elvis.core.arguments import (
     between_option,
     cache_option,
     json_option,
+    names_option,
     overwrite_option,
     step_option,
     texts_of,
@@ -50,14 +51,7 @@ def _files(text: str) -> tuple[Path, ...]:
 
 @click.command("diff", epilog=EPILOG, short_help="Compare two solutions on any meshes: norms of their difference.")
 @click.argument("data", nargs=-1, required=True, type=TextType(_files), metavar="A [A2 ...] B")
-@click.option(
-    "--fields",
-    "--field",
-    "-f",
-    "fields",
-    metavar="NAMES",
-    help="Fields to compare, commas between them.  [default: all of both]",
-)
+@names_option("Fields to compare, commas between them.  [default: all of both]")
 @click.option(
     "--error",
     type=float,

@@ -28,6 +28,7 @@ from elvis.renderer.commands.look import Look
 from elvis.renderer.commands.probe_curves import ProbeCurves, curve_options
 from elvis.renderer.commands.probe_points import (
     ALONG,
+    COLUMNS,
     across_box,
     chosen_points,
     counts_of,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
 
-_COLUMNS = ("point", "x", "y", "z", "element", "status")
 
 #: points of a grid that are asked together
 _TOGETHER = 1 << 18
@@ -329,7 +329,7 @@ def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> No
     if places is None:
         look.along(columns).save(path)
         return
-    known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in _COLUMNS}
+    known = {name: np.asarray(column, np.float64) for name, column in columns.items() if name not in COLUMNS}
     curves = {name: column.reshape(-1, len(places)).T for name, column in known.items()}
     is_spectrum = "frequency" in curves
     times = curves.pop("frequency" if is_spectrum else "time")[0]
@@ -399,7 +399,7 @@ def _write_grid(
 
     def part(first: int) -> Columns:
         found = _columns(source, grid.planes(first, first + step), asked)
-        return {name: column for name, column in found.items() if name not in _COLUMNS}
+        return {name: column for name, column in found.items() if name not in COLUMNS}
 
     opening = part(0)
     if not opening:
@@ -427,7 +427,7 @@ def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]
         found = [each for each in found if each.root.op != "coordinate"]
         if not found:
             return []
-    wanted = [each for each in found if each.text not in _COLUMNS]
+    wanted = [each for each in found if each.text not in COLUMNS]
     for each in found:
         if each not in wanted:
             if texts or not wanted:

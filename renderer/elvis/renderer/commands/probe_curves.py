@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import TextType, Triple, triples
+from elvis.core.arguments import TextType, Triple, expressions, triples
 from elvis.core.errors import ElvisError
 from elvis.renderer.commands.look import Look
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.dataset import Dataset
     from elvis.core.files.columns import Columns
-    from elvis.core.quantities import Expression
 
 #: what finds the table at points (n, 3) of a dataset
 AtPoints = Callable[["Dataset", "Floats"], "Columns"]
@@ -77,7 +76,7 @@ class ProbeCurves:
         tables = []
         for name in names:
             own, curve = _owner(dataset, name)
-            tables.append(on_walls(own, curve, wanted(own, texts), count, self.chord))
+            tables.append(on_walls(own, curve, expressions(own, texts), count, self.chord))
         return _joined(names, tables)
 
 
@@ -131,13 +130,6 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse, overlay)), **rest)
 
     return parsed
-
-
-def wanted(dataset: Dataset, texts: Sequence[str] | None) -> Sequence[Expression]:
-    """Quantities by their texts, or all fields of a dataset."""
-    from elvis.core.arguments import expressions
-
-    return expressions(dataset, texts)
 
 
 def _owner(dataset: Dataset, name: str) -> tuple[Dataset, str]:

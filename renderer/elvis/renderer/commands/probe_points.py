@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from elvis.core.files.nrrd import Grid
     from elvis.renderer.commands.sources import Source
 
+#: columns of a table that are no quantities
+COLUMNS = ("point", "x", "y", "z", "element", "status")
 #: points along a line, and along each side of a plane, where -n says nothing
 ALONG = 101
 #: points of a grid along one axis
@@ -84,13 +86,18 @@ def grid_of(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Tri
     from elvis.core.files.nrrd import Grid
 
     if box is None:
-        found = source.box()
-        lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
-        box = (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
+        box = _box_of(source)
     for name, low, high, count in zip("xyz", *box, counts, strict=True):
         if not low < high and count > 1:
             raise ElvisError(f"--grid: expected one point along {name}, where the box goes from {low:g} to {high:g}")
     return Grid(*box, counts)
+
+
+def _box_of(source: Source) -> tuple[Triple, Triple]:
+    """The lowest and the highest coordinates of the data; 0 where there is none."""
+    found = source.box()
+    lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
+    return (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
 
 
 def points_of_grid(grid: Grid) -> Floats:
@@ -104,8 +111,7 @@ def points_of_grid(grid: Grid) -> Floats:
 def across_box(source: Source, text: str) -> tuple[Triple, Triple, Triple]:
     """The corner and the sides of a plane across an axis, such as ``z=0.2``, that spans the box of the data."""
     point, normal = triples(point_and_normal(text), 2)
-    found = source.box()
-    lower, upper = ([float(end or 0.0) for end in found[name]] for name in ("lower", "upper"))
+    lower, upper = _box_of(source)
     across = normal.index(1.0)
     corner = [point[axis] if axis == across else lower[axis] for axis in range(3)]
     sides = []

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from elvis.core.errors import ElvisError
+from elvis.renderer.commands.probe_points import COLUMNS
 
 if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
 
 #: what stands for all times in one segment
 WHOLE = 0
-#: columns of a place, which all frequencies have
-_OF_PLACES = ("point", "x", "y", "z", "element", "status")
 
 
 def segment_of(text: str) -> int:
@@ -32,9 +31,9 @@ def spectra_of(columns: Columns, count: int, segment: int) -> Columns:
 
     times = np.asarray(columns["time"], np.float64)[::count]
     found: dict[str, Any] = {}
-    for name in (name for name in columns if name not in ("time", *_OF_PLACES)):
+    for name in (name for name in columns if name not in ("time", *COLUMNS)):
         values = np.asarray(columns[name], np.float64).reshape(-1, count)
         frequency, density = power_spectrum(times, values, segment or None)
         found[name] = density.reshape(-1)
-    places = {name: np.tile(columns[name][:count], len(frequency)) for name in _OF_PLACES}
+    places = {name: np.tile(columns[name][:count], len(frequency)) for name in COLUMNS}
     return {"frequency": np.repeat(frequency, count), **places, **found}
