@@ -9,9 +9,9 @@ _PLANE = re.compile(r"\s*([xyz])\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)
 
 
 def point_and_normal(text: str) -> str:
-    """``0,0,0.2:0,0,1`` in place of a ``z=0.2`` that the text begins with; other texts unchanged.
+    """Text whose leading ``z=0.2`` is written as ``0,0,0.2:0,0,1``; other texts are unchanged.
 
-    What follows after a colon stays.
+    The part after a colon is kept.
     """
     found = _PLANE.match(text)
     if found is None:
@@ -22,6 +22,6 @@ def point_and_normal(text: str) -> str:
 
 
 def with_normals(text: str) -> str:
-    """The text of a surface or of seeds with a point and a normal in place of the ``z=0.2`` of ``plane:z=0.2``."""
+    """Text of a surface or of seeds whose ``plane:z=0.2`` is written with a point and a normal."""
     kind, colon, rest = text.partition(":")
     return f"plane:{point_and_normal(rest)}" if colon and kind.strip() == "plane" else text

@@ -223,7 +223,7 @@ class Dataset:
         return function_of(self, name)
 
     def _ipython_key_completions_(self) -> list[str]:
-        """What the tab key offers after ``ds["``."""
+        """Names that IPython completes after ``ds["``."""
         from elvis.core.quantities.callables import names_of_functions
 
         return names_of_functions(self)

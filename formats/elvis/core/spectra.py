@@ -31,7 +31,7 @@ def power_spectrum(times: Floats, values: Floats, segment: int | None = None) ->
     frequency : (m,) array
         Cycles per unit of time, from 0.
     density : (m, k) array
-        Squares of the signals' units by frequency: over all frequencies a density adds up to the signal's variance.
+        Squares of the signals' units by frequency: over all frequencies a density adds up to about the variance.
 
     Raises
     ------

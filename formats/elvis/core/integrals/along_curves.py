@@ -63,7 +63,7 @@ class CurvePiece:
         return 16
 
     def values(self, evaluator: Evaluator, expressions: Sequence[Expression]) -> Values:
-        """What expressions are along the curve."""
+        """Values of expressions along the curve."""
         locator = Locator(self.patches)
 
         def at(t: Floats) -> Floats:

@@ -28,7 +28,7 @@ class LineTargets:
 
     @staticmethod
     def of(dataset: Dataset, names: Sequence[str]) -> LineTargets:
-        """Those among some names; ElvisError for a curve that is none."""
+        """Curves among names of targets; ElvisError for an invalid curve."""
         curves = {name: curve for name in names if (curve := Curve.parse(dataset, name)) is not None}
         return LineTargets(curves, [name for name in names if name.partition(":")[0] == SECTION])
 
@@ -45,7 +45,7 @@ class LineTargets:
     def pieces(
         self, dataset: Dataset, evaluator: Evaluator, wanted: Sequence[Integrand]
     ) -> dict[str, tuple[CurvePiece, ...]]:
-        """What integrals go over, by name."""
+        """Pieces that integrals are taken over, by name."""
         loads = [each.is_load for each in wanted]
         found = {name: (CurvePiece(curve, evaluator.patches),) for name, curve in self.curves.items()}
         return found | {name: wall_pieces(dataset, name, evaluator, loads) for name in self.sections}

@@ -37,7 +37,7 @@ class WallPiece(CurvePiece):
         return 1
 
     def values(self, evaluator: Evaluator, expressions: Sequence[Expression]) -> Values:
-        """What expressions are along the curve.
+        """Values of expressions along the curve.
 
         With s the distance along the unit normal N of the section's plane, a force has the density
 
