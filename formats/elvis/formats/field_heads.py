@@ -1,4 +1,4 @@
-"""What the beginning of a native field file tells: its time, and which fields it holds on which elements."""
+"""The head of a native field file: its time, and its fields and the elements they are on."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PIECES = re.compile(rb"<Partition\s[^>]*>([^<]*)<")
 
 @dataclass(frozen=True)
 class FieldHead:
-    """What is known of a field file without reading its coefficients.
+    """Facts about a field file that are known without reading its coefficients.
 
     time   None where the file has none
     mark   stands for the fields, the elements that they are on and the Fourier modes: files of one mark hold the same
@@ -40,7 +40,10 @@ class FieldHead:
 
 
 def field_head(path: Path) -> FieldHead | None:
-    """What the beginning of a field file, or of a folder of one, tells; None for all else, damaged files among it."""
+    """The head of a field file, or of a folder that holds one in pieces.
+
+    None for anything else, damaged files included.
+    """
     if path.is_dir():
         info = path / "Info.xml"
         return _of_xml(info, _PIECES) if info.is_file() else None
@@ -50,7 +53,7 @@ def field_head(path: Path) -> FieldHead | None:
 
 
 def is_no_mesh(path: Path) -> bool:
-    """Whether a file can't be that of a mesh, as far as its beginning goes: so it may be a field file that is begun."""
+    """Whether the beginning of a file excludes a mesh; the file may then be an unfinished field file."""
     if not path.is_file():
         return False
     try:
@@ -64,7 +67,7 @@ def is_no_mesh(path: Path) -> bool:
 
 
 def _of_xml(path: Path, section: re.Pattern[bytes]) -> FieldHead | None:
-    """That of an XML file; ``section`` finds what tells its fields and elements."""
+    """The head of an XML file; ``section`` matches the parts that hold its fields and elements."""
     try:
         start = xml.head(path, _HEAD)
     except OSError:
@@ -90,7 +93,7 @@ def _is_closed(path: Path) -> bool:
 
 
 def _of_hdf5(path: Path) -> FieldHead | None:
-    """That of an HDF5 file."""
+    """The head of an HDF5 file."""
     try:
         with hdf5.reading(path) as file, hdf5.format_errors():
             root = hdf5.group(file, "NEKTAR")

@@ -1,4 +1,4 @@
-"""Reading the native format: any number of files and folders, told apart by what they hold."""
+"""Read the native format: any number of files and folders, recognised by their content."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ _MESH_PIECE = re.compile(r"P\d+\.xml(\.gz)?")
 _FIELD_PIECE = re.compile(r"P\d+\.fld")
 _ROOT = re.compile(rb"<NEKTAR[\s>/]")
 _HDF5_NAME = re.compile(rb"""HDF5FILE\s*=\s*["']([^"'<>]+)["']""")
-#: bytes at the beginning of a file in which it says what it is, and names another
+#: bytes at the beginning of a file that state its kind and name another file
 _HEAD = 1 << 20
 _PARTITIONS = ("Partition", "MultipleFldFiles")
 
 T = TypeVar("T")
 
-#: names of the fields that are wanted, of those of a dataset
+#: chooses the names of the fields to read from those of a dataset
 Choice: TypeAlias = Callable[[Dataset], Collection[str]]
 
 
 def read(*paths: str | Path) -> Dataset:
     """The dataset in ``paths``: files and folders of a mesh and, where given, of its fields, in any order.
 
-    Meshes: XML with text or compressed sections, gzipped or not, split over several files or partitioned; HDF5 with
-    or without its XML.  Fields: XML, HDF5, folders of parallel runs; several field files are united.  What a file is,
-    its content decides.
+    Meshes: XML with text or compressed sections, gzipped or not, split over several files or partitioned; HDF5 with or
+    without its XML.  Fields: XML, HDF5, folders of parallel runs; several field files are united.  The content of a
+    file decides its kind, not its name.
 
-    Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where no mesh is given.
+    Raises FormatError if a file can't be read or contradicts itself or another, and ElvisError if no mesh is given.
     """
     return _read(paths, lambda reader, names: reader.dataset(names))
 
 
 def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], reader: _Reader | None = None) -> T:
-    """What is made of a reader of all files, of which there is one at least."""
+    """The result of ``make`` for a reader of all files; there must be at least one file."""
     names = [str(path) for path in paths]
     if not names:
         raise ElvisError("expected files to read, found none")
@@ -76,16 +76,16 @@ def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], 
 
 
 def read_data(paths: Iterable[str | Path], choose: Choice | None = None) -> Dataset:
-    """The dataset in these files, read with a word on the terminal; ``choose`` as in `with_fields`."""
+    """The dataset in these files, read with a progress message on the terminal; ``choose`` as in `with_fields`."""
     return _staged(paths, lambda reader, names: reader.dataset(names), _Reader(choose))
 
 
 def read_part(number: int, count: int, *paths: str | Path) -> Portion:
     """One of ``count`` parts of the dataset that `read` finds in ``paths``, a range of elements along a curve.
 
-    Of HDF5 that is mapped (`elvis.formats.nektar.mapped_files`) little more than this part is in memory at any time; of
-    packed XML the tables of the mesh are, too.
-    Raises as `read`, and for what is wrong with other parts not always.
+    For HDF5 that is mapped (`elvis.formats.nektar.mapped_files`), memory holds little more than this part at any time.
+    For packed XML, it also holds the tables of the mesh.  Raises as `read`; errors in other parts are not always
+    detected.
     """
     return read_parts(*paths).part(number, count)
 
@@ -96,7 +96,7 @@ def read_parts(*paths: str | Path, choose: Choice | None = None) -> DatasetParts
 
 
 def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], reader: _Reader) -> T:
-    """As `_read`, with a word on the terminal."""
+    """`_read` with a progress message on the terminal."""
     from elvis.core.terminal import stage
 
     files = tuple(map(Path, paths))
@@ -105,13 +105,13 @@ def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T]
 
 
 def with_fields(dataset: Dataset, *paths: str | Path, choose: Choice | None = None) -> tuple[Dataset, int]:
-    """The dataset with the fields, the time and the metadata of other field files; elements that the mesh lacks.
+    """The dataset with the fields, time and metadata of other field files, and the number of elements the mesh lacks.
 
-    Its mesh is taken as it is, and not read again: so steps of a series share it.  Fields are left out on elements
-    that the mesh lacks, whose number comes second.  Raises as `read`.
+    Its mesh is used unchanged and not read again, so the steps of a series share it.  Field data on elements that the
+    mesh lacks are dropped; the number of these elements is the second result.  Raises as `read`.
 
-    choose  which fields are read, of those of a dataset whose fields have no blocks yet; others are passed over, and
-            what is wrong with them is not found
+    choose  selects the fields to read, given a dataset whose fields have no blocks yet; others are skipped, and errors
+            in them are not detected
     """
     return _reader_of_fields(paths, choose).on_mesh_of(dataset)
 
@@ -124,7 +124,7 @@ class StatesByPart:
 
     def __init__(self, number: int, count: int, *mesh: Path) -> None:
         self._number, self._count, self._files = number, count, mesh
-        self._mesh: DatasetParts | None = None  # the ids of all elements alone
+        self._mesh: DatasetParts | None = None  # only the ids of all elements
         self._last: Portion | None = None
         self._carriers: Ints | None = None
 
@@ -135,7 +135,7 @@ class StatesByPart:
             carried = carriers(state.whole)
             if self._last is None or not _is_same(carried, self._carriers):
                 if state.raw is None:
-                    # between whose elements sides are inner ones has changed: the mesh is cut anew
+                    # the pairs of elements whose common sides are inner ones have changed: cut the mesh again
                     self._mesh = None
                     state, _ = self._state(paths, choose)
                 found = state.part(self._number, self._count)
@@ -145,7 +145,7 @@ class StatesByPart:
         return found, lacking
 
     def lacking(self, *paths: Path, choose: Choice | None = None) -> int:
-        """The second of these alone."""
+        """Number of elements of all fields that the mesh lacks; the second result of `read`."""
         with mapped():
             return self._state(paths, choose)[1]
 
@@ -164,7 +164,7 @@ def _is_same(one: Ints | None, other: Ints | None) -> bool:
 
 
 def _reader_of_fields(paths: Sequence[str | Path], choose: Choice | None, *, is_of_parts: bool = False) -> _Reader:
-    """What has taken in field files; FormatError where one can't be read."""
+    """A reader to which the field files were added; raises FormatError if one can't be read."""
     reader = _Reader(choose, is_of_parts=is_of_parts)
     try:
         for path in paths:
@@ -175,7 +175,7 @@ def _reader_of_fields(paths: Sequence[str | Path], choose: Choice | None, *, is_
 
 
 def is_native(path: Path) -> bool:
-    """Whether a file or a folder is of the native format: told by its beginning and its members, without raising."""
+    """Whether a file or folder has the native format, judged by its beginning and its members; never raises."""
     try:
         if path.is_dir():
             return any(_is_piece(entry.name) for entry in path.iterdir())
@@ -235,7 +235,7 @@ class _Reader:
             self._add_xml(path)
 
     def dataset(self, names: list[str]) -> Dataset:
-        """All that was taken in; FormatError where there is no mesh."""
+        """The dataset from all files added so far; raises FormatError without a mesh."""
         rules, session = self._take_session()
         mesh, unknown = self._mesh(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
@@ -246,7 +246,7 @@ class _Reader:
         return replace(bare, fields=fields_input.assemble(self._sections, mesh), remarks=remarks)
 
     def parts(self, names: list[str]) -> DatasetParts:
-        """All that was taken in, to be read by parts; FormatError where there is no mesh."""
+        """The parts of the dataset from all files added so far; raises FormatError without a mesh."""
         rules, session = self._take_session()
         raw = self._raw_geometry(names)
         metadata = {**self._mesh_metadata, **self._field_metadata}
@@ -258,7 +258,10 @@ class _Reader:
         return DatasetParts(raw, whole, self._sections, rules, self._remarks)
 
     def _take_session(self) -> tuple[list[expansions.RawRule], dict[str, str]]:
-        """The rules of EXPANSIONS, and the other sections but the mesh; names of regions join those of comments."""
+        """The rules of EXPANSIONS, and the other sections except the mesh.
+
+        Names of regions are added to those from comments.
+        """
         conditions = self._tags.get("CONDITIONS")
         self._remarks = [*region_names(conditions), *self._remarks]
         self._parameters = expansions.read_parameters(conditions)
@@ -270,13 +273,13 @@ class _Reader:
         return {name: value for name, value in found.items() if name not in noted_values(metadata)}
 
     def _told(self, mesh: Mesh, metadata: Mapping[str, str]) -> tuple[str, ...]:
-        """What is to be said of the data: fields on elements that the mesh lacks, errors of an earlier conversion."""
+        """Remarks about the data: fields on elements that the mesh lacks, errors of an earlier conversion."""
         errors = ConversionErrors.of(metadata)
         lost = (f"the data were converted with {errors.sentence()}",) if errors else ()
         return (*self._left_out(mesh), *lost)
 
     def _left_out(self, mesh: Mesh) -> tuple[str, ...]:
-        """What is to be said of fields on elements that the mesh lacks."""
+        """A remark if fields are on elements that the mesh lacks."""
         count = lacking(self._sections, mesh)
         return (f"fields are on {count} elements that the mesh lacks, and left out there",) if count else ()
 
@@ -296,7 +299,7 @@ class _Reader:
         return replace(parts, whole=whole, sections=self._sections), lacking(self._sections, mesh)
 
     def _decode(self, dataset: Dataset) -> None:
-        """Keep the fields alone that are chosen of those of a dataset, which has none yet, and decode what waited."""
+        """Restrict the data to the chosen fields of a dataset, which has none yet, and decode the waiting sections."""
         own = [section.space.names for section in self._sections]
         own += [fields_input.field_names(element) for element in self._waiting]
         fields = tuple(Field(name, ()) for name in dict.fromkeys(name for names in own for name in names))
@@ -398,7 +401,7 @@ class _Reader:
         return unite(pieces)
 
     def _describe_content(self) -> str:
-        """What was found where a mesh should be."""
+        """The content that was found instead of a mesh."""
         kinds = [("fields", bool(self._sections)), ("conditions", "CONDITIONS" in self._tags)]
         held = [name for name, is_held in kinds if is_held]
         return f", where only {' and '.join(held)} are" if held else ""
@@ -435,7 +438,7 @@ def _check_numbers(folder: Path, pieces: Iterable[str]) -> None:
 
 
 def _advice(path: Path) -> str:
-    """What to do with data whose mesh is missing; one that lies beside them under their name is named."""
+    """Advice for data whose mesh is missing; it names a mesh file of the same name in the same folder."""
     with suppress(OSError):
         for other in sorted(path.parent.glob("*.xml*")):
             stem = other.name.partition(".xml")[0]

@@ -32,15 +32,15 @@ def write(
     field_format: FieldFormat = "xml",
     outputs: Outputs | None = None,
 ) -> tuple[Path, ...]:
-    """Write a dataset; the files written, of which none is touched unless all of them can be written whole.
+    """Write a dataset; return the written files.  Either all files are written completely, or none is touched.
 
     mesh_path   XML file of the mesh; with ``hdf5`` the data go to the same name with the suffix .nekg.  XML is gzipped
-                where the name ends in .gz.  Without it only the fields are written.
-    field_path  file of the fields; where only ``mesh_path`` is given, the same name with the suffix .fld.
-    outputs     with which the files take their places, where there are others too
+                if the name ends in .gz.  Without it, only the fields are written.
+    field_path  file of the fields; if only ``mesh_path`` is given, the same name with the suffix .fld.
+    outputs     commits these files together with others, if given
 
-    The mesh gets a domain where it names none, and expansions that fit every field.  Raises ElvisError where a file
-    can't be written, or a format can't hold what the dataset has.
+    The mesh gets a domain if it names none, and expansions that fit every field.  Raises ElvisError if a file can't be
+    written, or if a format can't represent the dataset.
     """
     mesh_file = None if mesh_path is None else Path(mesh_path)
     field_file = _field_file(dataset, mesh_file, field_path)

@@ -1,6 +1,7 @@
-"""From meshes as files hold them, everything named by ids, to the mesh in memory, everything named by row.
+"""Convert raw geometry, which names everything by id, to the mesh in memory, which names everything by row.
 
-The codecs of geometry agree on `RawGeometry`; pieces of a partitioned mesh become one; what is named must exist.
+The codecs of geometry share `RawGeometry`; the pieces of a partitioned mesh become one; every entity that is referred
+to must exist.
 """
 
 from __future__ import annotations
@@ -58,9 +59,9 @@ class RawGeometry:
     domains: Mapping[int, IdList] = field(default_factory=dict)
 
 
-#: rows that are looked at together where there may be many
+#: rows examined together if there may be many
 AT_ONCE = 1 << 17
-#: ids up to this many times their number are looked up in a table, unless runs have so many ids each
+#: ids up to this multiple of their number are looked up in a table, unless their runs average this many ids or more
 _DENSE, _LONG = 4, 64
 
 
@@ -270,7 +271,7 @@ def _unite_lists(lists: list[IdList]) -> IdList:
 
 
 def mesh_of_ids(raw: RawGeometry) -> Mesh:
-    """Of a mesh the ids of the elements alone, which are those of ``raw`` and of their type."""
+    """A mesh that holds only the ids of the elements in ``raw`` that have the mesh's dimension."""
     ids = {
         shape: frozen_view(raw.tables[shape][0]) for shape in Shape.of_dimension(raw.dimension) if shape in raw.tables
     }
@@ -337,7 +338,7 @@ def _ids(raw: RawGeometry, shape: Shape) -> Ints:
 
 
 def coordinates(points: Floats, space: int, what: str) -> Floats:
-    """Finite points, what lies beyond the space set to zero."""
+    """Finite points, with the coordinates beyond the space set to zero."""
     if not np.isfinite(points).all():
         row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise FormatError(f"expected finite coordinates of {what}, found {points[row]} in row {row}")
@@ -390,7 +391,7 @@ def _curves(raw: RawGeometry, curves: RawCurves, lookup: Lookup, what: str) -> C
 
 
 def _composites(raw: RawGeometry, lookups: list[Lookup]) -> tuple[Composite, ...]:
-    """The composites with those of their ids that exist; others are ignored, as the format asks."""
+    """The composites, restricted to ids that exist; other ids are ignored, as the format requires."""
     Lookup(np.array([id for id, _, _ in raw.composites], np.int64), "composite")
     tags = {tag for _, tokens, _ in raw.composites for tag, _ in tokens}
     present = {tag: lookups[dimension].ids for tag, dimension in _DIMENSIONS.items() if tag in tags}
@@ -413,7 +414,7 @@ def unknown_members(raw: RawGeometry, mesh: Mesh) -> list[str]:
 
 
 def counts_of(raw: RawGeometry, lookups: Sequence[Lookup]) -> Counts:
-    """How much the mesh of ``raw`` is made of; see `lookups_of`."""
+    """Counts of the entities, curves and composites in ``raw``; see `lookups_of`."""
     entities = {shape: len(ids) for shape, (ids, _) in raw.tables.items()}
     edges, faces = ((len(curves.entities), len(curves.points)) for curves in (raw.edge_curves, raw.face_curves))
     known = {tag: lookups[dimension] for tag, dimension in _DIMENSIONS.items()}

@@ -1,4 +1,4 @@
-"""Composites and domains as text, tokens such as ``T[0-9,12]`` (format notes 1.6), and what is written of them."""
+"""Composites and domains as text, in tokens such as ``T[0-9,12]`` (format notes 1.6), read and written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dataset in files of which one part after another is made, with its numbers in the whole."""
+"""A dataset in files that is built part by part, each with its numbers in the whole."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _OF_ID = 8
 class DatasetParts:
     """The parts of a dataset as files hold it, which may be mapped.
 
-    raw    its mesh, None where nothing is read any more
-    whole  of the dataset the ids of elements alone, and its fields without values
+    raw    its mesh, None if nothing more is read
+    whole  the dataset with only the ids of elements, and its fields without values
     """
 
     raw: RawGeometry | None

@@ -1,7 +1,8 @@
 """The EXPANSIONS section: how a solver would discretise the composites (format notes 3 and 9).
 
 A program takes bases and orders from the field file only if the names of its fields are in FIELDS; otherwise it cuts
-the data to NUMMODES.  So written rules are those of the dataset, but completed: every field, no order below the data's.
+the data to NUMMODES.  The written rules are therefore the dataset's own, completed: every field, and no order below the
+order of the data.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ RawRule: TypeAlias = tuple[IdList, ExpansionRule]
 def read_rules(section: Element | None, conditions: Element | None) -> list[RawRule]:
     """The rules of the section.
 
-    They say what a solver would do, and no data hang on them: entries that take the expansion from a field file, or
-    that need more than constants and parameters, are left out.
+    They describe what a solver would do; the data do not depend on them.  Entries that take the expansion from a field
+    file, or that need more than constants and parameters, are skipped.
     """
     if section is None or section.is_empty:
         return []
@@ -49,14 +50,14 @@ def read_rules(section: Element | None, conditions: Element | None) -> list[RawR
 
 
 def resolve(rules: list[RawRule], mesh: Mesh) -> tuple[ExpansionRule, ...]:
-    """The rules for the composites that the mesh has; those for none of them are left out."""
+    """The rules for the composites that the mesh has; rules that apply to none of them are dropped."""
     present = np.sort(np.array([composite.id for composite in mesh.composites], np.int64))
     found = (replace(rule, composites=tuple(ids.existing(present).tolist())) for ids, rule in rules)
     return tuple(rule for rule in found if rule.composites)
 
 
 def read_parameters(conditions: Element | None) -> dict[str, float]:
-    """PARAMETERS of the CONDITIONS; those without a constant value are left out."""
+    """PARAMETERS of the CONDITIONS; parameters without a constant value are skipped."""
     section = conditions.find("PARAMETERS") if conditions is not None and not conditions.is_empty else None
     values: dict[str, float] = {}
     for child in section.children() if section is not None else ():
@@ -149,7 +150,10 @@ def _entry(rule: ExpansionRule) -> tuple[str, dict[str, object]]:
 def _completed_fields(
     rule: ExpansionRule, names: tuple[str, ...], earlier: Sequence[ExpansionRule], rules: Sequence[ExpansionRule]
 ) -> tuple[str, ...]:
-    """The fields of a rule, and those that no other rule for the same composites claims; each once a composite."""
+    """The fields of a rule, and the fields that no other rule for the same composites claims.
+
+    Each field once per composite.
+    """
     if not names:
         return rule.fields
     claimed = {n for other in rules if other is not rule and _overlap(other, rule) for n in other.fields}

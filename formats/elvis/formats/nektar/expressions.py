@@ -62,7 +62,7 @@ def evaluate(text: str, parameters: Mapping[str, float] | None = None) -> float:
 
 
 class _Constant(Grammar[float]):
-    """An expression of numbers, evaluated as it is read."""
+    """An expression of numbers, evaluated while it is parsed."""
 
     def __init__(self, text: str, parameters: Mapping[str, float]) -> None:
         super().__init__(text)

@@ -45,10 +45,10 @@ _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 
 
 def read_section(element: Element, wanted: Collection[str] | None = None, *, stays_packed: bool = False) -> Section:
-    """A section ELEMENTS; FormatError where its attributes or its data are wrong.
+    """A section ELEMENTS; raises FormatError if its attributes or data are wrong.
 
-    wanted        the only fields that are read, one of which is there; None for all
-    stays_packed  whether coefficients are left as they are, and what is wrong with them shows when they are unpacked
+    wanted        the only fields to read, at least one of which the section has; None for all
+    stays_packed  whether coefficients stay packed; errors in them are then reported when they are unpacked
     """
     with format_errors_at(element):
         is_compressed(element)
@@ -183,7 +183,10 @@ def _cut(columns: list[NDArray[Any]], spans: list[tuple[int, int]]) -> list[NDAr
 
 
 def _numbering(root: h5py.Group, keys: NDArray[np.uint64]) -> Numbering:
-    """What the numbers of bases mean in this file; today's where it is damaged, which shows when it is read."""
+    """The meaning of the numbers of bases in this file.
+
+    Today's meaning if the file is damaged, which is reported when the data are read.
+    """
     try:
         own = [hdf5.required_group(root, str(key)) for key in dict.fromkeys(keys.tolist())]
         codes = [hdf5.attribute(each, "BASIS").tolist() for each in own]
@@ -270,10 +273,10 @@ _SAME = 1e-9
 
 
 def assemble(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
-    """One field a name, one block an expansion; elements that the mesh lacks are left out.
+    """One field per name, one block per expansion; elements that are not in the mesh are dropped.
 
-    FormatError where an element has another shape in the mesh, where data of one element contradict each other, and
-    where no element is in the mesh.
+    Raises FormatError if an element has another shape in the mesh, if data of one element contradict each other, or if
+    no element is in the mesh.
     """
     fields = _fields(sections, mesh)
     if sections and not fields:
@@ -355,7 +358,7 @@ class _OnMesh:
         return pieces(section, self.present(shape, section.element_ids))
 
     def _check_directions(self, section: Section) -> None:
-        """FormatError where Fourier directions have no coordinates left beyond those of the mesh."""
+        """Raise FormatError if the mesh leaves too few coordinates for the Fourier directions."""
         planes = section.space.homogeneous
         directions = len(planes.bases) if planes else 0
         if self._space + directions > 3:
@@ -397,7 +400,10 @@ def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
 
 
 def _unite_planes(parts: list[Piece]) -> list[Piece]:
-    """What was split along a homogeneous direction, plane after plane; in a part of a mesh what is so in the whole."""
+    """Join pieces that were split along a homogeneous direction, plane after plane.
+
+    A part of a mesh joins the pieces that the whole joins.
+    """
     found: dict[object, Piece] = {}
     for piece in parts:
         if piece.expansion.homogeneous is None or piece.expansion.homogeneous.strips:
@@ -414,7 +420,7 @@ def _without_planes(expansion: Expansion) -> Expansion:
 
 
 def _with_planes(first: Piece, second: Piece) -> Piece:
-    """The planes of the first, then those of the second."""
+    """The planes of the first piece, followed by the planes of the second."""
     one, two = first.expansion.homogeneous, second.expansion.homogeneous
     assert one is not None
     assert two is not None

@@ -63,7 +63,7 @@ class OutputSection:
 
     @property
     def bases(self) -> tuple[Basis, ...]:
-        """Of the shape's directions, then of the Fourier directions."""
+        """The bases of the shape's directions, followed by the bases of the Fourier directions."""
         return self.parts[0].expansion.bases + (self.homogeneous.bases if self.homogeneous else ())
 
     @property
@@ -201,7 +201,7 @@ def _write_definition(group: h5py.Group, section: OutputSection, is_mixed: bool)
 
 
 def _write_columns(root: h5py.Group, sections: Sequence[OutputSection], is_mixed: bool) -> None:
-    """DECOMPOSITION and what it counts, but for the coefficients."""
+    """Write DECOMPOSITION and the columns that it counts, except the coefficients."""
     columns: dict[str, list[np.ndarray[tuple[int, ...], np.dtype[np.int64]]]] = {
         "ELEMENTIDS": [section.element_ids for section in sections],
         "POLYORDERS": [section.orders() if is_mixed else np.empty(0, np.int64) for section in sections],

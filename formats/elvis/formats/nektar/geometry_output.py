@@ -47,9 +47,9 @@ def entity_ids(mesh: Mesh, dimension: int) -> Ints:
 
 
 def unique_points(points: Floats) -> tuple[Floats, Ints]:
-    """Distinct points, bit by bit, and the place of each point among them.
+    """Distinct points, compared bit by bit, and the index of each point among them.
 
-    In the order of their bytes, which is that of their bits as whole numbers whose first byte is the greatest.
+    They are sorted by their bytes, or equally by their bits read as whole numbers with the most significant byte first.
     """
     first, which = distinct_bits(points)
     distinct = np.ascontiguousarray(points[first], "<f8")
@@ -163,7 +163,7 @@ class _Text:
 
 
 def place(shape: Shape) -> int:
-    """Where the tables of a shape stand in XML among those of its dimension."""
+    """Position of a shape's tables among the tables of its dimension in XML."""
     return _ORDER.index(shape) if shape in _ORDER else -1
 
 

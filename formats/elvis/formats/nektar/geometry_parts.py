@@ -1,7 +1,7 @@
-"""A part of a mesh, taken out of what files hold before a mesh is made of it.
+"""A part of a mesh, cut out of the raw geometry before a mesh is built.
 
-Tables of the whole are looked at and not copied, so they may be mapped; of all their rows no more is kept than in
-which part an element is, and, where ids are no long runs, the row of each.
+Tables of the whole are read and not copied, so they may be mapped.  In memory are only the part of each element and, if
+ids do not form long runs, the row of each.
 """
 
 from __future__ import annotations
@@ -38,7 +38,10 @@ _NONE = np.empty(0, np.int64)
 
 @dataclass(frozen=True, eq=False)
 class RawPart:
-    """Some elements of a mesh, and what they are made of; all else as in `elvis.core.portions.Portion`."""
+    """Some elements of a mesh and the entities that they consist of.
+
+    Everything else is as in `elvis.core.portions.Portion`.
+    """
 
     raw: RawGeometry
     rows: Mapping[Shape | None, Ints]
@@ -75,7 +78,10 @@ class RawParts:
             raise error.within(self.raw.file, "GEOMETRY") from error
 
     def of(self, chosen: Bools) -> RawPart:
-        """Some of the parts together, (count,) which; FormatError where what they are made of can't be."""
+        """Several parts together; ``chosen`` (count,) selects them.
+
+        Raises FormatError if they refer to entities that do not exist.
+        """
         with self._errors():
             return self._of(chosen)
 
@@ -105,7 +111,7 @@ class RawParts:
         return [shape for shape in Shape.of_dimension(dimension) if shape in self.raw.tables]
 
     def _cut(self, count: int) -> dict[Shape, NDArray[Any]]:
-        """(n,) which of ``count`` parts each element is in, by shape: that of its first vertex."""
+        """(n,) part of each element, from 0 to ``count`` - 1, by shape: the part of its first vertex."""
         total = len(self._vertices)
         held = np.zeros(total, np.int64)
         first = {}
@@ -118,7 +124,7 @@ class RawParts:
         return {shape: parts[own] for shape, own in first.items()}
 
     def _first_vertices(self, shape: Shape, which: Any) -> Ints:
-        """(n,) of some entities the first vertex: that of their first edge, of their first face."""
+        """(n,) first vertex of each entity: the first vertex of its first edge or first face."""
         numbers = self._members(shape, (which, 0))
         if shape.dimension == 1:
             return numbers
@@ -129,11 +135,11 @@ class RawParts:
         return found
 
     def _members(self, shape: Shape, which: Any) -> Ints:
-        """Numbers of what some entities are made of: rows, of faces triangles first."""
+        """Members of some entities as rows; for faces, triangles are numbered first."""
         return self._lookups[shape.dimension - 1].rows(self.raw.tables[shape][1][which], f"entries {shape.tag}")
 
     def _used(self, rows: Mapping[Shape | None, Ints], dimension: int) -> Ints:
-        """(n,) numbers of what entities of a dimension with these rows are made of, ascending."""
+        """(n,) ascending numbers of the members of the entities of a dimension with these rows."""
         every = [self._members(shape, rows[shape]).reshape(-1) for shape in self._shapes(dimension)]
         return distinct(np.concatenate([_NONE, *every]))
 

@@ -145,7 +145,7 @@ class _TextCodec:
         return numbers.vertex_rows(section.data, section.start, section.stop)
 
     def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
-        """By tag ids (n,) and members (n, width)."""
+        """Ids (n,) and members (n, width) by tag."""
         return numbers.rows(section.data, section.start, section.stop, widths)
 
     def read_curves(self, section: Element) -> tuple[RawCurves, RawCurves]:
@@ -237,7 +237,10 @@ class _CompressedCodec:
         return records.view("<i8")[:, 0].astype(np.int64), records.view("<f8")[:, 1:].astype(np.float64)
 
     def read_rows(self, section: Element, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
-        """By tag ids (n,) and members (n, width); EDGE is a payload itself, others have one a tag."""
+        """Ids (n,) and members (n, width) by tag.
+
+        EDGE is itself a payload; other sections have one payload per tag.
+        """
         if section.tag == "EDGE":
             return {"E": _record_table(section, widths["E"])}
         rows: dict[str, tuple[Ints, Ints]] = {}
@@ -293,7 +296,7 @@ def _records(element: Element, width: int) -> Ints:
 
 
 def _record_curves(element: Element | None, rows: Ints, points: Floats) -> RawCurves:
-    """The curves of one kind; ``rows`` are those of INDEX in ``points``."""
+    """The curves of one kind; ``rows`` holds the rows of INDEX in ``points``."""
     if element is None or element.is_empty:
         return RawCurves.none()
     table = _records(element, _CURVE_WIDTH)

@@ -1,11 +1,12 @@
-"""HDF5 with suspicion: only what is stored in the file itself is read, sizes are checked before memory is taken.
+"""HDF5 read defensively: only data stored in the file itself are read, sizes are checked before memory is allocated.
 
 h5py raises many kinds of errors on damaged files; every call of it is made here, under `format_errors`,
 which turns them into FormatError.
 
-When a file is written, a full disk is noticed here, not by the library.  That can't close a file that it can't write
-any more: it fails again at every attempt, the last time while the process ends.  It also reads again what it has
-written.  So it writes to a stream that goes on in memory when the disk is full, and remembers what the system has said.
+When a file is written, ElVis detects a full disk here, not through the library.  The library cannot close a file that
+it can no longer write: it fails at every attempt, the last one when the process ends.  The library also reads back what
+it has written.  The library therefore writes to a stream that continues in memory when the disk is full and that
+records the system's error.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
 #: bytes beyond which an array is worth being mapped
 _LONG = 1 << 20
-#: types of tables that can be mapped as they are
+#: types of tables that can be mapped without conversion
 _OF_TABLES = (np.dtype("<i4"), np.dtype("<u4"), np.dtype("<i8"))
 
 
@@ -71,7 +72,7 @@ def required_group(parent: h5py.Group, name: str) -> h5py.Group:
 
 
 def ints(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
-    """Whole numbers, (n,) or (n, columns), as int64; None where there is no such dataset."""
+    """Whole numbers, (n,) or (n, columns), as int64; None if the dataset does not exist."""
     return _array(parent, name, columns, "iu", np.int64)
 
 
@@ -154,7 +155,7 @@ def version(owner: h5py.Group, greatest: int) -> int:
 
 @contextmanager
 def format_errors(place: str | None = None) -> Iterator[None]:
-    """What h5py raises in the block becomes FormatError."""
+    """Convert errors that h5py raises in the block to FormatError."""
     try:
         yield
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
@@ -268,7 +269,7 @@ class _Stream:
         return size
 
     def truncate(self, size: int) -> int:
-        """Make the file as long as said, which may need space, too."""
+        """Set the length of the file; this may need space."""
         try:
             return self.content.truncate(size)
         except OSError as error:
@@ -295,10 +296,10 @@ class _Stream:
         return self.content.tell()
 
     def flush(self) -> None:
-        """There is no buffer."""
+        """Nothing to do, since the stream has no buffer."""
 
     def go_on_in_memory(self) -> None:
-        """Leave the disk: what is written from now on is lost with the stream."""
+        """Leave the disk: everything written from now on is lost with the stream."""
         self.content.seek(0)
         written = self.content.read()
         self.content.close()

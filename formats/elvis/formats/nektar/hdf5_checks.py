@@ -1,12 +1,12 @@
-"""Whether an HDF5 file holds as much as it declares: looked up before the library believes it and memory is taken.
+"""Check that an HDF5 file holds as much data as it declares, before the library allocates memory for it.
 
-Heaps.  The library trusts sizes in a global heap, in which strings are kept: one that is too small makes it loop
-forever, one that is too great makes it take gigabytes.  Layout: HDF5 File Format Specification, III.E, Global Heap.
+Heaps.  The library trusts the sizes in a global heap, which stores strings: a size that is too small makes it loop
+forever, one that is too large makes it allocate gigabytes.  Layout: HDF5 File Format Specification, III.E, Global Heap.
 
-Strings.  One of variable length is a descriptor of 16 bytes (length, heap, index), and the library takes memory for
-whatever the length says.  No interface of it tells the length beforehand, so descriptors are read from the file itself.
-Layout: the same, IV.A.1 (object headers, version 1) and IV.A.2.m (attributes); data laid out otherwise, which the tools
-of this format don't write, are not looked into.
+Strings.  A string of variable length is a descriptor of 16 bytes (length, heap, index), and the library allocates
+whatever memory the length demands.  Its interface does not reveal the length beforehand, so descriptors are read from
+the file directly.  Layout: same document, IV.A.1 (object headers, version 1) and IV.A.2.m (attributes); other layouts,
+which the tools of this format don't write, are not examined.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ def check_heaps(path: Path) -> None:
 
 @lru_cache(maxsize=256)
 def _check_heaps(path: Path, size: int, mark: tuple[int, ...]) -> None:
-    """As `check_heaps`; ``mark`` tells versions of the file apart."""
+    """Check all heaps of a file for `check_heaps`; ``mark`` distinguishes versions of the file."""
     with path.open("rb") as file:
         for start in list(_heap_starts(file)):
             file.seek(start + len(_HEAP_SIGNATURE))
@@ -200,7 +200,7 @@ def _check_heaps(path: Path, size: int, mark: tuple[int, ...]) -> None:
 
 
 def _heap_starts(file: BinaryIO) -> Iterator[int]:
-    """Where the signature stands; heaps need not begin at multiples of eight bytes."""
+    """Offsets of the heap signature; heaps need not begin at multiples of eight bytes."""
     base, block = 0, file.read(_HEAP_STEP)
     while len(block) >= len(_HEAP_SIGNATURE):
         found = block.find(_HEAP_SIGNATURE)

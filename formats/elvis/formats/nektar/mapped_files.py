@@ -11,15 +11,15 @@ from pathlib import Path
 from elvis.core.memory import give_back_at_once
 
 _IS_MAPPED = ContextVar("mapped", default=False)
-#: bytes that are looked at together
+#: bytes examined together
 _STEP = 1 << 20
 
 
 @contextmanager
 def mapped(*, if_so: bool = True) -> Iterator[None]:
-    """In the block long arrays of floats, tables and text are mapped, and numbers of meshes have 32 bits if they fit.
+    """Map long arrays of floats, tables and text within the block, and store numbers of meshes in 32 bits if they fit.
 
-    The files must stay as they are while what was read is used.  What is freed goes back to the system at once then.
+    The files must not change while data read from them are in use.  Freed memory then returns to the system at once.
     """
     if if_so:
         give_back_at_once()

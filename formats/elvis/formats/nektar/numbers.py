@@ -101,9 +101,9 @@ def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
 
 
 class _Table:
-    """Ids and members of one tag, gathered chunk by chunk in arrays that are large enough from the start.
+    """Ids and members of one tag, collected chunk by chunk in arrays allocated at full size.
 
-    Where files are mapped these have 32 bits if that is enough for all.
+    While files are mapped, the arrays use 32 bits if that is enough for all numbers.
     """
 
     def __init__(self, capacity: int, width: int) -> None:

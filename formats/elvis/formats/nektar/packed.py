@@ -1,4 +1,4 @@
-"""Coefficients of a section ELEMENTS that stay packed until it is known of which elements they are wanted."""
+"""Coefficients of a section ELEMENTS that stay packed until the elements they are needed for are known."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Packed:
     """Coefficients, field by field, element by element.
 
     element  that holds them
-    counts   (n,) how many each element of the section has of each field
-    fields   how many fields there are
-    rows     numbers of those that are wanted, ascending
+    counts   (n,) number of coefficients of each field on each element of the section
+    fields   number of fields
+    rows     ascending numbers of the requested fields
     """
 
     element: Element
@@ -33,13 +33,15 @@ class Packed:
         return 8 * len(self.rows) * int(self.counts.sum())
 
     def of_fields(self, rows: Sequence[int]) -> Packed:
-        """Those of some of the wanted fields."""
+        """The coefficients of some of the requested fields."""
         return replace(self, rows=tuple(self.rows[row] for row in rows))
 
     def of(self, is_wanted: Bools) -> Floats:
-        """(f, m) those of some elements (n,), one row a field; all others are passed over as they come.
+        """(f, m) coefficients of the requested elements (n,), one row per field.
 
-        FormatError where any are damaged.
+        All others are skipped while they are unpacked.
+
+        Raises FormatError if any are damaged.
         """
         ends = np.cumsum(self.counts)
         found = np.empty((len(self.rows), int(self.counts[is_wanted].sum())))
@@ -65,9 +67,9 @@ class Packed:
                     place += len(here)
 
     def _of_elements(self, is_wanted: Bools, ends: Ints, start: int, count: int) -> Bools:
-        """(count,) whether numbers of a field, from a place on, are of elements that are wanted.
+        """(count,) whether the numbers of a field, from ``start`` on, are on requested elements.
 
-        ends  (n,) where those of each element end
+        ends  (n,) end of the numbers of each element
         """
         first = int(np.searchsorted(ends, start, side="right"))
         some = slice(first, int(np.searchsorted(ends, start + count - 1, side="right")) + 1)

@@ -57,7 +57,7 @@ def numbers_exactly(text: memoryview, items: int, first: int | None = None) -> I
 
 
 def check_possible(text: memoryview, items: int) -> None:
-    """FormatError where a payload can't hold so many items."""
+    """Raise FormatError if the payload is too short for this number of items."""
     if 8 * items > possible_bytes(text):
         raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
 
@@ -107,9 +107,8 @@ def possible_bytes(text: memoryview) -> int:
 def encode(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:
     """Base64 of the zlib stream of the arrays' bytes, one after another, in pieces, on one line, without padding.
 
-    The stream is made of chunks that threads pack each by itself, as pigz does: one ends at a whole byte, so that the
-    next can be joined to it (RFC 1950, 1951).  NUL bytes behind it bring its length to a multiple of three; readers
-    ignore them.
+    The stream consists of chunks that threads pack independently, as pigz does: each ends at a whole byte, so the next
+    can be appended (RFC 1950, 1951).  NUL bytes behind it bring its length to a multiple of three; readers ignore them.
     """
     checksum = 1
 
@@ -144,9 +143,10 @@ def _chunks(arrays: Iterable[NDArray[np.generic]]) -> Iterator[bytes]:
 
 
 def _packed(chunk: bytes) -> bytes:
-    """The bytes as blocks of a deflate stream, the last of which ends at a whole byte.
+    """The bytes as blocks of a deflate stream; the last block ends at a whole byte.
 
-    At the lowest level: the highest take two to eight times as long and gain 2 % of the length of ids and coefficients.
+    Uses the lowest level: the highest ones take two to eight times as long and save 2 % of the length of ids and
+    coefficients.
     """
     compressor = zlib.compressobj(1, wbits=-zlib.MAX_WBITS)
     return compressor.compress(chunk) + compressor.flush(zlib.Z_SYNC_FLUSH)

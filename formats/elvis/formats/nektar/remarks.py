@@ -1,7 +1,7 @@
-"""Names of composites that XML files tell in comments alone: ``<B ID="0"> C[2] </B> <!-- Wall -->``.
+"""Names of composites that XML files give only in comments: ``<B ID="0"> C[2] </B> <!-- Wall -->``.
 
-Nektar++ knows composites of boundaries by numbers, so people write what they are behind them, on the same line.  The
-scanner of elements sees no comments; they are looked for here, behind the entries of COMPOSITE and BOUNDARYREGIONS.
+Nektar++ identifies boundary composites by number, so people write their meaning behind them, on the same line.  The
+scanner of elements ignores comments; this module searches for them behind the entries of COMPOSITE and BOUNDARYREGIONS.
 Attributes NAME of the regions are found with the session (`elvis.formats.nektar.session`).
 """
 

@@ -33,11 +33,11 @@ _MOST_FOURIER_MODES = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What the attributes of a section say.
+    """The attributes of a section.
 
     names        of the fields
-    modes        (1, d) where all elements agree, else (n, d), of the shape's own directions
-    homogeneous  None where there is no Fourier direction
+    modes        (1, d) if all elements agree, else (n, d), for the shape's own directions
+    homogeneous  None without Fourier directions
     """
 
     names: tuple[str, ...]
@@ -84,7 +84,10 @@ class Section:
     place: str
 
     def unpacked(self, is_wanted: Bools | None = None) -> Section:
-        """Of a section whose values are packed some elements (n,), or all; any other as it is."""
+        """The section with the values of some elements (n,), or of all, unpacked.
+
+        Unchanged if its values are not packed.
+        """
         if not isinstance(self.values, Packed):
             return self
         is_wanted = np.ones(len(self.element_ids), bool) if is_wanted is None else is_wanted
@@ -249,9 +252,9 @@ MOST_MODES = 1024
 
 
 def _admissible(shape: Shape) -> tuple[frozenset[Basis], ...]:
-    """By direction the bases that a file may name: those of all families, any line basis where one of them is.
+    """By direction, the bases that a file may name: all families' bases, and any line basis if the direction has one.
 
-    These are more than can be evaluated: a file is read whose bases don't belong together.
+    Not all of these can be evaluated: a file is read even if its bases don't belong together.
     """
     directions = zip(*FAMILIES[shape], strict=True)
     known = (frozenset().union(*bases) for bases in directions)
@@ -319,18 +322,18 @@ def check_bases(shape: Shape, bases: tuple[Basis, ...]) -> None:
 
 Numbering = Mapping[int, Basis]
 
-#: the bases by their numbers in HDF5 fields, today and before March 2017 (format notes 10): the two that pyramids got
-#: then, 7 and 8, moved all that came after them by two
+#: Bases by their numbers in HDF5 fields, today and before March 2017 (format notes 10).  The two pyramid bases added
+#: then, 7 and 8, moved all later numbers by two.
 TODAY: Numbering = {int(basis): basis for basis in Basis}
 _PYRAMIDS = (Basis.ORTHO_PYR_C, Basis.MODIFIED_PYR_C)
 BEFORE: Numbering = dict(enumerate(basis for basis in Basis if basis not in _PYRAMIDS))
 
-#: the last version whose numbers are those of before
+#: the last version that uses the numbers from before March 2017
 _LAST = (4, 4)
 
 
 def numbering(definitions: Iterable[tuple[Sequence[object], Shape]], version: str = "") -> Numbering:
-    """What the numbers of a file mean: today's, unless they make sense of before alone, or the program is that old.
+    """The numbering of a file: today's, unless only the earlier one makes sense or the program is that old.
 
     definitions  the numbers of each section and its shape; those beyond the shape's dimension are of Fourier directions
     version      of the program that wrote the file, empty where the file doesn't say

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from elvis.formats.nektar.remarks import Remark
 from elvis.formats.nektar.xml import Element, Writer
 
-#: sections that are read, and written anew from what they hold
+#: sections that are read and regenerated when written
 _OWN = ("GEOMETRY", "EXPANSIONS")
 _CONDITIONS = "CONDITIONS"
-#: the end of the list of variables, the number of the last of which stands before
+#: the list of variables; new entries go before its closing tag and continue its numbers
 _VARIABLES = re.compile(r"(<VARIABLES(?:\s[^<>]*)?>)(.*?)(</VARIABLES\s*>)", re.DOTALL)
 _VARIABLE = re.compile(r"<V\s[^<>]*\bID\s*=\s*[\"']\s*([0-9]{1,9})\s*[\"'][^<>]*>([^<>]*)</V\s*>")
 

@@ -1,9 +1,9 @@
 """XML as the format's own tools write it: elements are spans of the file's bytes, nothing large becomes a tree.
 
-The files of the field break rules of strict XML (blank lines before the declaration, ``--`` in comments, stray control
-characters, bare ampersands), and hold most of their bytes in a few payloads and in millions of like entries.  Children
-are therefore found on demand, by their tags alone, and contents are handed out as bytes.  Document type declarations
-are refused, so no entity is ever expanded; the five of XML itself and character references are.
+Real files break rules of strict XML (blank lines before the declaration, ``--`` in comments, stray control characters,
+bare ampersands).  Most of their bytes are in a few payloads and in millions of similar entries.  Children are therefore
+found on demand, only by their tags, and contents are returned as bytes.  Document type declarations are rejected, so no
+entity is ever expanded; the five predefined entities of XML and character references are expanded.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _UNKNOWN = re.compile(rb"<!(?!--|\[CDATA\[)[^>]*>")
 #: bytes of a tag that a message shows
 _SHOWN = 60
 _AFTER_NAME = (b" ", b"\t", b"\r", b"\n", b"/", b">")
-#: tags that are looked at one by one before the file is searched for one of a name
+#: tags examined one by one before the file is searched for a name
 _NEAR = 32
 _BEGINNING = re.compile(rb"(\xef\xbb\xbf)?[\x01-\x20]*<")
 _SPECIAL = re.compile(rb"<!--|<!\[CDATA\[")
@@ -87,7 +87,7 @@ class Element:
 
     @property
     def place(self) -> str:
-        """Where the element stands, for messages."""
+        """The position of the element, for messages."""
         return f"line {_line(self.data, self.opening.start)}, <{self.tag}>"
 
     def children(self) -> Iterator[Element]:
@@ -122,12 +122,12 @@ def check_root(root: Element, file: str) -> None:
 def parse(data: Buffer, file: str) -> list[Element]:
     """The elements at the top of a document; several are legal in old files.
 
-    FormatError for what is not XML, or holds a document type or entity declaration, or ends within an element.
+    Raises FormatError if the data are not XML, hold a document type or entity declaration, or end within an element.
     """
     if not begins_like_xml(data):
         raise FormatError("expected XML or HDF5, found " + _description(data), file=file)
     cleaned = data
-    # payloads hold no exclamation mark: one quick look tells that there are neither comments nor declarations
+    # payloads hold no exclamation mark: one quick search shows that there are neither comments nor declarations
     if b"!" in data:
         declaration = _DECLARATION.search(data)
         cleaned = _without_comments(data, file) if _SPECIAL.search(data) else data
@@ -142,7 +142,7 @@ def parse(data: Buffer, file: str) -> list[Element]:
 
 
 def begins_like_xml(data: Buffer) -> bool:
-    """Whether the first character is that of a tag, marks of encoding and blanks aside."""
+    """Whether the first character, after encoding marks and blanks, begins a tag."""
     return _BEGINNING.match(data) is not None
 
 
@@ -220,7 +220,10 @@ def _tag_end(data: Buffer, start: int, stop: int, file: str) -> int:
 
 
 def _closing(data: Buffer, tag: bytes, start: int, stop: int, file: str) -> tuple[int, int]:
-    """Where the content ends, and where the closing tag does; elements of the same tag may be nested in between."""
+    """Positions of the end of the content and of the end of the closing tag.
+
+    Elements of the same tag may be nested in between.
+    """
     position, depth = start, 1
     closing = _next(data, b"</" + tag, start, stop)
     while closing >= 0:
@@ -239,9 +242,10 @@ def _closing(data: Buffer, tag: bytes, start: int, stop: int, file: str) -> tupl
 
 
 def _next(data: Buffer, mark: bytes, start: int, stop: int) -> int:
-    """Where a tag that begins like ``mark`` stands, -1 where there is none.
+    """Position of the first tag that begins with ``mark``, -1 if there is none.
 
-    The next few tags are looked at first: a payload is passed over quicker by a search for one character than for many.
+    The next few tags are examined one by one first: searching for one character skips a payload faster than searching
+    for several.
     """
     found = data.find(b"<", start, stop)
     for _ in range(_NEAR):
@@ -257,7 +261,7 @@ def _next(data: Buffer, mark: bytes, start: int, stop: int) -> int:
 
 
 def _tag(data: Buffer, start: int) -> str:
-    """A tag that begins at a place, of which the end may be left out."""
+    """The tag that begins at a position; its end may be cut off."""
     text = _decode(data[start : start + _SHOWN])
     return text.partition(">")[0] + ">" if ">" in text else repr(text)
 
@@ -377,7 +381,7 @@ class Writer:
         if text is None:
             self._line(f"<{tag}{_attributes(attributes)} />")
         else:
-            # loads what fetches documents from the net, too, 2 MB, which readers do without
+            # this import also loads code that fetches documents from the network: 2 MB that readers do without
             from xml.sax.saxutils import escape
 
             self._line(f"<{tag}{_attributes(attributes)}>{escape(_UNWRITABLE.sub(' ', text))}</{tag}>")
@@ -420,7 +424,7 @@ def document(path: Path, is_gzipped: bool) -> Iterator[Writer]:
 
 
 def write_metadata(writer: Writer, metadata: Mapping[str, str]) -> None:
-    """The section Metadata, none for none; keys that can't name an element get underscores for what is wrong."""
+    """The section Metadata, none if there are no metadata; invalid characters of keys become underscores."""
     if metadata:
         with writer.element("Metadata"):
             for key, text in metadata.items():

@@ -1,7 +1,8 @@
-"""Whether files keep every rule that the format's own programs ask of a writer (format notes 9), finding by finding.
+"""Check files against every rule that the format's own programs impose on a writer (format notes 9).
 
-`elvis.formats.read` takes far more than those programs do; `findings` tells what they would stumble over, and what is
-merely good practice.  A rule counts as required where their reader stops at what breaks it (format notes 9; version 5).
+`elvis.formats.read` accepts far more than those programs do; `findings` lists the rules whose violation makes them
+reject a file, and the rules that are only good practice.  A rule counts as required if their reader (version 5) stops
+at a file that breaks it (format notes 9).
 """
 
 from __future__ import annotations
@@ -70,9 +71,9 @@ def _findings_of_parts(paths: Sequence[str | Path], ranks: Ranks) -> tuple[Findi
 
 @dataclass(eq=False)
 class _Review:
-    """Collects findings, and what is checked at the end: sections of fields and rules of expansions.
+    """Collects findings, and the sections and expansion rules to be checked at the end.
 
-    stays_packed  whether coefficients are left as they are: who reads a part finds what is wrong with them
+    stays_packed  whether coefficients stay packed; errors in them are found by whoever reads a part
     """
 
     stays_packed: bool = False
@@ -81,14 +82,14 @@ class _Review:
     tags: dict[str, Element] = field(default_factory=dict)
 
     def attempt(self, place: str, action: Callable[[], None]) -> None:
-        """Do something; an error of the format is a finding, too."""
+        """Run ``action``; an error of the format becomes a finding."""
         try:
             action()
         except FormatError as error:
             self.found.append(library_rule(place, str(error)))
 
     def files(self, paths: Sequence[str | Path]) -> None:
-        """Check what each file holds, of folders those that are in them."""
+        """Check the content of each file; for a folder, check the files in it."""
         for path in map(Path, paths):
             for file in sorted(path.glob("*.*")) if path.is_dir() else [path]:
                 self.attempt(file.name, lambda file=file: self.file(file))  # type: ignore[misc]
@@ -118,7 +119,7 @@ class _Review:
         rules = expansions.read_rules(element, self.tags.get("CONDITIONS"))
         entries = [] if element is None else [child.tag for child in element.children()]
         if entries and "E" not in entries:
-            return  # orders by element, or those of a field file
+            return  # orders by element, or from a field file
         yield from expansion_findings(dataset, expansions.resolve(rules, dataset.mesh), needed)
 
     def _child(self, path: Path, child: Element) -> None:

@@ -65,10 +65,11 @@ def _covering(place: str, mesh: Mesh, domain: Ints, sections: Sequence[Section])
 
 
 def expansion_findings(dataset: Dataset, rules: Sequence[ExpansionRule], needed: Needed) -> Iterator[Finding]:
-    """Rules for every composite of the domain; and the trap of format notes 3.
+    """Check that every composite of the domain has rules; and check for the trap of format notes 3.
 
-    Names and orders of EXPANSIONS decide over what is read from field files: data of fields that no rule names, and of
-    higher orders, are cut to its orders.  Genuine files fall into it, so it is no more than advice.
+    Names and orders in EXPANSIONS control what the programs read from field files: they cut data of fields that no rule
+    names, and data of higher orders, to the orders of EXPANSIONS.  Genuine files have this defect, so the finding is
+    only advice.
     """
     names = [field.name for field in dataset.fields]
     if not rules:
@@ -94,7 +95,7 @@ def needed_modes(dataset: Dataset, sections: Sequence[Section]) -> Needed:
 
 
 def _in_domain(mesh: Mesh) -> list[Composite]:
-    """The composites that the domain is made of."""
+    """The composites that form the domain."""
     known = {composite.id: composite for composite in mesh.composites}
     return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
 

@@ -1,4 +1,4 @@
-"""What a check of files finds: rules that the format's own programs insist on, and others that are good practice."""
+"""Findings about files: violations of rules that the format's own programs enforce, and of good practice."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from elvis.core.terminal import one_line
 class Finding:
     """A broken rule.
 
-    place        where
-    sentence     what is wrong there
-    is_required  whether programs of the format stop at it, or read something else; else it is good practice
+    place        position of the defect
+    sentence     the defect
+    is_required  whether the format's programs stop at it or misread it; otherwise it violates good practice
     """
 
     place: str
@@ -35,5 +35,5 @@ def library_rule(place: str, sentence: str) -> Finding:
 
 
 def style_rule(place: str, sentence: str) -> Finding:
-    """A rule that genuine files break, too: digits, orders, what readers make up for or only warn of."""
+    """A rule that genuine files also break: digits, orders, and defects that readers correct or only warn about."""
     return Finding(place, sentence, False)

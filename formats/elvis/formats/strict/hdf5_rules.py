@@ -92,7 +92,10 @@ def _attributes(group: h5py.Group, wanted: dict[str, str]) -> Iterator[Finding]:
 
 
 def _of_type(place: str, kind: str, dtype: object) -> Finding:
-    """Numbers of other types are converted in reading; strings of fixed length, or what is none, stop it."""
+    """Numbers of other types are converted by readers.
+
+    Strings of fixed length, or data that are not strings, stop them.
+    """
     rule = library_rule if kind == "strings" else style_rule
     return rule(place, f"expected {_label(kind)}, found {dtype}")
 

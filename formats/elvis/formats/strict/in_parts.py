@@ -1,9 +1,10 @@
-"""Rules for a mesh and its fields, checked by ranks, each of which has a part: sound parts that fit make a sound whole.
+"""Check the rules for a mesh and its fields on several ranks, each with one part.
 
-What a rule says of one element, side or curve shows in the part that has it.  What it says of several is put together:
-that no two entities have the same members, that a side has two elements at most, and that parts have all there is.
-So entities are sent to ranks by what they are made of, as rows and a hash of their members: those with the same members
-meet there.  Others with the same hash, one in 2^64, would be taken for them: then one process looks at all.
+Valid parts that fit together form a valid whole.  A rule about one element, side or curve is checked in the part that
+holds it.  Rules about several are checked jointly: no two entities have the same members, a side has at most two
+elements, and the parts together hold everything.  Entities are sent to ranks as rows and a hash of their members, so
+entities with the same members meet on one rank.  Different entities may share a hash (probability 2^-64) and would be
+confused; in case of a match one process compares all of them.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from elvis.formats.reading import read_part
 from elvis.formats.strict.field_rules import Needed, needed_modes
 from elvis.formats.strict.mesh_rules import mesh_findings
 
-#: steps of a hash of 64 bits: those of SplitMix64 (Steele, Lea and Flood 2014, Fast splittable pseudorandom numbers)
+#: steps of a 64-bit hash, from SplitMix64 (Steele, Lea and Flood 2014, Fast splittable pseudorandom numbers)
 _GAP, _STEPS = 0x9E3779B97F4A7C15, ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB))
 
 #: elements at a side that are too many
 _CROWD = 3
-#: of entities: rows in the whole (n,), hashes of what they are made of (n,), and how many elements of the part have
-#: each (n,), or enough of them
+#: tables of entities: rows in the whole (n,), hashes of their members (n,), and the number of elements of the part at
+#: each (n,), up to a count that suffices
 _Table: TypeAlias = tuple[Ints, NDArray[np.uint64], NDArray[np.uint8]]
 _Entities: TypeAlias = dict[Shape, _Table]
 
@@ -74,7 +75,7 @@ def sound_part(paths: Sequence[str | Path], sections: Sequence[Section], ranks: 
 
 @dataclass(frozen=True)
 class _Facts:
-    """Of a sound part: how many entries of sections are of its elements, by field, and the modes that these need."""
+    """Facts about a valid part: by field, the number of section entries on its elements, and the modes these need."""
 
     entries: Mapping[str, int]
     needed: Needed
@@ -150,7 +151,10 @@ def _by_bucket(part: Portion, count: int) -> list[_Entities]:
 
 
 def _owners(part: Portion) -> Iterator[tuple[Shape, Ints]]:
-    """For each shape how many elements of a part have each entity (n,) as a side; none where it is no side."""
+    """For each shape, the number of elements of a part that have each entity (n,) as a side.
+
+    Zero for shapes that are not sides.
+    """
     mesh = part.dataset.mesh
     every = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
     start = 0

@@ -24,7 +24,7 @@ _SAMPLE = 1 << 18
 
 
 def geometry_findings(geometry: Element) -> Iterator[Finding]:
-    """The rules that the section GEOMETRY breaks by itself."""
+    """The rules that the section GEOMETRY itself breaks."""
     unknown = sorted(set(geometry.attributes) - _ATTRIBUTES)
     if unknown:
         sentence = f"expected only DIM, SPACE, PARTITION or HDF5FILE, found {', '.join(unknown)}"
@@ -41,7 +41,7 @@ def geometry_findings(geometry: Element) -> Iterator[Finding]:
 
 
 def payload_findings(place: str, element: Element) -> Iterator[Finding]:
-    """What is wrong with the text of a payload: it must be one line of base64, and should say so."""
+    """Defects of a payload's text: it must be one line of base64, and should declare this."""
     if element.attributes.get("COMPRESSED", "").lower() != ENCODING.lower():
         found = element.attributes.get("COMPRESSED") or "none"
         yield style_rule(place, f"expected COMPRESSED={ENCODING}, found {found}")
@@ -50,7 +50,7 @@ def payload_findings(place: str, element: Element) -> Iterator[Finding]:
 
 
 def _is_coded(section: Element) -> bool:
-    """Whether a section, or what is in it, is compressed."""
+    """Whether a section, or one of its children, is compressed."""
     return bool(section.attributes.get("COMPRESSED")) or (
         section.tag in ("FACE", "ELEMENT") and any(child.attributes.get("COMPRESSED") for child in _first(section))
     )
@@ -100,12 +100,12 @@ def _significant(token: bytes) -> bytes:
 
 
 def _is_whole(token: bytes) -> bool:
-    """Whether 17 digits of the double that it stands for are no more than those of the token."""
+    """Whether the double of a token, printed with 17 digits, has the same digits as the token."""
     return _significant(b"%.17g" % float(token)) == _significant(token)
 
 
 def _composites(sections: dict[str, Element], is_piece: bool) -> Iterator[Finding]:
-    """Composites as TAG[list], the domain as C[list], alone or in children D.
+    """Check that composites have the form TAG[list] and the domain C[list], directly or in children D.
 
     is_piece  whether this is a part of a mesh, which may lack composites that others have
     """
