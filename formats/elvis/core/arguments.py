@@ -51,7 +51,7 @@ def _keep_fields(context: click.Context, _: click.Parameter, names: str | None) 
 
 
 def with_fields(context: click.Context, _: click.Parameter, reader: tuple[str, ...]) -> tuple[str, ...]:
-    """The options of a reader, of which the option ``fields`` is one."""
+    """The options of a reader, including the option ``fields``."""
     names = context.meta.get(_FIELDS)
     return reader if names is None else (*reader, f"fields={names}")
 
@@ -169,13 +169,13 @@ def inputs(data: Iterable[Path], plugin: str | None = None, points: str | None =
 
 
 class TextType(click.ParamType):  # type: ignore[type-arg]
-    """The type of an option whose text a function reads; what is wrong with it is an error of usage."""
+    """The type of an option whose text is parsed by a function; errors of the function become usage errors."""
 
     def __init__(self, parse: Callable[[str], Any]) -> None:
         self.parse, self.name = parse, "text"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """What the text means."""
+        """The value of the text."""
         try:
             return self.parse(value)
         except ElvisError as error:

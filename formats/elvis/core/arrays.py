@@ -30,7 +30,7 @@ def frozen_ints(values: object) -> Ints:
 
 
 def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view of an array as it is: mapped or not, of any type."""
+    """A read-only view of an array without conversion: mapped or not, of any type."""
     array = values.view()
     array.flags.writeable = False
     return array
@@ -53,9 +53,9 @@ def rows_of(ids: Ints, wanted: Ints) -> Ints:
 
 
 def distinct(numbers: Ints) -> Ints:
-    """(m,) the numbers (n,), ascending, each once; the same array where they are so already.
+    """(m,) the distinct numbers of (n,), ascending; the same array if it is already strictly ascending.
 
-    By sorting: the hash table that ``np.unique`` fills is slower for arrays of millions.
+    Sorts, since the hash table that ``np.unique`` fills is slower for arrays of millions.
     """
     if (numbers[1:] > numbers[:-1]).all():
         return numbers
@@ -68,7 +68,7 @@ def distinct(numbers: Ints) -> Ints:
 def distinct_bits(rows: NDArray[Any]) -> tuple[Ints, Ints]:
     """The first row (m,) of each distinct one of rows (n, k) of 8-byte numbers, and which of these each row is (n,).
 
-    Told apart by their bits, in an order of their own: numbers that stand for the rows are sorted, not the rows.
+    Rows are compared by their bytes.  Their order is arbitrary: hashes of the rows are sorted, not the rows.
     """
     bits = np.ascontiguousarray(rows).view(np.uint64)
     hashes = np.zeros(len(bits), np.uint64)
@@ -111,7 +111,7 @@ _EXCHANGES = {
 
 
 def sorted_columns(numbers: Ints) -> Ints:
-    """(k, n) numbers, k at most 4, those of each column ascending: exchanges of a sorting network, all at once."""
+    """(k, n) numbers with each column sorted, k at most 4, by a sorting network applied to all columns at once."""
     result = np.array(numbers, order="C")
     for low, high in _EXCHANGES[len(numbers)]:
         result[low], result[high] = np.minimum(result[low], result[high]), np.maximum(result[low], result[high])
@@ -141,7 +141,7 @@ def _row_keys(rows: Ints) -> NDArray[np.uint64]:
 
 
 def corners_of(*points: Floats) -> Floats:
-    """(2, d) least and greatest coordinates of points in several arrays (n, d), of which one is not empty."""
+    """(2, d) minimum and maximum coordinates of points in several arrays (n, d), at least one of them not empty."""
     ends = [(own.min(axis=0), own.max(axis=0)) for own in points if len(own)]
     lower, upper = zip(*ends, strict=True)
     return np.stack([np.min(lower, axis=0), np.max(upper, axis=0)])

@@ -18,7 +18,7 @@ import numpy as np
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: bytes of all results that are kept; the newest stays even if it alone takes more
+#: total bytes of cached results; the newest result stays even if it exceeds this
 MAX_BYTES = 128 << 20
 #: what a result takes in addition to its arrays: the key, the objects around them
 _OVERHEAD = 512
@@ -77,7 +77,7 @@ def clear() -> None:
 
 
 def _keep(key: _Key, result: Any) -> None:
-    """Add a result, and let go of those that were not used for longest until all are within the limit."""
+    """Add a result, then drop the least recently used ones until the total is within the limit."""
     global _total
     size = _OVERHEAD + array_bytes(result)
     with _lock:

@@ -1,8 +1,8 @@
-"""Elements that two datasets have in common, whatever their ids, order and orientation: fields of one on the other.
+"""Elements that two datasets have in common for any ids, order and orientation; fields of one on the other.
 
-Elements are the same where their corners are, and their maps: x1(xi) = x2(S xi), S one of the symmetries of the shape.
-All of these are affine in xi, so that a field u2 of the second dataset is the polynomial u2(S xi) on the first one's
-element: it is written by coefficients there, and no point has to be located.
+Two elements are the same if their corners and their maps agree: x1(xi) = x2(S xi), with S one of the symmetries of the
+shape.  All symmetries are affine in xi, so a field u2 of the second dataset is the polynomial u2(S xi) on the element
+of the first.  Coefficients represent it there; no point has to be located.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
-#: how far maps of the same element may differ, in parts of the size of coordinates: rounding of other programs' numbers
+#: tolerance for maps of the same element, relative to the size of coordinates: rounding in other programs' numbers
 _SAME = 1e-12
 #: how far polynomials that are the same may differ at points, each of magnitude one
 _CLOSE = 1e-12
@@ -46,8 +46,8 @@ class CommonElements:
     others       (n,)  their ids in the second
     kinds        (n,)  numbers of the symmetries, -1 where reference coordinates are the same
     symmetries   in ascending order
-    is_whole     whether all elements of the first dataset are among them
-    apart        the greatest distance of their maps in a coordinate, in parts of the size of coordinates
+    is_whole     whether they are all elements of the first dataset
+    apart        largest distance of their maps in a coordinate, relative to the size of coordinates
     """
 
     element_ids: Ints
@@ -71,10 +71,11 @@ class CommonElements:
                 yield self._block(block, rows, mine, None if kind < 0 else self.symmetries[kind])[0]
 
     def in_parts(self, of: Field, name: str, symmetries: Sequence[Symmetry]) -> tuple[Field, list[tuple[int, Ints]]]:
-        """The same of parts of both datasets, with the blocks that there are in any part; for each of these which block
-        of the second dataset its elements are in, and their rows (n,) there.
+        """The field on parts of both datasets, with the blocks that occur in any part.
 
-        symmetries  those of all parts, ascending
+        For each block, the block of the second dataset that holds its elements, and their rows (n,) there.
+
+        symmetries  symmetries of all parts, ascending
         """
         blocks, places = [], []
         for number, block in enumerate(of.blocks):
@@ -157,7 +158,7 @@ def _joined(parts: Sequence[_Match], symmetries: Sequence[Symmetry], total: int,
 
 
 def place_of(symmetry: Symmetry) -> tuple[int, Corners]:
-    """By what symmetries are ordered."""
+    """The key by which symmetries are sorted."""
     return _SHAPES.index(symmetry[0]), symmetry[1]
 
 
@@ -205,7 +206,7 @@ def _is_symmetry(shape: Shape, corners: Corners, spaces: Iterable[Expansion]) ->
 
 
 def _number(shape: Shape, corners: Corners, symmetries: list[Symmetry]) -> int:
-    """That of a symmetry, which is noted; -1 where nothing turns."""
+    """The number of a symmetry, which is added to the list if new; -1 for the identity."""
     if corners == tuple(range(len(corners))):
         return -1
     if (shape, corners) not in symmetries:
@@ -236,7 +237,7 @@ def _distances(one: GeometryBlock, two: GeometryBlock, rows: Ints, others: Ints,
 
 
 def _lattice(shape: Shape, count: int) -> Floats:
-    """(n, d) points inside a shape, ``count`` in each direction of eta, which tell polynomials of a degree less."""
+    """(n, d) points inside a shape, ``count`` per direction of eta, which determine polynomials of lower degree."""
     line = np.cos(np.linspace(0.05, np.pi - 0.05, count))
     eta = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1)
     return uncollapse(shape, eta.reshape(-1, shape.dimension))

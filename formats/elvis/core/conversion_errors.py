@@ -1,4 +1,4 @@
-"""What a conversion lost, as the metadata of converted data tell it: errors that add to whatever is computed."""
+"""Losses of a conversion, as recorded in the metadata of converted data: errors that add to all computed results."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ REPORT = "ConversionReport"
 
 @dataclass(frozen=True)
 class Loss:
-    """By how much a quantity differs from that of the source, at most as far as was measured.
+    """Differences of a quantity from the source: the largest ones measured.
 
     value     of the quantity itself
-    slope     of its derivative in space; infinite where that is not known
-    relative  the first as a share of the range, or of the mesh's diagonal
+    slope     error of its derivative in space; infinite if unknown
+    relative  the error of the value as a share of the range, or of the mesh's diagonal
     """
 
     value: float = 0.0
@@ -40,7 +40,7 @@ class ConversionErrors:
 
     @classmethod
     def of(cls, metadata: Mapping[str, str]) -> ConversionErrors:
-        """Those that the metadata of a dataset tell; none where they tell nothing that can be read."""
+        """The errors recorded in the metadata of a dataset; none if the metadata record none that can be parsed."""
         return _parsed(metadata[REPORT]) if REPORT in metadata else cls()
 
     def __bool__(self) -> bool:

@@ -58,12 +58,13 @@ class CriticalPoint:
 
 @dataclass(frozen=True, eq=False)
 class CriticalPoints:
-    """All of them.
+    """All zeros of a velocity in a domain.
 
     points      each once
-    undecided   ids, ascending, of elements in which the search ended before every box was decided, as along a line of
-                zeros
-    beside      the same of elements where that happened only beside the outer boundary, within 1/128 of the element
+    undecided   ascending ids of elements in which the search ended before every box was decided, for example along a
+                line of zeros
+    beside      ascending ids of elements in which undecided boxes lie only near the outer boundary, within 1/128 of the
+                element
     """
 
     points: tuple[CriticalPoint, ...]
@@ -83,10 +84,11 @@ class CriticalPoints:
 
 
 def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> CriticalPoints:
-    """All points inside the domain where a velocity is zero; those on the outer boundary are left out.
+    """All points inside the domain where a velocity is zero; points on the outer boundary are excluded.
 
-    velocity  its components; None: what is customary in the data
-    ElvisError for components that aren't zero where polynomials are, for surfaces in space and Fourier directions.
+    velocity  names of its components; None for the usual names in the data
+    Raises ElvisError if the zeros of a component are not zeros of a polynomial, and for surfaces in space and Fourier
+    directions.
     """
     outer = _Outer.of(dataset.mesh, np.arange(len(dataset.mesh.vertices)), ALONE)
     return united([_found(dataset, velocity, outer)])
@@ -105,7 +107,7 @@ def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ran
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was found in some elements, as `CriticalPoints`, with the ends of the coefficients of their maps."""
+    """The zeros in some elements, as in `CriticalPoints`, and the extremes of the coefficients of their maps."""
 
     points: list[CriticalPoint]
     undecided: list[int]
@@ -123,7 +125,7 @@ def united(every: Sequence[Found]) -> CriticalPoints:
 
 
 def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> Found:
-    """What is found in all elements of a dataset."""
+    """The zeros in all elements of a dataset."""
     components = velocity_expressions(dataset, velocity)
     zeros = [numerator(each) for each in components]
     slopes = [
@@ -156,7 +158,7 @@ def numerator(component: Expression) -> Expression:
 
 
 def degree_of(expression: Expression, evaluator: Evaluator, patch: Patch) -> int:
-    """Of a component in each direction of eta, at least 1; ElvisError for what is no polynomial."""
+    """Degree of a component in each direction of eta, at least 1; raises ElvisError if it is not a polynomial."""
 
     def leaf(node: Node) -> int | None:
         if node.op not in ("coordinate", "field") or (node.axes and node.op == "field"):
@@ -191,7 +193,9 @@ class _Outer:
 
     @staticmethod
     def of(mesh: Mesh, numbers: Ints, ranks: Ranks) -> _Outer:
-        """That of the whole mesh of which ranks have parts: elements of one may touch it where others have sides.
+        """The outer boundary of the whole mesh.
+
+        Elements of one rank may touch it at the sides of another rank's elements.
 
         numbers  (vertices,) of vertices in the whole
         """
@@ -216,7 +220,7 @@ def _codes(first: Ints, second: Ints, count: int) -> Ints:
 
 
 def size(patches: Sequence[Patch]) -> float:
-    """Of the data, about: the greatest coefficient of maps less the least."""
+    """Approximate size of the data: largest minus smallest coefficient of maps."""
     return _spread(ends(patches))
 
 
@@ -232,7 +236,10 @@ def _spread(ends: Sequence[float]) -> float:
 
 
 class _Search(ZeroSearch):
-    """The zeros of velocities in elements of a patch: ``rows`` and ``xi``, reference coordinates, of what was found."""
+    """The zeros of velocities in elements of a patch.
+
+    ``rows`` and ``xi`` hold the rows and reference coordinates of the zeros.
+    """
 
     def __init__(
         self, dataset: Dataset, evaluator: Evaluator, patch: Patch, zeros: Sequence[Expression], outer: _Outer
@@ -271,7 +278,7 @@ class _Search(ZeroSearch):
         return np.asarray(found)
 
     def classified(self, slopes: Sequence[Expression]) -> Iterator[CriticalPoint]:
-        """What was found, with its kind."""
+        """The zeros, each with its kind."""
         if not self.rows:
             return
         rows, xi = np.array(self.rows), np.array(self.xi)
@@ -285,8 +292,8 @@ class _Search(ZeroSearch):
 def classified(gradient: Floats, place: Floats, element: int) -> CriticalPoint:
     """A zero with its kind, from the velocity's gradient (d, d) there.
 
-    By the signs of the eigenvalues' real parts, and whether some are complex (Chong, Perry and Cantwell, Physics of
-    Fluids A 2, 1990).
+    Classified by the signs of the eigenvalues' real parts, and by whether some are complex (Chong, Perry and Cantwell,
+    Physics of Fluids A 2, 1990).
     """
     x, y, z = map(float, place)
     if not np.isfinite(gradient).all():

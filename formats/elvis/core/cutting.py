@@ -77,7 +77,7 @@ def template(shape: Shape, level: int) -> Template:
     for _ in range(level):
         corners = _cut(corners)
 
-    # whole coordinates tell which corners of cells are one point
+    # corners of cells coincide exactly if their integer coordinates agree
     d = shape.dimension
     flat = np.concatenate([cells.reshape(-1, d) for cells in corners.values()])
     points, index = np.unique(flat, axis=0, return_inverse=True)

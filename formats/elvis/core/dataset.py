@@ -121,7 +121,7 @@ def rate_name(name: str) -> str:
 
 
 def is_rate(name: str) -> bool:
-    """Whether a name is that of a field's derivative in time."""
+    """Whether a name denotes a field's derivative in time."""
     return name.startswith("d(") and name.endswith(",t)")
 
 
@@ -147,17 +147,18 @@ class Rates(Protocol):
 class Dataset:
     """A mesh with its fields, time and metadata (free key/text pairs, as in the file).
 
-    expansions  how a solver would discretise composites
+    expansions  the discretisation of composites that a solver would use
     session  further sections of a native session by tag, such as CONDITIONS, as XML
-    remarks  sentences on how the data were come by, which belong to all that is made of them
-    rates    derivatives in time of the fields, None where the data are no moment of a series
-    instant  which moment of a series of several steps the data are, else None
-    others   datasets that expressions may name, by the names that they have in these: `ref:p`
-    shared   the names of those that hold all elements of this one (`elvis.core.common_elements`), whose fields are
-             fields of this one too, as `field("ref:p")`
-    borrowed  the names of those fields that are others', derivatives in time or jumps, as parts of a dataset have them
-    surfaces  by the names of boundaries, those of the whole that parts of it measure distances to
-    reference  values of the flow by name, such as mu (`quantities.reference_values`), which outdo the metadata
+    remarks  sentences about the origin of the data, which apply to everything derived from them
+    rates    derivatives in time of the fields, None if the data are not a moment of a series
+    instant  the moment of a series of several steps that the data represent, else None
+    others   datasets that expressions may refer to, by name: `ref:p`
+    shared   names of the datasets that hold all elements of this one (`elvis.core.common_elements`); their fields are
+             also fields of this one, as `field("ref:p")`
+    borrowed  names of fields of other datasets, derivatives in time, or jumps, as parts of a dataset hold them
+    surfaces  surfaces of the whole by names of boundaries, to which its parts measure distances
+    reference  reference values of the flow by name, such as mu (`quantities.reference_values`), which take precedence
+               over the metadata
     """
 
     mesh: Mesh
@@ -177,14 +178,14 @@ class Dataset:
 
     @property
     def map_names(self) -> tuple[str, ...]:
-        """The names of the fields that give the map of the elements, none where the mesh alone does."""
+        """Names of the fields that define the map of the elements, empty if only the mesh does."""
         if MAP_KEY not in self.metadata:
             return ()
         return tuple(name.strip() for name in self.metadata[MAP_KEY].split(",") if name.strip()) or MAP_FIELDS
 
     @property
     def solution(self) -> tuple[Field, ...]:
-        """The fields but for those that give the map, which are geometry, and those that are borrowed."""
+        """The fields, without borrowed fields and without the fields that define the map, which are geometry."""
         return tuple(own for own in self.fields if own.name not in self.map_names and own.name not in self.borrowed)
 
     def beside(self, **others: Dataset) -> Dataset:
@@ -269,11 +270,11 @@ class Dataset:
         Parameters
         ----------
         quantity : str, optional
-            What colours the picture; by default the first field.
+            Quantity that colours the picture; by default the first field.
         ax : matplotlib axes, optional
             Axes to draw the picture into (see `Frame.plot`).
         keywords
-            Those of `render`.
+            Options of `render`.
 
         Returns
         -------
@@ -294,7 +295,7 @@ class Dataset:
         return found
 
     def __iter__(self) -> Iterator[str]:
-        """The names of the fields, without those that give the map."""
+        """The names of the fields, without the fields that define the map."""
         return (field.name for field in self.solution)
 
     def __contains__(self, name: object) -> bool:

@@ -1,4 +1,4 @@
-"""What meshes, fields and datasets show of themselves: one line at a prompt, a table in a notebook."""
+"""Representation of meshes, fields and datasets: one line at a prompt, a table in a notebook."""
 
 from __future__ import annotations
 

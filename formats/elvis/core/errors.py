@@ -23,12 +23,12 @@ class ElvisError(Exception):
 
 
 def fault_sentence(error: Exception) -> str:
-    """A sentence on an error that nobody has foreseen."""
+    """A message for an unforeseen error."""
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return f"unexpected {what}; this is a fault of the program"
 
 
-#: characters of a sentence about a file; what is longer quotes more of it than anybody reads
+#: maximum length of a message about a file, in characters; longer ones only quote more of the file
 _LONGEST = 1000
 #: characters of any message
 _LONGEST_OF_ALL = 1900
@@ -37,7 +37,7 @@ _LONGEST_OF_ALL = 1900
 class FormatError(ElvisError):
     """A file that does not hold what its format promises.
 
-    The message reads ``file: place: expected …, found …``; parts that are unknown are left out.
+    The message reads ``file: place: expected …, found …``; unknown parts are omitted.
     """
 
     def __init__(self, message: str, *, file: str | Path | None = None, place: str | None = None) -> None:

@@ -1,7 +1,7 @@
-"""Sums that are rounded once, so that neither order nor who adds which numbers changes them.
+"""Sums that are rounded once, so the order of the numbers and their distribution to processes do not matter.
 
-`math.fsum` adds exactly and rounds the sum (Shewchuk, Adaptive Precision Floating-Point Arithmetic, 1997).  What it
-leaves is a sum of the same numbers and one more: so a few numbers stand for many, to the last bit.
+`math.fsum` adds exactly and rounds the sum (Shewchuk, Adaptive Precision Floating-Point Arithmetic, 1997).  The
+remainder is the sum of the same numbers and one more, so a few numbers represent many to the last bit.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def rounded_sum(numbers: Iterable[float]) -> float:
 
 
 def parts_of_sum(numbers: Floats) -> list[float]:
-    """Few numbers with the exact sum of all (n,), which are of one sign: the rounded sum, then what it lacks."""
+    """A few numbers with the same exact sum as all (n,), which have one sign: the rounded sum, then the remainders."""
     every, parts = numbers.tolist(), list[float]()
     while rest := rounded_sum(every):
         parts.append(rest)

@@ -1,9 +1,9 @@
-"""The least and the greatest value of a field over all elements, with their places: certified, by branch and bound.
+"""Certified minimum and maximum of a field over all elements, with their positions, by branch and bound.
 
-A field lies below the greatest coefficient of its Bernstein net on a box, and has the values at the box's corners.
-Boxes whose bound is not above the best value found so far are done with; the others are halved.  Near an extreme the
-bound comes down with the square of the size of boxes, so that few are left each time.  Bounds hold what nets are
-rounded by, `polynomials.rounding`: that of the coefficients, and of each halving that was done.
+On a box, a field lies below the largest coefficient of its Bernstein net, and attains the net's values at the corners.
+Boxes whose bound is not above the best value found so far are discarded; the others are bisected.  Near an extremum the
+bound converges with the square of the box size, so few boxes remain at each level.  Bounds include the rounding errors
+of the nets (`polynomials.rounding`): from the coefficients, and from each bisection.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from elvis.core.polynomials.rounding import (
     raising_roundings,
 )
 
-#: halvings at most, boxes at once, and the gap to the bound that is small enough, in parts of the field's magnitude
+#: maximum bisections, boxes at once, and the tolerated gap to the bound, relative to the field's magnitude
 _ROUNDS, _MANY, _CLOSE = 30, 1 << 12, 1e-13
-#: elements whose nets are looked at together, and numbers in these
+#: number of elements whose nets are examined together, and of coefficients in these
 _AT_ONCE, _NUMBERS = 1 << 12, 1 << 20
 
 
@@ -63,9 +63,9 @@ def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
 
 
 def deciding_extrema(dataset: Dataset, name: str) -> Ints:
-    """(n,) ids of elements of which some decide `extrema`: those of these alone are those of all.
+    """(n,) ids of elements that determine `extrema`: the extrema over these elements equal the extrema over all.
 
-    ElvisError with Fourier directions.
+    Raises ElvisError with Fourier directions.
     """
     held = _patches(dataset, name)
     return ids_of(held, [_chosen_of_field(patch).rows for patch in held])
@@ -80,12 +80,12 @@ def ids_of(held: Sequence[Patch], rows: Sequence[Ints]) -> Ints:
 
 
 def _chosen_of_field(patch: Patch) -> Chosen:
-    """The elements of a patch of which some decide the extremes of its first field."""
+    """The elements of a patch that determine the extrema of its first field."""
     return chosen(len(patch), partial(_nets, patch, 0))
 
 
 def _patches(dataset: Dataset, name: str) -> list[Patch]:
-    """Those that have a field; ElvisError with Fourier directions."""
+    """The patches that hold a field; raises ElvisError with Fourier directions."""
     held = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None and len(patch)]
     if any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected a field without Fourier directions, to bound it")
@@ -109,18 +109,19 @@ def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extr
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Elements of which some decide extremes: rows (n,) of a patch, ascending, and their nets."""
+    """Elements that determine extrema: ascending rows (n,) of a patch, and their nets."""
 
     rows: Ints
     nets: Nets
 
 
 def chosen(count: int, nets_on: Callable[[Ints], Nets], numbers: int = 0) -> Chosen:
-    """Those of ``count`` elements of a patch that decide extremes, with nets, which are made batch by batch.
+    """The elements among ``count`` of a patch that determine extrema, with nets built batch by batch.
 
-    So the nets of all are never in memory.
+    Memory therefore never holds the nets of all elements.
 
-    numbers  of an element's nets at most, where that is known: the more, the fewer elements are looked at together
+    numbers  maximum count of coefficients in an element's nets, if known: the larger it is, the fewer elements are
+             examined together
     """
     rows, nets = [], []
     for some in chunks(count, max(1, min(_AT_ONCE, _NUMBERS // max(numbers, 1)))):
@@ -140,7 +141,7 @@ class Nets:
 
     @staticmethod
     def together(several: Sequence[Nets]) -> Nets:
-        """Those of several, one after the other."""
+        """The nets of several sets, concatenated."""
         values = np.concatenate([own.values for own in several])
         return Nets(values, np.concatenate([own.error for own in several]))
 
@@ -149,7 +150,7 @@ class Nets:
         return Nets(self.values[rows], self.error[rows])
 
     def times(self, sign: int) -> Nets:
-        """The nets, or with -1 those of the negative."""
+        """The nets; their negatives for -1."""
         return Nets(sign * self.values, self.error)
 
     def minus(self, other: Nets) -> Nets:
@@ -166,7 +167,7 @@ class Nets:
 
 
 def _nets(patch: Patch, number: int, rows: Ints) -> Nets:
-    """Those of a field on elements (n,) of a patch."""
+    """The nets of a field on elements (n,) of a patch."""
     expansion, every = _held(patch, number)
     coefficients = every[rows]
     space, net = bernstein_space(expansion), bernstein_coefficients(expansion, coefficients)
@@ -183,12 +184,12 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
 
 
 def _ends(held: Sequence[Patch], some: Sequence[Chosen]) -> tuple[Extreme, Extreme]:
-    """The least and the greatest value of what has nets on elements of patches."""
+    """Minimum and maximum of a function with nets on elements of patches."""
     return _extreme(held, some, -1), _extreme(held, some, 1)
 
 
 def _extreme(held: Sequence[Patch], some: Sequence[Chosen], sign: int) -> Extreme:
-    """The greatest value of ``sign`` times what has nets on elements of patches."""
+    """The maximum of ``sign`` times a function with nets on elements of patches."""
     best = greatest_of(some, sign)
     patch = held[best.number]
     place = pointwise.positions(patch, np.array([best.row]), uncollapse(patch.shape, best.eta[None]))[0]
@@ -197,7 +198,7 @@ def _extreme(held: Sequence[Patch], some: Sequence[Chosen], sign: int) -> Extrem
 
 
 def greatest_of(some: Sequence[Chosen], sign: int) -> Best:
-    """The greatest value of ``sign`` times what has nets on elements of several patches."""
+    """The maximum of ``sign`` times a function with nets on elements of several patches."""
     found = [_greatest(own.nets.times(sign)) for own in some]
     number = max(range(len(some)), key=lambda number: found[number].value)
     row = int(some[number].rows[found[number].row])
@@ -206,7 +207,7 @@ def greatest_of(some: Sequence[Chosen], sign: int) -> Best:
 
 @dataclass
 class Best:
-    """The greatest value so far, and what no other exceeds.
+    """The best value so far, and an upper bound for all other values.
 
     number  of the patch, row of it, and place eta (d,) there
     """
@@ -219,10 +220,12 @@ class Best:
 
 
 def _deciding(nets: Nets) -> Ints:
-    """(n,) rows of elements that `_greatest` depends on: those that are halved, the one that has the best value so far,
-    and of those that are done with the one with the greatest bound.
+    """(n,) rows of the elements that determine `_greatest`.
 
-    Of a part of the elements more are halved than of all, as the best value is no greater, and what is close no wider.
+    These are the elements bisected, the one with the best value so far, and the discarded one with the largest bound.
+
+    A subset of the elements leads to at least the same bisections: its best value is not larger and its tolerance not
+    wider.
     """
     boxes = _whole(nets)
     best = _none_of(nets)
@@ -235,14 +238,14 @@ def _deciding(nets: Nets) -> Ints:
 
 
 def _none_of(nets: Nets) -> Best:
-    """Where no value is known yet."""
+    """The initial state, without any value."""
     return Best(-np.inf, -np.inf, 0, np.zeros(nets.values.ndim - 1))
 
 
 def _open(upper: Floats, best: Best, nets: Nets) -> Ints:
-    """(m,) which of boxes may hold a greater value than the best, the most promising first, so many as are halved.
+    """(m,) boxes that may hold a larger value than the best, the most promising first, at most as many as are bisected.
 
-    upper  (n,) their greatest coefficients
+    upper  (n,) their largest coefficients
     nets   of all elements
     """
     close = _CLOSE * float(nets.size.max())
@@ -251,7 +254,7 @@ def _open(upper: Floats, best: Best, nets: Nets) -> Ints:
 
 
 def _greatest(nets: Nets) -> Best:
-    """Of what has nets on elements."""
+    """The maximum of a function with these nets."""
     boxes, best = _whole(nets), _none_of(nets)
     for _ in range(_ROUNDS):
         boxes.improve(best)
@@ -293,7 +296,7 @@ class _Boxes:
         return np.asarray(self.nets.values.max(axis=tuple(range(1, self.nets.values.ndim))))
 
     def improve(self, best: Best) -> None:
-        """Let the best value be that of a corner, where one has a greater."""
+        """Update the best value if a corner of a box has a larger one."""
         values = corners(self.nets.values)
         box, corner = np.unravel_index(int(values.argmax()), values.shape)
         if values[box, corner] > best.value:

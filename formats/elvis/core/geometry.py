@@ -29,9 +29,9 @@ T = TypeVar("T")
 #: elements put together at once, so that intermediate arrays stay small
 _CHUNK = 1 << 13
 
-#: meshes that many datasets have, such as the steps of a series, and what follows from them alone, as asked for
+#: derived data of meshes that several datasets share, such as the steps of a series, by the key of the request
 _SHARED: WeakKeyDictionary[Mesh, dict[Hashable, Any]] = WeakKeyDictionary()
-#: how much is kept for a mesh: what was used last
+#: maximum number of derived results per mesh; the most recently used ones stay
 _MOST_KEPT = 32
 #: the key of what follows from a mesh and from those fields that gave its map last
 _MAPPED = "mapped"
@@ -42,14 +42,14 @@ class Corners:
     """The vertices of straight elements, which their maps share.
 
     vertices  (v, 3)  world coordinates of all vertices of the mesh
-    rows      (n, m)  rows of those that are an element's modes, in their order
+    rows      (n, m) rows of the vertices that are an element's modes, in their order
     """
 
     vertices: Floats
     rows: Ints
 
     def take(self, which: Ints) -> Corners:
-        """Those of some of the elements."""
+        """The corners of some of the elements."""
         return Corners(self.vertices, frozen_ints(self.rows[which]))
 
 
@@ -86,7 +86,7 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
 
 
 def mapping(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
-    """As `geometry`, of straight elements what has their coefficients when they are asked for, where none are kept."""
+    """`geometry`, but without a cache, straight elements compute their coefficients on demand."""
     if dataset.mesh in _SHARED:
         return geometry(dataset)
     return tuple(part if isinstance(part, GeometryBlock) else part.at_hand() for part in parts(dataset))
@@ -97,15 +97,15 @@ def _whole(found: Iterable[GeometryBlock | Assembly]) -> tuple[GeometryBlock, ..
 
 
 def share(mesh: Mesh) -> None:
-    """Keep what follows from a mesh, once it is made, for as long as the mesh: it is that of many datasets."""
+    """Cache data derived from a mesh that several datasets share, for the lifetime of the mesh."""
     _SHARED.setdefault(mesh, {})
 
 
 def kept(dataset: Dataset, key: Hashable, make: Callable[[], T]) -> T:
-    """What follows from the mapping of a dataset alone; it is made once where the mesh is shared.
+    """A result that depends only on the mapping of a dataset; it is computed once if the mesh is shared.
 
-    Where fields give the mapping, these must be the very same, too.  It must not refer to the mesh, which would then be
-    kept for ever.
+    If fields define the mapping, a cached result also requires the identical fields.  The result must not refer to the
+    mesh, which would then never be freed.
     """
     known = _known(dataset)
     if known is None:
@@ -118,7 +118,7 @@ def kept(dataset: Dataset, key: Hashable, make: Callable[[], T]) -> T:
 
 
 def _known(dataset: Dataset) -> dict[Hashable, Any] | None:
-    """What is kept of the mapping of a dataset; None where its mesh isn't shared."""
+    """The cached results for the mapping of a dataset; None if its mesh is not shared."""
     known = _SHARED.get(dataset.mesh)
     if known is None or not dataset.map_names:
         return known
@@ -131,7 +131,7 @@ def _known(dataset: Dataset) -> dict[Hashable, Any] | None:
 
 
 def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
-    """As `geometry`, but what follows from the mesh alone is put together only when it is asked for."""
+    """`geometry`, but blocks that depend only on the mesh are assembled on demand."""
     mapped = tuple(_mapped_blocks(dataset))
     ids = dataset.mesh.domain_ids()
     for block in mapped:
@@ -202,7 +202,7 @@ class Assembly:
         return coefficients
 
     def at_hand(self) -> GeometryBlock | Assembly:
-        """As it is where elements are soon put together, being straight; else all of it."""
+        """Itself if its elements are straight and quickly assembled; else the whole block."""
         return self if self.is_straight else self.block()
 
     def block(self) -> GeometryBlock:

@@ -1,4 +1,4 @@
-"""The grammar of expressions read from text; what becomes of their parts, a subclass says.
+"""The grammar of expressions read from text; subclasses define the values.
 
 sum      = product (("+" | "-") product)*
 product  = signed (("*" | "/") signed)*
@@ -6,7 +6,7 @@ signed   = ("+" | "-") signed | power
 power    = operand ("^" signed)?
 operand  = number | name | function "(" sum ("," sum)* ")" | "(" sum ")"
 
-A name that is no word stands in quotes.  A sign binds less than a power: -2^2 is -4.
+Names that are not identifiers must be quoted.  A sign binds less than a power: -2^2 is -4.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ class Grammar(ABC, Generic[Value]):
 
     @abstractmethod
     def _number(self, value: float) -> Value:
-        """What a number becomes."""
+        """The value of a number."""
 
     @abstractmethod
     def _negative(self, operand: Value) -> Value:
-        """What a minus sign makes of its operand."""
+        """The value of minus the operand."""
 
     @abstractmethod
     def _call(self, operator: str, first: Value, second: Value) -> Value:
-        """What one of ``+ - * / ^`` makes of its operands."""
+        """The value of one of ``+ - * / ^`` applied to its operands."""
 
     @abstractmethod
     def _resolve(self, name: str, is_quoted: bool) -> Value:
-        """What a name becomes, the token taken; where it is a function its operands are to be taken."""
+        """The value of a name, whose token has been consumed; a function must consume its operands."""
 
     def whole(self) -> Value:
-        """The expression; ElvisError that tells where it isn't one."""
+        """The expression; raises ElvisError with the position if the text is not an expression."""
         value = self._sum()
         if self._next < len(self._tokens):
             raise self._unexpected("an operator")

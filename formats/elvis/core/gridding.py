@@ -28,12 +28,12 @@ def to_xarray(
 ) -> Any:
     """An xarray.Dataset of exact values at the points of a regular grid, NaN outside the domain.
 
-    quantities  as `sample` takes them; None for all fields
+    quantities  as in `sample`; None for all fields
     counts      points along each axis of the data, or one number for all
-    box         lower and upper ends of the grid; those of the data by default
+    box         lower and upper ends of the grid; by default the ends of the data
 
     Dimensions are z, y and x, as many as the data have, x fastest; ``element`` is the id of the element, -1 outside.
-    ElvisError where counts or ends don't fit, and without xarray.
+    Raises ElvisError if counts or ends are invalid, or without xarray.
     """
     xarray = require_module("xarray", "to_xarray", "notebook")
     names = Names.of(dataset)

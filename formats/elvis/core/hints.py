@@ -1,4 +1,4 @@
-"""What somebody meant who wrote a name that is none."""
+"""Suggestions for unknown names: what the user may have meant."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def perhaps(name: str, known: Iterable[str]) -> str:
-    """`` (perhaps NEAR)``, to stand behind a name in a sentence; empty where no name is near."""
+    """`` (perhaps NEAR)``, to append to a name in a message; empty if no known name is similar."""
     near = nearest(name, known)
     return f" (perhaps {near})" if near else ""

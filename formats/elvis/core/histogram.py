@@ -16,7 +16,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 
-#: points that are looked at, about
+#: approximate number of sampled points
 MOST = 100_000
 #: of these in each direction of an element at most, and at once
 _EACH, _BATCH = 64, 1 << 18
@@ -80,12 +80,12 @@ def _values(
 
 
 def _least(piece: Piece) -> int:
-    """Points each way that tell a quantity on an element: one more than modes."""
+    """Number of points per direction that determines a quantity on an element: one more than modes."""
     expansions = [own for own in (piece.patch.geometry, *piece.patch.fields) if own is not None]
     return 1 + max(max(own.modes) for own in expansions)
 
 
 def _every(pieces: Sequence[Piece], most: float) -> int:
-    """Each how many-th element is looked at, so that there are no more points."""
+    """Stride through the elements that keeps the number of points below ``most``."""
     needed = sum(len(piece) * _least(piece) ** piece.dimension for piece in pieces)
     return max(1, int(np.ceil(needed / most)))

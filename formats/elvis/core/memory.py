@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-#: where Linux tells of control groups: containers, jobs of a batch system, units of systemd
+#: mount point of Linux control groups: containers, jobs of a batch system, units of systemd
 _GROUPS = Path("/sys/fs/cgroup")
-#: files of a group, in version 1 and 2: what it may use, what it uses, and the key of what of this is free on demand
+#: files of a group in versions 1 and 2: its limit, its usage, and the key of the usage that is freed on demand
 _FILES = {
     1: ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
     2: ("memory.max", "memory.current", "inactive_file"),
@@ -21,10 +21,10 @@ _OWN_PAGES, _MMAP_THRESHOLD = 1 << 22, -3
 
 
 def give_back_at_once() -> None:
-    """Let long arrays go back to the system as soon as they are freed, for the rest of the process.
+    """Return long arrays to the system as soon as they are freed, for the rest of the process.
 
-    Without this glibc, once an array was freed, takes memory for others up to that size, of at most 32 MiB, from one
-    heap, where what is freed between others stays with the process.  Elsewhere nothing is changed.
+    By default, after an array was freed, glibc serves requests up to that size (at most 32 MiB) from one heap, where
+    gaps between arrays stay with the process.  Has no effect without glibc.
     """
     set_option = _of_glibc("mallopt")
     if set_option is not None:
@@ -58,7 +58,7 @@ def size_text(size: float) -> str:
 
 
 def peak_memory() -> int | None:
-    """Bytes of memory that this process took at most so far; None where the system doesn't tell."""
+    """Peak memory of this process so far, in bytes; None if the system does not report it."""
     try:
         import resource
     except ImportError:  # on Windows
@@ -68,9 +68,9 @@ def peak_memory() -> int | None:
 
 
 def free_memory() -> float:
-    """Bytes of memory that are free, to the system and to the control groups of this process.
+    """Bytes of memory available to the system and to the control groups of this process.
 
-    All there are where the system doesn't tell, infinite where it tells neither.
+    The total if the system does not report this, infinite if it reports neither.
     """
     return min(_of_system(), *_of_groups())
 
@@ -87,7 +87,7 @@ def _of_system() -> float:
 
 
 def _of_groups(process: Path = Path("/proc/self/cgroup"), groups: Path = _GROUPS) -> list[float]:
-    """Bytes that are free to each control group of a process that has a limit, and to those that hold it."""
+    """Bytes available to each control group of a process that has a limit, and to the groups that contain it."""
     try:
         lines = process.read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):
@@ -99,7 +99,7 @@ def _of_groups(process: Path = Path("/proc/self/cgroup"), groups: Path = _GROUPS
         if version == 2 or "memory" in controllers.split(","):
             root = groups if version == 2 else groups / "memory"
             own = root / path.strip("/")
-            # inside a container the path may be that of the machine, which isn't there
+            # inside a container the path may belong to the machine, where it is not visible
             found += [_of_group(folder, version) for folder in (own, *own.parents) if folder.is_relative_to(root)]
     return found
 

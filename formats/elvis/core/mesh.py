@@ -30,7 +30,7 @@ class Entities:
         return len(self.ids)
 
     def rows_of(self, ids: Ints) -> Ints:
-        """(n,) rows of entities with these ids (n,), each of which is there."""
+        """(n,) rows of entities with these ids (n,), all of which must exist."""
         return rows_of(self.ids, ids)
 
     @staticmethod
@@ -102,12 +102,12 @@ PERIODIC = "(periodic)"
 
 @dataclass(frozen=True)
 class Counts:
-    """How much a mesh is made of.
+    """Sizes of a mesh.
 
-    vertices    their number
+    vertices    number of vertices
     entities    numbers by shape
-    curves      for edges and for faces how many are curved, and the points of all
-    composites  for each how many entities its parts have
+    curves      for edges and for faces, the number that are curved, and the total of their points
+    composites  for each composite, the number of entities in its parts
     """
 
     vertices: int
@@ -122,7 +122,7 @@ class Counts:
 
     @property
     def bytes(self) -> int:
-        """How much memory arrays of a mesh take that is made of so much: their numbers have eight bytes each."""
+        """Memory for the arrays of a mesh of this size, in bytes: every number has eight bytes."""
         numbers = 4 * self.vertices + sum(map(sum, self.composites))
         numbers += sum((1 + MEMBERS[shape]) * count for shape, count in self.entities.items())
         numbers += sum(3 * count + 1 + 3 * points for count, points in self.curves)
@@ -131,11 +131,11 @@ class Counts:
 
 @dataclass(frozen=True, eq=False)
 class Excerpt:
-    """What a mesh that is a part of a whole one has to know of that (`elvis.core.portions`).
+    """Facts about the whole that a mesh must know if it is a part (`elvis.core.portions`).
 
     counts  of the whole
-    sides   (n,) rows of faces (triangles first), of 2D meshes of edges, beyond which there are elements in the whole;
-            of 32 bits where these are enough
+    sides   (n,) rows of faces (triangles first) or, in 2D meshes, of edges with elements of the whole on the other
+            side; 32-bit if enough
     """
 
     counts: Counts

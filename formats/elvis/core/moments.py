@@ -11,7 +11,7 @@ from elvis.core.errors import ElvisError, FormatError
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
 
-#: what there may be between steps: a polynomial in time through two of them or through four, or the nearest one
+#: interpolation between steps: a polynomial in time through two or through four of them, or the nearest one
 BETWEEN = ("linear", "cubic", "nearest")
 
 
@@ -42,7 +42,7 @@ class Moment:
         return self.step is not None or self.time is not None or self.wants_series
 
     def of_one_state(self, dataset: Dataset) -> Dataset:
-        """Data that are no series: a time is what t stands for; ElvisError for a step that there is not."""
+        """Data that are not a series: a time replaces t; raises ElvisError for a step that does not exist."""
         if self.step not in (None, 0, -1):
             raise ElvisError(f"expected step 0, as the files hold one state, found {self.step}")
         return dataset if self.time is None else replace(dataset, time=self.time)
@@ -50,11 +50,11 @@ class Moment:
 
 @dataclass(frozen=True)
 class Instant:
-    """The moment of a series that data hold.
+    """The moment of a series that data represent.
 
-    time     theirs, in the unit of the files
-    steps    the first and the last step that they are made of
-    between  one of BETWEEN, or quadratic, where no step has the time that was asked for, else None
+    time     time of the data, in the unit of the files
+    steps    the first and the last step that contribute
+    between  one of BETWEEN, or quadratic, if no step has the requested time; else None
     """
 
     time: float

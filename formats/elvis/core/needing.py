@@ -15,9 +15,9 @@ class MissingPackageError(ElvisError):
 
 
 def require_module(module: str, what: str, extra: str = "") -> Any:
-    """The module; MissingPackageError that tells what needs it, and how it is installed, where it is missing.
+    """Import a module; if it is missing, raise MissingPackageError with its purpose and how to install it.
 
-    extra  of ElVis that brings it, where it has one
+    extra  extra of ElVis that provides it, if any
     """
     try:
         return import_module(module)

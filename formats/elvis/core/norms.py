@@ -37,9 +37,9 @@ class Norm:
     """Norms of one function.
 
     l2       root of the integral of its square
-    linf     greatest magnitude at the quadrature points
-    maximum  greatest value, with its sign, at the quadrature points
-    l2_error, linf_error  how far they are from those of the source that the data were converted from: an estimate
+    linf     largest magnitude at the quadrature points
+    maximum  largest value, with its sign, at the quadrature points
+    l2_error, linf_error  their estimated deviation from the norms of the source that the data were converted from
     """
 
     l2: float
@@ -52,13 +52,13 @@ class Norm:
 def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
     """Norms over the domain: of the coordinates first, then of the fields, in the order of the file.
 
-    ranks  share the work, to the same bits: of a part of a mesh (`elvis.core.portions`) each takes the elements that
-           it has; all but the first have nothing in the end
+    ranks  share the work with bit-identical results: with a part of a mesh (`elvis.core.portions`) each rank takes its
+           elements; only the first rank has the result
 
-    Fields are integrated by the rule of their own orders, coordinates by that of the first field, or for a mesh alone
-    by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous directions add
-    their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in FieldConvert.
-    ElvisError where the domain, or a field on it, holds no element.
+    Fields are integrated by the rule of their own orders, coordinates by the rule of the first field, or for a mesh
+    without fields by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous
+    directions add their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in
+    FieldConvert.  Raises ElvisError if the domain, or a field on it, holds no element.
     """
     # fields that are the map count only where there are no others: then coordinates are integrated by their rule
     names, axes = [one.name for one in dataset.solution or dataset.fields], _axes(dataset)
@@ -77,11 +77,13 @@ def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
 
 
 def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: Ranks = ALONE) -> dict[str, Norm]:
-    """Norms of expressions over the elements that have all of their fields; NaN where one has no value somewhere.
+    """Norms of expressions over the elements that have all of their fields.
 
-    The rule is that of the field with most modes in it, of the map where it has no field.
+    NaN if an expression has no value at some point.
+
+    The rule is chosen by the field with the most modes in the expression, or by the map without fields.
     ranks  as in `norms`
-    ElvisError where no element of the domain has one.
+    Raises ElvisError if no element of the domain has all fields of an expression.
     """
     sums = {each.text: _Sum() for each in expressions}
     for each in expressions:
@@ -98,9 +100,9 @@ def _turns(dataset: Dataset, ranks: Ranks) -> Turns:
 
 
 def _gathered(sums: dict[str, _Sum], dataset: Dataset, ranks: Ranks, radii: Mapping[str, float]) -> dict[str, Norm]:
-    """The norms of functions by name, of what all ranks know; nothing elsewhere than at the first one.
+    """The norms of functions by name, from the sums of all ranks; empty except at the first rank.
 
-    radii  by how much each function is off that of the source
+    radii  deviation of each function from the source
     """
     found = {name: total.found(radii.get(name, 0.0)) for name, total in sums.items()}
     every = ranks.gather(found, f"norms of {', '.join(sums)} on {dataset.mesh.count} elements")
@@ -146,7 +148,7 @@ def _quadrature(dataset: Dataset, expression: Expression, most: float, turns: Tu
 
 @dataclass
 class _Sum:
-    """What is known of a function after some elements.
+    """The accumulated sums of a function over some elements.
 
     squares  (n,) integrals of the square over these, in batches
     """
@@ -166,17 +168,17 @@ class _Sum:
         self.greatest = float(np.maximum(self.greatest, values.max()))
 
     def found(self, radius: float) -> _Found:
-        """What others have to know of a function that is off by a radius at most."""
+        """The data for other ranks about a function with an error of at most ``radius``."""
         squares = np.concatenate([np.empty(0), *self.squares])
         return _Found(self.count, parts_of_sum(squares), self.least, self.greatest, self.measure, radius)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """How many values a function has at points, numbers whose exact sum is that of its squares, and its ends.
+    """Number of sampled values of a function, numbers with the exact sum of their squares, and their extremes.
 
     measure  of the elements
-    radius   by how much the function is off that of the source
+    radius   deviation of the function from the source
     """
 
     count: int
@@ -277,7 +279,8 @@ class _Rule:
 def _plane_points(basis: Basis, count: int) -> Floats:
     """(k,) places zeta of the planes: evenly spaced, four for a single wave, one for half of one.
 
-    So FieldConvert places them.  It does not open the sine half of a wave; that gets its plane where the sine is 1.
+    FieldConvert places them in the same way.  It does not handle the sine half of a wave; there the plane is where the
+    sine is 1.
     """
     if basis in _HALVES:
         return np.array([_HALVES[basis]])

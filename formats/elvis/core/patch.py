@@ -25,8 +25,8 @@ class Patch:
     geometry               expansion of the mapping
     geometry_coefficients  (n, 3, m)  of the world coordinates
     fields                 expansion of each field, None for a field that doesn't hold these elements
-    coefficients           (n, m) for each field, None likewise; a view of the dataset's where whole blocks coincide
-    corners                where the maps' coefficients are vertices of the mesh: which ones
+    coefficients           (n, m) for each field, or None; a view of the dataset's array if whole blocks coincide
+    corners                the vertices of the mesh that are the maps' coefficients, if they are vertices
     """
 
     shape: Shape
@@ -53,7 +53,7 @@ class Patch:
 
     @cached_property
     def homogeneous(self) -> Homogeneous | None:
-        """The Fourier directions that the fields have in addition to those of the shape."""
+        """Fourier directions of the fields in addition to the directions of the shape."""
         return next((own.homogeneous for own in self.fields if own is not None and own.homogeneous), None)
 
     @property

@@ -1,4 +1,4 @@
-"""What kind of picture a dataset makes: by its elements, the space they lie in, and its Fourier directions."""
+"""The kind of picture of a dataset: from its elements, the space they lie in, and its Fourier directions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from elvis.core.quantities import Names
 
 
 class Kind(Enum):
-    """What data are to a picture; decided once and handed on.
+    """The kind of data for a picture; determined once and passed on.
 
     LINE     1D data, drawn as curves
     PLANE    2D data in the plane z = 0

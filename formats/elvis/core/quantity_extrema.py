@@ -1,8 +1,9 @@
-"""The least and the greatest value of any quantity over all elements, with their places, by branch and bound.
+"""Minimum and maximum of any quantity over all elements, with their positions, by branch and bound.
 
-What is a polynomial on elements is bounded by its own Bernstein nets, as a field is; so is what grows with one, as a
-root does with what is below it.  Everything else is bounded by interval arithmetic on boxes, which are halved: these
-bounds come down with the size of the boxes, not with its square, so that a wider gap may be left.
+A quantity that is a polynomial on elements is bounded by its own Bernstein nets, as a field is; monotone functions of a
+polynomial, such as a root, use the nets of their argument.  Everything else is bounded by interval arithmetic on boxes,
+which are bisected.  These bounds converge with the size of the boxes, not with its square, so the remaining gap may be
+wider.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from elvis.core.ranks import Ranks
 _GROWING = ("sqrt", "exp", "log", "sinh", "tanh", "atan")
 #: numbers in nets of all elements at most
 _MOST = 1 << 27
-#: halvings at most, boxes and elements at once, and the gap that is small enough, in parts of the value
+#: maximum bisections, boxes and elements at once, and the tolerated gap relative to the value
 _ROUNDS, _MANY, _ELEMENTS, _CLOSE = 16, 1 << 8, 1 << 10, 1e-12
 #: halvings after which bounds that are still infinite are given up
 _HOPEFUL = 3
@@ -60,7 +61,7 @@ def _widened(ends: tuple[Extreme, Extreme], radius: float) -> tuple[Extreme, Ext
 
 
 def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
-    """The extremes of a quantity of the data as they are."""
+    """The extrema of a quantity of the data without widening for conversion errors."""
     if expression.is_field:
         return extrema(dataset, expression.root.name)
     own = _Quantity.of(dataset, expression)
@@ -68,9 +69,9 @@ def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme
 
 
 def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks) -> list[tuple[Extreme, Extreme]]:
-    """The same of quantities on data of which each of several ranks has a part; none elsewhere than at the first rank.
+    """The extrema of quantities on data divided among several ranks; empty except at the first rank.
 
-    Those elements of all parts that may decide them go there.
+    Elements of all parts that may determine the extrema are sent there.
     """
     radii = ranks.exchange(largest_radii(part.dataset, quantities), "errors of conversions")
     found = [_shared(part, each, ranks) for each in quantities]
@@ -113,7 +114,7 @@ class _Quantity:
 
     @staticmethod
     def of(dataset: Dataset, expression: Expression) -> _Quantity:
-        """That of a dataset; ElvisError with Fourier directions."""
+        """The quantity on a dataset; raises ElvisError with Fourier directions."""
         evaluator = Evaluator(dataset, [expression])
         held = tuple(patch for patch in evaluator.patches if None not in patch.fields and len(patch))
         if any(patch.homogeneous for patch in held):
@@ -122,7 +123,7 @@ class _Quantity:
 
     @cached_property
     def outer(self) -> tuple[Node, ...]:
-        """The functions that grow with what is in them, the outermost first."""
+        """The monotone functions around the inner expression, the outermost first."""
         found = [self.expression.root]
         while found[-1].op in _GROWING:
             found.append(found[-1].operands[0])
@@ -130,12 +131,12 @@ class _Quantity:
 
     @cached_property
     def inner(self) -> Expression:
-        """What is in all these."""
+        """The argument of the innermost monotone function."""
         return Expression(self.expression.text, self.outer[-1].operands[0] if self.outer else self.expression.root)
 
     @cached_property
     def degrees(self) -> list[int | None]:
-        """Of what is inner on each patch, at least 1; None where it is no polynomial."""
+        """Degree of the inner expression on each patch, at least 1; None if it is not a polynomial."""
         has_slopes = self.inner.order > 0
         found = [
             degree_on(self.inner, self.evaluator, patch, not has_slopes or _is_affine(patch)) for patch in self.held
@@ -144,7 +145,7 @@ class _Quantity:
 
     @cached_property
     def numbers(self) -> int | None:
-        """How many numbers are in the nets of what is inner, if these are polynomials on all elements."""
+        """Number of coefficients in the nets of the inner expression, if it is a polynomial on all elements."""
         sizes = [
             None if degree is None else len(patch) * (degree + 1) ** patch.shape.dimension
             for patch, degree in zip(self.held, self.degrees, strict=True)
@@ -154,9 +155,9 @@ class _Quantity:
 
     @cached_property
     def chosen(self) -> list[Chosen]:
-        """The elements of which some decide the extremes of what is inner, with nets, which are finite on all elements.
+        """The elements that determine the extrema of the inner expression, with nets, which must be finite.
 
-        _NotFinite where they aren't.
+        Raises _NotFinite otherwise.
         """
 
         def nets_on(patch: Patch, rows: Ints) -> Nets:
@@ -177,13 +178,13 @@ class _NotFiniteError(Exception):
 
 
 def _are_polynomials(numbers: Sequence[int | None]) -> bool:
-    """Whether a quantity is one on the elements of all parts, with nets that have so many numbers."""
+    """Whether a quantity is a polynomial on the elements of all parts, with nets of these sizes."""
     known = [own for own in numbers if own is not None]
     return len(known) == len(numbers) and 0 < sum(known) <= _MOST
 
 
 def _deciding_polynomial(own: _Quantity) -> Ints | None:
-    """(n,) ids of elements of which some decide the extremes of a polynomial; None where nets are not finite."""
+    """(n,) ids of elements that determine the extrema of a polynomial; None if nets are not finite."""
     try:
         return ids_of(own.held, [some.rows for some in own.chosen])
     except _NotFiniteError:
@@ -210,19 +211,19 @@ def _of_polynomial(own: _Quantity) -> tuple[Extreme, Extreme] | None:
 
 
 def _extreme(patch: Patch, row: int, reference: Floats, value: float, bound: float, sign: int) -> Extreme:
-    """The extreme of a quantity of which ``sign`` times it has a greatest value, at a reference point (1, d)."""
+    """The extremum of a quantity with ``sign`` times it maximal at a reference point (1, d)."""
     x, y, z = map(float, pointwise.positions(patch, np.array([row]), reference)[0])
     return Extreme(sign * value, sign * max(bound, value), (x, y, z), int(patch.element_ids[row]))
 
 
 def _of_any(own: _Quantity) -> tuple[Extreme, Extreme]:
-    """The extremes of any quantity; ElvisError where there is no value."""
+    """The extrema of any quantity; raises ElvisError without values."""
     least, greatest = (search.found() for search in _searches(own))
     return least, greatest
 
 
 def _deciding_any(own: _Quantity) -> Ints:
-    """(n,) ids of elements of which some decide these."""
+    """(n,) ids of elements that determine these extrema."""
     searches = _searches(own)
     rows = [np.concatenate([search.rows_of(number) for search in searches]) for number in range(len(own.held))]
     return ids_of(own.held, rows)
@@ -252,7 +253,7 @@ def _cells(own: _Quantity, patch: Patch, rows: Ints) -> Cells:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Boxes of elements of a patch, with what no value on them exceeds (n,)."""
+    """Boxes of elements of a patch, with upper bounds (n,) for the values on them."""
 
     number: int
     cells: Cells
@@ -260,11 +261,12 @@ class _Part:
 
 
 class _Search:
-    """The greatest value of ``sign`` times a quantity, by interval arithmetic.
+    """The maximum of ``sign`` times a quantity, by interval arithmetic.
 
-    It depends on the element that has the greatest value at corners and middles, and on those with the greatest bounds,
-    one more than are looked at closely: what is left out is bounded by that one.  Of equal values that of the first
-    element counts, so that it doesn't depend on what is looked at together.
+    The result depends on the element with the largest value at corners and centres, and on the elements with the
+    largest bounds.  There is one more of these than are examined closely; its bound covers the elements not examined.
+    If values are equal, the first element's counts, so the result does not depend on which elements are examined
+    together.
     """
 
     def __init__(self, own: _Quantity, sign: int) -> None:
@@ -276,7 +278,7 @@ class _Search:
         self._upper, self._numbers, self._rows = np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
 
     def attain(self, number: int, places: ElementPoints, values: Floats) -> None:
-        """Keep the greatest of values (n,) at points of a patch, where it is greater than what is known."""
+        """Update the best value and its position from values (n,) at points of a patch."""
         values = self._sign * values
         values = np.where(np.isfinite(values), values, -np.inf)
         best = int(values.argmax())
@@ -285,7 +287,7 @@ class _Search:
             self._place = number, row, places.points[best : best + 1]
 
     def note(self, number: int, cells: Cells) -> None:
-        """Keep those of a patch's elements that have the greatest bounds."""
+        """Update the list of elements with the largest bounds from a patch."""
         upper = np.concatenate([self._upper, self._bounds(cells)])
         numbers = np.concatenate([self._numbers, np.full(len(cells), number)])
         rows = np.concatenate([self._rows, cells.rows])
@@ -299,7 +301,7 @@ class _Search:
         return np.append(rows, self._place[1]) if self._place is not None and is_here else rows
 
     def found(self) -> Extreme:
-        """The extreme; ElvisError where there is no value."""
+        """The extremum; raises ElvisError without values."""
         open_parts = self._kept(list(self._whole()))
         for depth in range(_ROUNDS):
             if not open_parts or (depth > _HOPEFUL and any(np.isinf(part.upper).any() for part in open_parts)):
@@ -332,14 +334,14 @@ class _Search:
         return _Part(part.number, cells, self._bounds(cells))
 
     def _bounds(self, cells: Cells) -> Floats:
-        """(n,) what no value on boxes exceeds; -inf where there are none."""
+        """(n,) upper bounds for the values on boxes; -inf if a box has no values."""
         if self._own.expression.order > 1:
             return np.full(len(cells), np.inf)
         upper = cells.bounds(self._root)[1]
         return np.where(np.isnan(upper), -np.inf, upper)
 
     def _kept(self, parts: Sequence[_Part]) -> list[_Part]:
-        """Boxes that may hold a greater value, the most promising; what is left out is bounded."""
+        """Boxes that may hold a larger value, the most promising ones; the rest enters the bound."""
         every = np.concatenate([np.empty(0), *(part.upper for part in parts)])
         least = self._value + _CLOSE * abs(self._value)
         if (every > least).sum() > _MANY:

@@ -1,4 +1,4 @@
-"""Where to ask: points from a table, along a line, over a plane."""
+"""Sample points: from a table, along a line, over a plane."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def points_on_plane(origin: Sequence[float], u: Sequence[float], v: Sequence[flo
 
 
 def points_in_table(path: str | Path) -> Floats:
-    """(n, 3) the points in a text table, ``-`` for standard input; coordinates that it lacks are zero.
+    """(n, 3) the points in a text table, ``-`` for standard input; missing coordinates are zero.
 
-    A header may name the columns, of which x, y and z count; without one there are at most three columns.  Commas,
-    semicolons or blanks separate; blank lines and lines that begin with # are skipped.
-    Raises FormatError with the line where a number is missing, malformed or not finite.
+    A header may name the columns; x, y and z are used; without one there are at most three columns.  Commas, semicolons
+    or blanks separate; blank lines and lines that begin with # are skipped.  Raises FormatError with the line if a
+    number is missing, malformed or not finite.
     """
     text = _text(path)
     rows = _rows(text)
@@ -49,7 +49,7 @@ def points_in_table(path: str | Path) -> Floats:
     if first is None:
         raise FormatError("expected at least one point, found none", file=path)
 
-    # A first line with a word in it is the header
+    # A first line with a cell that is not a number is the header
     place, cells = first
     columns = {name: i for i, name in enumerate(AXES[: len(cells)])}
     points: list[list[float]] = []
@@ -94,7 +94,7 @@ def _plain_numbers(text: str, is_headed: bool, count: int) -> Floats | None:
 
 
 def pairs_in_table(text: str) -> Floats:
-    """(n, 2) two columns of a text table, told as FILE or FILE:X,Y with names or numbers of columns, 1 for the first.
+    """(n, 2) two columns of a text table, given as FILE or FILE:X,Y with names or numbers of columns, 1 for the first.
 
     Raises FormatError with the line where a number is missing or malformed, and for columns that the table lacks.
     """
@@ -117,7 +117,7 @@ def pairs_in_table(text: str) -> Floats:
 
 
 def _column(path: str, name: str, header: list[str]) -> int:
-    """The place of a column that is told by its name in a header or by its number."""
+    """Index of a column given by its name in a header or by its number."""
     if name in header:
         return header.index(name)
     if name.isdecimal() and int(name) > 0:
@@ -146,7 +146,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _separator(line: str) -> str | None:
-    """What separates the cells of a line; None for blanks."""
+    """The character that separates the cells of a line; None for blanks."""
     return next((separator for separator in ",;" if separator in line), None)
 
 

@@ -38,9 +38,9 @@ class Range:
 
 
 def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
-    """The range over elements with ``coefficients`` (n, m); None where there are none.
+    """The range over elements with ``coefficients`` (n, m); None without elements.
 
-    Elements with coefficients that are not finite are left out.  With Fourier directions ``lower`` and ``upper`` come
+    Elements with coefficients that are not finite are skipped.  With Fourier directions ``lower`` and ``upper`` come
     from the sum of the amplitudes, without halving.
     """
     finite = [(expansion, c, finite_rows(c)) for expansion, c in blocks]
@@ -58,10 +58,10 @@ def field_range(blocks: Sequence[Block]) -> Range | None:
 
 
 def deciding(blocks: Sequence[Block]) -> Ints:
-    """(n,) ids of elements of which some may hold an end of the range: that of them alone is that of all.
+    """(n,) ids of elements that may hold an end of the range: the range over these elements equals the range over all.
 
-    Those beyond what is attained, of many as many as are looked at closely and one more, which bounds all others, and
-    those that attain it; where Fourier directions are summed, the greatest bounds.
+    These are the elements with bounds beyond the attained value, up to one more than are examined closely (its bound
+    covers all others), and an element that attains it; with Fourier directions, the elements with the largest bounds.
     """
     found = [np.empty(0, np.int64)]
     present = [(block, np.flatnonzero(finite_rows(block.coefficients))) for block in blocks]
@@ -76,7 +76,7 @@ def deciding(blocks: Sequence[Block]) -> Ints:
             else:
                 beyond = np.flatnonzero(bounds > attained)
                 found.append(ids[beyond[_descending(bounds[beyond])[: _most_boxes(block.expansion) + 1]]])
-            # of those that attain it one will do
+            # one of the elements that attain it is enough
             found.append(ids[np.flatnonzero(values == attained)[:1]])
     return np.unique(np.concatenate(found))
 
@@ -154,14 +154,14 @@ def _descending(bounds: Floats) -> Ints:
 
 
 def _most_boxes(expansion: Expansion) -> int:
-    """How many boxes are looked at closely."""
+    """Number of boxes that are examined closely."""
     space = bernstein_space(expansion)
     size = np.prod([degree + 1 for degree in box_degrees(space)])
     return max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
 
 
 def _refine(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
-    """As `_greatest`, for elements whose bound exceeds what is attained: halve, forget boxes that can't win."""
+    """`_greatest` for elements whose bound exceeds the attained value: bisect, and drop boxes without the maximum."""
     space = bernstein_space(expansion)
     order, most = _descending(bounds), _most_boxes(expansion)
     forgotten = float(bounds[order[most]]) if len(order) > most else attained

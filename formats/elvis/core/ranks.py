@@ -1,8 +1,8 @@
-"""The processes that run one command together: alone, or the ranks of a run under mpiexec.
+"""The processes that run one command together: a single process, or the ranks of a run under mpiexec.
 
-Five operations are enough: who am I, what have all found, for the first one (`gather`) or for all (`exchange`), what
-has each for each (`alltoall`), how did it end (`end`).  Waiting takes no processor time, which those that are not done
-yet may need.
+Five operations are enough: the rank, all results for the first rank (`gather`) or for all ranks (`exchange`), a message
+from each rank to each (`alltoall`), and the common exit status (`end`).  Waiting uses no processor time, which ranks
+that are still working may need.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from elvis.core.needing import require_module
 from elvis.core.terminal import remember_told, tell, told_lines
 
 T = TypeVar("T")
-#: variables in which starters of processes say their number: of MPICH and Intel MPI, Open MPI, SLURM; what stands
-#: beside it where the processes know of each other, as SLURM counts others, too
+#: variables in which launchers give the number of processes: MPICH and Intel MPI, Open MPI, SLURM; with the variable
+#: that must also be set if the processes know of each other, since SLURM counts others as well
 _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "PMIX_RANK"}
 #: those in which they say which one of them a process is, and how all begin by which one takes itself for a rank
 _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
@@ -36,7 +36,7 @@ _PATIENCE_ELSEWHERE = 0.5
 #: tags of messages: what a rank has found; its last word; what all have found; how rank 0 ended; from one to another;
 #: that no message follows
 _FOUND, _LAST, _ALL, _END, _DIRECT, _CLOSED = 1, 2, 3, 4, 5, 6
-#: what is wrong with a rank that has another task
+#: message for a rank with another task
 _OTHER = (
     "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
     "so start processes with their own one by one, or with srun --mpi=none"
@@ -55,20 +55,20 @@ class Ranks(Protocol):
         """How many there are."""
 
     def gather(self, value: T, task: str) -> list[T]:
-        """What all have found, in order, for rank 0; to be called by each.  Elsewhere it is empty.
+        """The results of all ranks, in order, for rank 0; every rank must call this.  Empty on the other ranks.
 
-        task  what they work at
-        ElvisError that names the part and the reason where a rank has failed, or works at something else.
+        task  description of their work
+        Raises ElvisError with the part and the reason if a rank has failed, or works on something else.
         """
 
     def exchange(self, value: T, task: str) -> list[T]:
-        """The same for all of them; ElvisError where rank 0 has failed, too."""
+        """The results of all ranks, in order, for all of them; raises ElvisError also if rank 0 has failed."""
 
     def alltoall(self, values: Sequence[T | None], task: str) -> list[T | None]:
-        """What each of them has for this one, in order; to be called by each.  None takes no message.
+        """The messages of all ranks to this one, in order; every rank must call this.  None sends no message.
 
-        values  for each rank what this one has for it
-        ElvisError as of exchange.
+        values  messages of this rank to each rank
+        Raises ElvisError as `exchange`.
         """
 
 
@@ -101,9 +101,9 @@ ALONE = Alone()
 
 
 def agreed(ranks: Ranks, work: Callable[[], T], task: str) -> T:
-    """What a rank makes by its own work; FormatError at all of them where that fails with one for any.
+    """The result of a rank's own work; raises FormatError on all ranks if the work fails with one on any.
 
-    It is that of the first rank, as of one process; that of another one names its part.
+    The error is the first rank's, as with one process; an error of another rank names its part.
     """
     if ranks.size == 1:
         return work()
@@ -119,7 +119,7 @@ def agreed(ranks: Ranks, work: Callable[[], T], task: str) -> T:
 
 
 def of_first(ranks: Ranks, work: Callable[[], T], task: str) -> T:
-    """What the first rank makes by its work, for all of them."""
+    """The result of the first rank's work, for all ranks."""
     made = [] if ranks.rank else [work()]
     return ranks.exchange(made, task)[0][0]
 
@@ -131,7 +131,7 @@ class Turns:
         self._ranks, self._count = ranks, 0
 
     def of(self, pieces: Iterable[T]) -> Iterator[T]:
-        """Those of this rank among the next pieces."""
+        """The pieces that this rank has to process."""
         for piece in pieces:
             number, self._count = self._count, self._count + 1
             if number % self._ranks.size == self._ranks.rank:
@@ -171,7 +171,8 @@ class MpiRanks:
     def alltoall(self, values: Sequence[T | None], task: str) -> list[T | None]:
         """See Ranks.
 
-        Messages are made before all are told that all have theirs, so that none waits for one that can't make them.
+        All messages are pickled before the ranks exchange which of them exist, so none waits for a rank that fails to
+        pickle.
         """
         packed = [None if value is None else pickle.dumps(value, pickle.HIGHEST_PROTOCOL) for value in values]
         has_any = self.exchange([own is not None for own in packed], task)
@@ -191,12 +192,12 @@ class MpiRanks:
         return [None if own is None else pickle.loads(own) for own in packed]
 
     def end(self, status: int, reason: str) -> int:
-        """The status with which this process ends: that of the run at rank 0, elsewhere 0.
+        """The exit status of this process: the status of the run at rank 0, 0 elsewhere.
 
-        Rank 0 prints what the others noted, and fails if any rank has failed.
-        A starter of processes kills those that are left once one fails, so rank 0 fails after all others have ended.
+        Rank 0 prints what the others noted, and fails if any rank has failed.  A launcher kills the remaining processes
+        once one fails, so rank 0 fails after all others have ended.
 
-        status, reason  how the work of this one ended; elsewhere than at rank 0 the reason counts
+        status, reason  result of this rank's work; except at rank 0, only the reason counts
         """
         if self.rank:
             self._send((reason, told_lines(), (gethostname(), os.getpid())), 0, _LAST)
@@ -213,12 +214,15 @@ class MpiRanks:
         return self._status
 
     def _end_of_others(self, status: int) -> int:
-        """Tell the other ranks how this one ended, wait for their last words and print them; the status of the run."""
+        """Report to the other ranks how this one ended, wait for their last messages and print them.
+
+        Return the status of the run.
+        """
         failures: list[str] = []
         for rank in range(1, self.size):
             self._send(status, rank, _END)
         while len(self._ended) < self.size - 1:
-            # what they have found meanwhile is of no use any more
+            # results that they sent meanwhile are no longer needed
             for rank in range(1, self.size):
                 self._next(rank, _FOUND)
             try:
@@ -324,7 +328,10 @@ def started_together(environment: Mapping[str, str] = os.environ) -> int:
 
 
 def number_of_process(environment: Mapping[str, str] = os.environ) -> int:
-    """The number among those of `started_together` that the environment gives this process; 0 if it gives none."""
+    """The number of this process among those `started_together`, from the environment.
+
+    0 if the environment has none.
+    """
     if started_together(environment) < 2:
         return 0
     numbers = [environment[name] for name in _NUMBERS if environment.get(name, "").isdigit()]
@@ -332,9 +339,9 @@ def number_of_process(environment: Mapping[str, str] = os.environ) -> int:
 
 
 def _is_running(process: int) -> bool:
-    """Whether there is a process of that number on this machine, and has not ended yet.
+    """Whether a process with this number exists on this machine and has not ended yet.
 
-    Where a starter looks for ended processes at its own end alone, they stay in the system's table until then.
+    If a launcher collects ended processes only when it ends itself, they stay in the system's table until then.
     """
     try:
         os.kill(process, 0)
@@ -365,9 +372,11 @@ def is_idle(ranks: Ranks) -> bool:
 
 
 def ranks_of_run() -> Alone | MpiRanks:
-    """The ranks that this process is one of, which are to `end` together; all but the first are silent from now on.
+    """The ranks of the run that this process belongs to; they must `end` together.
 
-    What they start themselves is no rank: the variables that make one are taken out of their environment.
+    All ranks but the first are silent from now on.
+
+    Processes that they start are not ranks: the variables that mark ranks are removed from their environment.
     """
     count = started_together()
     if count < 2:

@@ -1,14 +1,14 @@
-"""Errors as shares of the range of values, with rounding told apart.
+"""Errors relative to the range of values, distinguished from rounding.
 
-The range of a constant is rounding, or nothing: it measures no error.  There errors are shares of the magnitude.  And
-an error that is rounding of the magnitude is within any bound, however small the range is.
+The range of a constant is rounding, or zero: errors cannot be measured by it.  For a constant, errors are relative to
+its magnitude.  An error that is rounding of the magnitude is within any bound, even if the range is small.
 """
 
 from __future__ import annotations
 
 from math import isfinite
 
-#: a range below this share of the largest magnitude is that of a constant, computed in 64 bits
+#: a range below this share of the largest magnitude belongs to a constant, computed in 64 bits
 _CONSTANT = 1e-13
 
 #: an error below this share of the largest magnitude is rounding: a few sums of numbers of 64 bits
@@ -16,11 +16,11 @@ _ROUNDING = 64 * 2.0**-52
 
 
 def scale(spread: float, magnitude: float, precision: float = 0.0) -> float:
-    """What an error is a share of: the range, or the magnitude where the range is rounding; 1 where both vanish.
+    """The divisor of an error: the range, or the magnitude if the range is rounding; 1 if both vanish.
 
-    spread     greatest minus least value
+    spread     maximum minus minimum
     magnitude  the largest absolute value
-    precision  relative rounding of the values, where it is coarser than that of 64 bits
+    precision  relative rounding of the values, if coarser than 64-bit rounding
     """
     if isfinite(spread) and spread > (_CONSTANT + 4 * precision) * magnitude:
         return spread

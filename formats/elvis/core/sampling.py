@@ -26,7 +26,7 @@ from elvis.core.ranks import Ranks
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What was found at points: one result for a point, or one for each element that holds it; sorted by point.
+    """Results at points: one for each point, or one for each element that contains it; sorted by point.
 
     ``found["speed"]`` is a column of ``values``.
 
@@ -34,8 +34,8 @@ class Samples:
     points    (k, 3)  world coordinates as asked
     location  (k,)    element, reference coordinates and status of each result
     values    (k, f)  one column a quantity; NaN outside the domain and where the quantity hasn't the element
-    errors    (k, f)  by how much values are off those of the source that the data were converted from: an estimate;
-                      infinite where it is not known, zeros where nothing was lost
+    errors    (k, f) estimated deviation of values from the source that the data were converted from; infinite if
+              unknown, zero for a lossless conversion
     """
 
     names: tuple[str, ...]
@@ -68,7 +68,7 @@ class Samples:
         return {"point": self.location.point, **places, **where, **dict(zip(self.names, self.values.T, strict=True))}
 
     def known(self) -> Samples:
-        """Without the points that are outside."""
+        """The samples without points outside the domain."""
         here = self.location.status != Status.OUTSIDE
         return Samples(self.names, self.points[here], self.location.part(here), self.values[here], self.errors[here])
 
@@ -153,7 +153,7 @@ def by_elements(own: Samples, points: Floats, all: bool, ranks: Ranks) -> Column
 
 
 def columns_of_parts(some: Sequence[Samples], points: Floats, all: bool) -> Columns:
-    """The columns of samples at points (n, 3) in all elements, from those in parts of them, where these are `known`.
+    """The columns of samples at points (n, 3) in all elements, merged from samples in parts, each reduced by `known`.
 
     all  as in `sample`
     """
@@ -161,7 +161,7 @@ def columns_of_parts(some: Sequence[Samples], points: Floats, all: bool) -> Colu
     names = ("point", "element_id", "margin", "status", "is_late")
     point, element, margin, status, is_late = (np.concatenate([getattr(x, n) for x in locations]) for n in names)
 
-    # the order of `locate`, where what was in doubt counts only for points that nothing else holds
+    # the order of `locate`: late results count only for points without any other
     hits = np.flatnonzero(status == Status.INSIDE)
     hits = hits[np.lexsort((element[hits], -margin[hits], is_late[hits] & (not all), point[hits]))]
     if not all and len(hits):

@@ -20,7 +20,7 @@ from elvis.core.arrays import Floats, frozen_floats
 
 @dataclass(frozen=True, eq=False)
 class ShapeFacts:
-    """What is fixed about a shape; rows of ``vertices`` are local vertices."""
+    """Constants of a shape; the entries of ``edges`` and ``faces`` are rows of ``vertices``."""
 
     label: str  # the SHAPE attribute of field files
     tag: str  # the letter of element entries and composites

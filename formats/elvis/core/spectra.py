@@ -8,7 +8,7 @@ from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.needing import require_module
 
-#: by how much steps of time may differ, in parts of the mean step
+#: tolerance for the evenness of time steps, relative to the mean step
 _EVEN = 1e-6
 #: samples of a segment at least
 _LEAST = 4
@@ -24,7 +24,7 @@ def power_spectrum(times: Floats, values: Floats, segment: int | None = None) ->
     values : (n, k) array
         k signals.
     segment : int, optional
-        Samples of each segment; segments overlap by half.  By default one segment holds all.
+        Samples of each segment; segments overlap by half.  One segment spans the whole signal if omitted.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def power_spectrum(times: Floats, values: Floats, segment: int | None = None) ->
 
     Notes
     -----
-    Each segment has its mean removed and a Hann window, as `scipy.signal.welch` has it.
+    Each segment has its mean removed and is multiplied by a Hann window, as in `scipy.signal.welch`.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""What is in a dataset: counts, orders, certified ranges, validity, as plain data that JSON can hold.
+"""Contents of a dataset: counts, orders, certified ranges, validity, as plain data that JSON can hold.
 
-Of a part of a dataset what can be added up is counted, and the elements that may hold an end of a range are handed on:
-so several ranks find what one would.
+For a part of a dataset, additive facts are counted, and elements that may hold an end of a range are passed on.
+Several ranks thus obtain the same summary as one process.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _SHAPES = tuple(Shape)
 
 
 def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ranks: Ranks = ALONE) -> Facts:
-    """All facts about a dataset, by topic; the keys are those of ``elvis info --json``.
+    """All facts about a dataset, by topic; the keys are the same as in ``elvis info --json``.
 
-    whole       or the part of it that one of several ranks has; what all have is put together, elsewhere than at the
-                first rank nothing is found
-    quantities  whose ranges are facts, too
+    whole       the dataset, or the part of one of several ranks; the parts are merged, and only the first rank has a
+                result
+    quantities  quantities whose ranges are included
     """
     dataset = whole if isinstance(whole, Dataset) else whole.dataset
     blocks = geometry(dataset)
@@ -78,8 +78,11 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
 
 @dataclass(frozen=True)
 class _Signs:
-    """Of the Jacobian determinant at points: its ends, and ids of elements where it is not positive there, or is
-    proved not to be positive elsewhere."""
+    """Signs of the Jacobian determinant.
+
+    The fields are its extremes at sample points, and the ids of elements where it is not positive there or is proved
+    not to be positive elsewhere.
+    """
 
     least: float
     greatest: float
@@ -91,7 +94,7 @@ class _Signs:
         for block in blocks:
             for ids, found in _determinants(block, space):
                 low = found.min(axis=1)
-                # what is not a number is no end, whatever is looked at together
+                # NaN is never an extreme, independent of the batches
                 least = float(np.fmin.reduce(low, initial=least))
                 greatest = float(np.fmax.reduce(found, axis=None, initial=greatest))
                 wrong += ids[~(low > 0)].tolist()
@@ -100,7 +103,11 @@ class _Signs:
 
 @dataclass(frozen=True)
 class _Coefficients:
-    """Of a field: elements of each of its blocks, coefficients that are no numbers, elements with such, bytes."""
+    """Coefficients of a field.
+
+    The fields are elements of each block, numbers of coefficients that are NaN or infinite, elements with such
+    coefficients, and bytes.
+    """
 
     elements: list[int]
     nan: int
@@ -122,10 +129,11 @@ class _Coefficients:
 
 @dataclass(frozen=True)
 class _Tally:
-    """What is counted of some elements.
+    """Counts for some elements.
 
-    in_domain  how many there are
-    maps       of each block of the map its place among those of the whole, its expansion, and how many elements it has
+    in_domain  number of elements in the domain
+    maps       for each block of the map, its position among the blocks of the whole, its expansion, and its number of
+               elements
     """
 
     in_domain: int
@@ -152,8 +160,9 @@ class _Tally:
 
 
 def _deciding(dataset: Dataset, blocks: Sequence[GeometryBlock], quantities: Sequence[Expression]) -> Ints:
-    """(n,) ids of elements of which some may hold an end of what has a range, and the first of each block of the map,
-    so that blocks of these alone come in the order of all.
+    """(n,) ids of elements that may hold an end of a range, and the first of each block of the map.
+
+    The latter preserves the order of the blocks of the whole.
     """
     found = [block.element_ids[:1] for block in blocks]
     for axis in range(3):
@@ -164,7 +173,7 @@ def _deciding(dataset: Dataset, blocks: Sequence[GeometryBlock], quantities: Seq
 
 
 def _mesh(mesh: Mesh, tallies: Sequence[_Tally]) -> Facts:
-    """Counts of what the mesh is made of."""
+    """Counts of the entities of the mesh."""
     counts = mesh.counts
     entities = {shape: counts.entities[shape] for shape in Shape if counts.entities.get(shape)}
     (curved_edges, _), (curved_faces, _) = counts.curves
@@ -194,7 +203,10 @@ def _maps(tallies: Sequence[_Tally]) -> list[Facts]:
 
 
 def box(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> Facts:
-    """The ends of the coordinates; Fourier directions follow those of the space and run over their lengths."""
+    """The ends of the coordinates.
+
+    Fourier directions follow the directions of the space and extend over their lengths.
+    """
     ranges = [value_range((b.expansion, b.coefficients[:, axis]) for b in blocks) for axis in range(3)]
     lower, upper = ([_end(found, end) for found in ranges] for end in ("lower", "upper"))
     waves = [b.expansion.homogeneous for field in dataset.fields for b in field.blocks if b.expansion.homogeneous]
@@ -232,7 +244,8 @@ def _jacobian(every: Sequence[_Signs]) -> Facts:
 def _determinants(block: GeometryBlock, space: int) -> Iterator[tuple[Ints, Floats]]:
     """Ids (e,) and determinants (e, n) of some elements after another.
 
-    Where the space has more dimensions than the elements, it is the factor of length or area, which is never negative.
+    If the space has more dimensions than the elements, the determinant is the factor of length or area, which is never
+    negative.
     """
     points = gauss_points(block.expansion)
     dimension = block.expansion.shape.dimension

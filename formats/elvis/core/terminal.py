@@ -1,6 +1,6 @@
-"""What a person at a terminal sees: tables and progress; plain and silent in a pipe.
+"""Output for a person at a terminal: tables and progress; plain and silent in a pipe.
 
-Names come from files and may hold anything: what a terminal would act on is shown as question marks.
+Names come from files and may hold anything: control characters appear as question marks.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from math import isfinite
 from typing import TypeAlias, TypeVar
 
 Item = TypeVar("Item")
-#: is told how much of how much is done
+#: called with the amount of work done and the total
 Progress: TypeAlias = Callable[[int, int], object]
 
 
@@ -22,7 +22,7 @@ def visible(text: str) -> str:
 
 
 def plain_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Names as `visible` on one line, for files of other programs; a number follows those that would be equal."""
+    """Names as `visible` on one line, for files of other programs; equal names are made distinct by a number."""
     found: list[str] = []
     for name in names:
         plain = candidate = visible(name).replace("\n", "?")
@@ -75,7 +75,7 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title:
 
 @contextmanager
 def stage(description: str) -> Iterator[None]:
-    """Say on a terminal what is going on while the block runs; nothing is left on the screen afterwards."""
+    """Show on a terminal what is in progress while the block runs; the message disappears afterwards."""
     if not sys.stderr.isatty():
         yield
         return
@@ -135,7 +135,7 @@ def tell(kind: str, sentence: str) -> None:
     print(f"elvis: {kind}:", line, file=sys.stderr)
 
 
-#: kinds and sentences of what this process has told, in order; None in a process that is alone
+#: kinds and messages that this process has printed, in order; None in a process without ranks
 _told: dict[tuple[str, str], None] | None = None
 #: of these the most
 MAX_TOLD = 1000
@@ -167,7 +167,7 @@ def _is_number(cell: str) -> bool:
 
 
 def print_json(value: object) -> None:
-    """Print JSON on standard output, floats with every digit; those that are not finite become null."""
+    """Print JSON on standard output, floats with every digit; numbers that are not finite become null."""
     import json
 
     print(json.dumps(_plain(value), indent=2, allow_nan=False))

@@ -18,9 +18,9 @@ _AT_ONCE = 2
 
 
 def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
-    """What jobs return, in their order; the next ones are at work meanwhile, and made in the calling thread.
+    """The results of jobs, in their order; the next jobs run meanwhile, and the calling thread creates them.
 
-    The first exception of a job, in their order, comes out of here.  A single job is done in the calling thread.
+    The first exception of a job, in their order, is raised here.  A single job runs in the calling thread.
     """
     remaining = iter(jobs)
     first = list(islice(remaining, 2))
@@ -40,16 +40,18 @@ def results(jobs: Iterable[Callable[[], T]]) -> Iterator[T]:
 
 
 class Once(Generic[T]):
-    """What a job returns that is done once, beside whoever asks for it first."""
+    """The result of a job that runs once, in parallel to the first caller."""
 
     def __init__(self) -> None:
         self._found: tuple[T, ...] = ()
 
     @contextmanager
     def started(self, job: Callable[[], T]) -> Iterator[Callable[[], T]]:
-        """What waits for the result of a job, which is at work meanwhile; where it was done before, no thread is.
+        """A function that waits for the result of a job, which runs in the block.
 
-        Its exception comes out of there, too.
+        No thread is started if the job has already run.
+
+        The function raises the job's exception.
         """
         if self._found:
             yield lambda: self._found[0]

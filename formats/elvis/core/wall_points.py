@@ -1,11 +1,12 @@
-"""Critical points of the wall shear: all places of a wall where it is zero, isolated by Bernstein bounds on its faces.
+"""Critical points of the wall shear: all points of a wall where it is zero, isolated by Bernstein bounds on its faces.
 
-Where a fluid is at rest on a wall, with lambda the height over the face in its element, the velocity's gradient there
-is that of lambda times du/dlambda, a polynomial.  The shear is zero where both its parts along the tangents of the face
-are, t_i . du/dlambda, which are polynomials in (r, s) even where the face is curved.  Lines on the wall leave such a
-point where fluid comes to the wall, at attachments: there the trace of the shear's gradient is positive, as by
-continuity the velocity across the wall is -h^2/2 times it (Delery 2013, Three-dimensional separated flow topology).
-Each of several ranks looks through the faces of its part, once all know how fast the velocity grows across the wall.
+If a fluid is at rest on a wall, the velocity's gradient there equals the gradient of lambda, the height over the face
+in its element, times du/dlambda, a polynomial.  The shear is zero if both its components along the tangents of the face
+are zero, t_i . du/dlambda, which are polynomials in (r, s) even if the face is curved.  Fluid comes to the wall at
+attachments, where lines on the wall leave the point.  There the trace of the shear's gradient is positive, since by
+continuity the velocity normal to the wall is -h^2/2 times this trace (Delery 2013, Three-dimensional separated flow
+topology).  Each of several ranks searches the faces of its part, once all ranks know how fast the velocity grows away
+from the wall.
 """
 
 from __future__ import annotations
@@ -51,21 +52,21 @@ from elvis.core.zero_search import ZeroSearch
 
 #: faces at once
 _CHUNK = 512
-#: a velocity on the wall, in parts of what it grows to across an element, that is none
+#: a velocity on the wall below this share of its growth across an element is zero
 _AT_REST = 1e-9
-#: how far the shear's parts may be from the polynomials that they are, in parts of the greatest value on the face
+#: tolerance for the shear's components to count as polynomials, relative to the largest value on the face
 _NO_POLYNOMIAL = 1e-10
-#: part of the greatest eigenvalue that the trace must have to tell attachment from separation
+#: share of the largest eigenvalue that the trace must exceed to distinguish attachment from separation
 _NEUTRAL = 1e-9
 
 
 def wall_points(dataset: Dataset, wall: str, velocity: Sequence[str] | None = None) -> CriticalPoints:
     """All points of a boundary of 3D data where the wall shear is zero, by kind: attachment node, separation focus, ….
 
-    velocity  its components, zero on the wall; None: what is customary in the data
-    Eigenvalues are those of the shear's gradient for a viscosity of one, of momenta where these are what data have.
-    Points on edges along which all shear is zero, as between two walls, are left out.  ElvisError as
-    `critical_points`, for data that aren't 3D, unknown boundaries, and where the velocity isn't zero on the wall.
+    velocity  names of its components, zero on the wall; None for the usual names in the data
+    Eigenvalues belong to the shear's gradient for a viscosity of one, and to momenta if the data have momenta.  Points
+    on edges along which all shear is zero, as between two walls, are excluded.  Raises ElvisError as `critical_points`,
+    for data that aren't 3D, for unknown boundaries, and if the velocity isn't zero on the wall.
     """
     return united([_found(dataset, wall, velocity, ALONE)])
 
@@ -88,7 +89,7 @@ def is_outer_wall(dataset: Dataset, wall: str) -> bool:
 
 
 def _found(dataset: Dataset, wall: str, velocity: Sequence[str] | None, ranks: Ranks) -> Found:
-    """What is found on the wall's faces in a dataset, which is the part of one of several ranks."""
+    """The zeros on the wall's faces in a dataset, which is one rank's part."""
     zeros = [numerator(each) for each in velocity_expressions(dataset, velocity)]
     slopes = [
         Expression(f"{each.text}_{x}", world_derivative(each.root, k)) for each in zeros for k, x in enumerate(AXES)
@@ -110,11 +111,11 @@ def _found(dataset: Dataset, wall: str, velocity: Sequence[str] | None, ranks: R
 
 @dataclass(frozen=True)
 class _Fastest:
-    """Where a velocity is greatest on some faces.
+    """The maximum of a velocity on some faces.
 
-    speed   its greatest component there; element, an id, and place (3,), where that is
+    speed   its largest component there; element (an id) and place (3,) of the maximum
     length  of the velocity there
-    growth  the greatest component of what any velocity on the faces grows to across an element
+    growth  the largest component of any velocity's growth from the faces across an element
     """
 
     speed: float
@@ -125,7 +126,7 @@ class _Fastest:
 
 
 def _check_rest(own: Sequence[_Fastest], wall: str, ranks: Ranks) -> None:
-    """ElvisError where the velocity isn't zero on a wall, beside what it grows to across the elements of all ranks."""
+    """Raise ElvisError if the velocity isn't zero on a wall, relative to its growth across all ranks' elements."""
     every = [some for part in ranks.exchange(list(own), f"the velocity on {wall}") for some in part]
     if not every:
         return
@@ -137,10 +138,10 @@ def _check_rest(own: Sequence[_Fastest], wall: str, ranks: Ranks) -> None:
 
 
 class _OnFaces(ZeroSearch):
-    """The zeros of shear on sides of elements; rows are those of the piece.
+    """The zeros of shear on sides of elements; rows refer to the piece.
 
-    sound, unsound  faces on which the parts of the shear are polynomials, and on which they aren't
-    fastest         where the velocity is greatest, at the points that tell the shear
+    sound, unsound  faces on which the components of the shear are polynomials, and the remaining faces
+    fastest         maxima of the velocity at the points that determine the shear
     """
 
     def __init__(
@@ -154,7 +155,10 @@ class _OnFaces(ZeroSearch):
         self._coefficients = self._interpolated()
 
     def _interpolated(self) -> Floats:
-        """(n, 2, m) coefficients of the shear's parts on each face; what is sound is seen at other points."""
+        """(n, 2, m) coefficients of the shear's components on each face.
+
+        Other points show on which faces they are valid.
+        """
         count, tables, fastest = len(self.piece), [], []
         for nodes in (gauss(self.degree + 1)[0], gauss(self.degree + 2)[0]):
             lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -197,7 +201,7 @@ class _OnFaces(ZeroSearch):
         return np.zeros(len(rows), bool)
 
     def points(self) -> Iterator[CriticalPoint]:
-        """What was found, with its kind."""
+        """The zeros, each with its kind."""
         if not self.rows:
             return
         rows, xi, piece = np.array(self.rows), np.array(self.xi), self.piece
@@ -220,7 +224,10 @@ class _OnFaces(ZeroSearch):
 
 
 def _fastest(places: Lattice, velocity: Floats, across: Floats) -> _Fastest:
-    """Where a velocity (n, 3) is greatest, of equal ones in the first element, and what it grows to, across (n, 3)."""
+    """The maximum of a velocity (n, 3), and its growth ``across`` (n, 3).
+
+    The first element counts if several are equal.
+    """
     speed = np.nan_to_num(np.abs(velocity).max(axis=1), nan=0.0)
     ids = places.patch.element_ids[places.rows]
     first = int(np.lexsort((ids, -speed))[0])

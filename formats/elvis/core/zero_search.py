@@ -1,9 +1,9 @@
-"""Zeros of as many polynomials as a shape has dimensions, all of them, in boxes that make up the shape.
+"""All zeros of as many polynomials as a shape has dimensions, in boxes that form the shape.
 
 Components have no zero in a box where a Bernstein net has one sign.  Nets are combined so that the Jacobian at the
-box's centre becomes the unit matrix, which sharpens that; where the combination's derivatives stay near the unit matrix
-all over the box, it has one zero at most, and Newton's method finds it.  Other boxes are halved.  Where all components
-are zero on a side, they are divided by the height over that side first.
+box's centre becomes the unit matrix, which sharpens this test.  If the combination's derivatives stay close to the unit
+matrix on the whole box, it has at most one zero, and Newton's method finds it.  Other boxes are bisected.  If all
+components are zero on a side, they are first divided by the height over that side.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from elvis.core.polynomials.net_zeros import (
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
-#: halvings at most, and beside outer sides, where zeros are no surprise
+#: maximum bisections, in general and next to outer sides, where zeros are expected
 _DEPTH, _DEPTH_BESIDE = 14, 7
-#: what counts as zero on a side, and how far nets may be off, in parts of the element's greatest coefficient
+#: tolerance for a zero on a side, and rounding of nets, relative to the element's largest coefficient
 _ZERO, _ROUNDING = 1e-11, 1e-13
-#: boxes of an element, after some halvings, that tell of a line or a surface of zeros
+#: number of boxes of an element, after some bisections, that indicates a line or a surface of zeros
 _CROWD = 64
 
 #: places (n, d) in [0, 1]^d to reference coordinates (n, d)
@@ -68,8 +68,8 @@ class Boxes:
 class ZeroSearch(ABC):
     """The zeros of components in elements of one shape.
 
-    degree     of components in each direction of the boxes, at least 1
-    rows, xi   elements and reference coordinates of what was found
+    degree     degree of the components in each direction of the boxes, at least 1
+    rows, xi   elements and reference coordinates of the zeros
     undecided  rows of elements in which the search ended before every box was decided
     beside     rows of elements where that happened next to an outer side
     """
@@ -87,10 +87,10 @@ class ZeroSearch(ABC):
 
     @abstractmethod
     def is_outer(self, rows: Ints, touched: Bools) -> Bools:
-        """(k,) whether places of elements that touch facets (k, f) are where no zeros are looked for."""
+        """(k,) whether places of elements that touch facets (k, f) are excluded from the search."""
 
     def run(self, rows: Ints) -> None:
-        """Search elements ``rows`` (n,): as a whole, then the parts of those that are left."""
+        """Search elements ``rows`` (n,): first whole elements, then the parts of the undecided ones."""
         d = self.shape.dimension
         if not len(rows):
             return
