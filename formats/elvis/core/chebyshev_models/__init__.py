@@ -1,4 +1,4 @@
-"""Chebyshev models: polynomials that stand for quantities over boxes of elements, with proved bounds of what they lack.
+"""Chebyshev models: polynomials that approximate quantities over boxes of elements, with proved bounds of their errors.
 
-Modules import from `elvis.core.polynomials` and `elvis.core.quantities` alone.
+Modules import only from `elvis.core.polynomials` and `elvis.core.quantities`.
 """

@@ -27,7 +27,7 @@ _HIGHEST_POWER = 8
 
 
 def has_models(root: Node) -> bool:
-    """Whether an expression is made of what models are known for."""
+    """Whether models exist for all operations of an expression."""
     operations = [node for node in ordered(root) if node.op not in LEAVES]
     if any(node.op not in _OPERATIONS for node in operations):
         return False

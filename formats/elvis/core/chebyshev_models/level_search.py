@@ -1,8 +1,9 @@
 """Boxes of elements that may hold a level of a quantity, each with series of low degree for the map and the quantity.
 
-1. The boxes of all elements are halved in each direction until the remainder of the quantity's model is small.
-2. Boxes whose model is nowhere near the level are dropped.
-3. The others are halved until the terms of the model beyond a low degree are small, too, and dropped likewise.
+1.  The boxes of all elements are bisected in each direction until the remainder of the quantity's model is small.
+2.  Boxes whose model excludes the level are dropped.
+3.  The others are bisected until the terms of the model beyond a low degree are also small, and dropped in the same
+   way.
 
 Restricting a series to an eighth of its box is exact but for rounding.
 """
@@ -31,21 +32,21 @@ from elvis.core.chebyshev_models.series import (
 )
 from elvis.core.quantities.tree import Node
 
-#: halvings of elements' boxes and nodes of a line of models that are tried first, those of least cost before others
+#: bisections of elements' boxes and nodes per direction of the models tried first, in order of increasing cost
 _PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (3, 12))
 #: elements on which plans are tried, and the part of the most that any does for
 _TRIED, _MOST_OF_THEM = 8, 0.75
 #: more halvings of boxes whose models are not good enough, before these are given up
 _MOST_MORE_HALVINGS = 2
-#: halvings of a model's box before its series are taken as they are
+#: bisections of a model's box before its series are accepted
 _MOST_LOCAL_HALVINGS = 4
-#: what models lack, in parts of their range
+#: tolerated error of models, relative to their range
 _MODEL_PART = 2e-4
 #: the same with the terms that local series leave out
 _LOCAL_PART = 3e-4
-#: pixels of a box of a picture, in one of which the quantity changes by more than what its series lacks
+#: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
 _PIXELS = 16.0
-#: boxes whose models are made together: what is made on the way stays in the processor's cache
+#: boxes whose models are built together: intermediate results stay in the processor's cache
 _AT_ONCE = 64
 #: the eight eighths of a box
 _EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
@@ -81,11 +82,11 @@ class ModelBoxes:
         return found.part(inside.holds(found.centre, found.half))
 
     def of_map(self) -> ModelBoxes:
-        """The same boxes with the map alone."""
+        """The same boxes with only the map."""
         return ModelBoxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
 
     def moved(self, axis: int, side: int) -> ModelBoxes:
-        """The halves along an axis on one side, of whose sizes nothing is said yet."""
+        """The halves along an axis on one side; the sizes are not updated."""
         centre = self.centre.copy()
         centre[:, axis] += 0.5 * side * self.half
         totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
@@ -121,11 +122,11 @@ class SeriesBoxes:
     element    (n,) rows of elements
     centre     (n, 3), half (n,) in the coordinates of the elements' cubes
     series     (n, 4, degree + 1 three times) Chebyshev coefficients in x = s / ROOM
-    misfit     (n, ORDERS) bounds, where |s| <= REACH, of what the series of the quantity lacks, and of its derivatives
+    misfit     (n, ORDERS) bounds, for |s| <= REACH, of the error of the series of the quantity, and of its derivatives
                in s
-    error      (n,) how far computed values of the quantity may be from the true ones
-    places     (n,) the same of places in the world
-    unmodelled (m,) rows of elements of which no model is known
+    error      (n,) maximum error of computed values of the quantity
+    places     (n,) maximum error of computed positions in the world
+    (m,) rows of elements without a model
     """
 
     element: Ints
@@ -142,7 +143,7 @@ class SeriesBoxes:
 
 
 def in_batches(boxes: ModelBoxes, count: int) -> Iterator[ModelBoxes]:
-    """Boxes, at most so many at a time."""
+    """Boxes, at most ``count`` at a time."""
     for first in range(0, len(boxes), count):
         yield boxes.part(np.arange(first, min(first + count, len(boxes))))
 
@@ -177,13 +178,13 @@ def restricted(series: Floats, sides: tuple[int, int, int]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class LevelSearch:
-    """What is searched for a level of a quantity.
+    """Settings of a search for a level of a quantity.
 
     root    the expression
     names   of the fields of the leaves
-    errors  (elements, 3 + fields) how far computed values of leaves may be from the true ones
+    errors  (elements, 3 + fields) maximum error of computed values of leaves
     inside  the shape
-    degree  of local series, that of the map at least
+    degree  degree of local series, at least the degree of the map
     """
 
     root: Node
@@ -279,8 +280,8 @@ class _ModelledBoxes:
     """Boxes with the series of a quantity.
 
     coefficients  (n, count, count, count) of the quantity's series
-    remainder     (ORDERS, n) bounds of what it lacks, and of the derivatives in x of that
-    error         (n,) how far computed values of the quantity may be from the true ones
+    remainder     (ORDERS, n) bounds of its error, and of the error's derivatives in x
+    error         (n,) maximum error of computed values of the quantity
     """
 
     boxes: ModelBoxes
@@ -300,7 +301,7 @@ class _ModelledBoxes:
 
     @property
     def is_good(self) -> Bools:
-        """(n,) whether what the series lacks is small beside what it tells, or is rounding."""
+        """(n,) whether the error of the series is small compared to its range, or is rounding."""
         lacking = np.maximum(_PIXELS * self.remainder[0], self.remainder[1])
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
@@ -328,7 +329,7 @@ class _ModelledBoxes:
         return found.part(inside.holds(boxes.centre, boxes.half))
 
     def _halves(self, axis: int, level: float) -> _ModelledBoxes:
-        """Halves along an axis that may hold a level; of their sizes nothing is said yet."""
+        """Halves along an axis that may hold a level; the sizes are not updated."""
         total = self.range + np.abs(self.coefficients[:, 0, 0, 0])
         error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
         parts = []
@@ -348,7 +349,7 @@ class _ModelledBoxes:
         size = degree + 1
         series = np.zeros((len(self.boxes), 4, size, size, size))
         boxes = self.boxes
-        # fields may have more degrees than the map: there its series hold nothing but rounding, which is left out
+        # fields may have higher degrees than the map: the map's series contain only rounding there, which is dropped
         own = min(size, boxes.leaves.shape[-1])
         series[:, :3, :own, :own, :own] = boxes.leaves[:, :3, :own, :own, :own]
         shells = shells_of(boxes.leaves[:, :3].reshape(-1, *boxes.leaves.shape[2:]))
@@ -356,7 +357,7 @@ class _ModelledBoxes:
         count = min(size, self.coefficients.shape[-1])
         series[:, 3, :count, :count, :count] = self.coefficients[:, :count, :count, :count]
         in_box = misfit.T / ROOM ** np.arange(ORDERS)
-        # kernels sum these series: what that rounds counts, too
+        # kernels sum these series: the rounding of that counts as well
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
         places = (boxes.off[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]

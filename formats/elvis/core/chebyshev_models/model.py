@@ -1,6 +1,6 @@
 """Arithmetic of Chebyshev models.
 
-A model of a quantity f over a box is its values at a lattice of Chebyshev nodes, which are those of a polynomial P, and
+A model of a quantity f over a box consists of values at a lattice of Chebyshev nodes, which define a polynomial P, and
 bounds of the remainder f - P and of its derivatives.  Sums, products and reciprocals of models are models:
 
     product     P_f P_g has terms that the lattice takes for others.  The coefficients of degrees i and j make terms of
@@ -26,12 +26,12 @@ from elvis.core.polynomials.rounding import UNIT
 
 @dataclass(frozen=True, eq=False)
 class ChebyshevModel:
-    """Polynomials that stand for a quantity on n boxes.
+    """Polynomials that approximate a quantity on n boxes.
 
     values     (n, count, count, count) at the nodes, those along x last
-    remainder  (ORDERS, n) bounds of what the quantity differs by, and of the derivatives in x of that
-    error      (n,) how far values that are computed from those of leaves may be from the true ones
-    known      shells, where they are known already
+    remainder  (ORDERS, n) bounds of the error, and of its derivatives in x
+    error      (n,) maximum error of values computed from the values of leaves
+    known      shells, if already known
     """
 
     values: Floats
@@ -109,7 +109,7 @@ class ChebyshevModel:
 
 
 def leibniz(first: Floats, second: Floats) -> Floats:
-    """(ORDERS, n) bounds of a product and of its derivatives, from those of its factors."""
+    """(ORDERS, n) bounds of a product and of its derivatives, from the bounds of its factors."""
     (a, da, dda), (b, db, ddb) = first, second
     return np.stack([a * b, da * b + a * db, dda * b + 2.0 * da * db + a * ddb])
 
@@ -120,7 +120,7 @@ def _aliased(first: Floats, second: Floats) -> Floats:
     beyond = np.zeros((boxes, 2 * count - 1))
     for k in range(count):
         beyond[:, k : k + count] += first[:, k : k + 1] * second
-    # where a term is missing it has its own degree, where it is taken for another at most that of the lattice
+    # a missing term has its own degree, an aliased term at most the degree of the lattice
     bounds = growth(2 * count - 1)[:, count:] + growth(count)[:, -1:]
     return np.asarray(bounds @ beyond[:, count:].T)
 

@@ -1,7 +1,7 @@
 """Tensor Chebyshev series over boxes, and bounds of their terms.
 
-A box has the coordinates s in [-1, 1]^3.  Its series live on a box that is ROOM times as large, with the coordinates
-x = s / ROOM, and their bounds hold where |s| is at most REACH: rays that are followed through a box may leave it.
+A box has the coordinates s in [-1, 1]^3.  Its series live on a box that is ROOM times as large, with the coordinates x
+= s / ROOM.  Their bounds hold for |s| up to REACH, since rays that are followed through a box may leave it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def values_at(count: int, size: int) -> Floats:
 
 @bounded_cache
 def _derivative(size: int) -> Floats:
-    """(size, size) from the coefficients of a series to those of its derivative."""
+    """(size, size) matrix from the coefficients of a series to the coefficients of its derivative."""
     matrix = np.zeros((size, size))
     for degree in range(1, size):
         matrix[:degree, degree] = np.polynomial.Chebyshev.basis(degree).deriv().coef
@@ -52,7 +52,7 @@ def _derivative(size: int) -> Floats:
 
 
 def slopes_of(coefficients: Floats, direction: int) -> Floats:
-    """(..., size, size, size) coefficients of the derivative along an axis: 0 is the last of the array, that of x."""
+    """(..., size, size, size) coefficients of the derivative along an axis; 0 is the array's last axis, x."""
     matrix = _derivative(coefficients.shape[-1])
     if direction == 0:
         return np.asarray(np.matmul(coefficients, matrix.T))
@@ -81,7 +81,7 @@ def to_half(count: int, side: int) -> Floats:
 
 
 def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) -> Floats:
-    """(..., a, b, c) matrices applied to the last three axes, the first to the last axis, which is that of x."""
+    """(..., a, b, c) matrices applied to the last three axes, the first to the last axis, x."""
     numbers = np.matmul(numbers, first.T)
     numbers = np.matmul(second, numbers)
     shape = numbers.shape
@@ -133,10 +133,10 @@ def sizes_of(shells: Floats) -> Floats:
 
 @cache
 def steepness(count: int, order: int) -> float:
-    """By how much a derivative in x, where |s| <= REACH, may exceed a polynomial of ``count`` terms on its whole box.
+    """Maximum of a derivative in x for |s| <= REACH, relative to a polynomial of ``count`` terms on its whole box.
 
-    Bernstein: |p'| <= n / sqrt(1 - x^2); for higher orders on one box within another.  At most n^2 for each order
-    (A. A. Markov 1889).
+    Bernstein's inequality is |p'| <= n / sqrt(1 - x^2); higher orders use nested boxes.  The factor is at most n^2 for
+    each order (A. A. Markov 1889).
     """
     degree, found = count - 1, 1.0
     boxes = np.linspace(1.0, _INNER, order + 1)
@@ -146,27 +146,27 @@ def steepness(count: int, order: int) -> float:
 
 
 def amplification(count: int) -> float:
-    """By how much the error of a series may exceed that of its values at the nodes: the Lebesgue constant, cubed.
+    """Maximum amplification from errors at the nodes to the error of a series: the Lebesgue constant, cubed.
 
-    Of n Chebyshev points it is at most 1 + 2 / pi log(n) (Rivlin 1974, The Chebyshev polynomials, 1.3).
+    For n Chebyshev points it is at most 1 + 2 / pi log(n) (Rivlin 1974, The Chebyshev polynomials, 1.3).
     """
     return float((1.0 + 0.637 * np.log(count)) ** 3)
 
 
 def sum_rounding(count: int) -> float:
-    """Rounding of a sum of three passes over ``count`` terms, in parts of the sum of magnitudes.
+    """Rounding of a sum of three passes over ``count`` terms, relative to the sum of magnitudes.
 
-    A pass has products and sums of ``count`` terms and table entries that are right to 8 units (Higham 2002, Accuracy
-    and Stability of Numerical Algorithms, 3.1 and 3.5).
+    A pass has products and sums of ``count`` terms and table entries that are accurate to 8 units (Higham 2002,
+    Accuracy and Stability of Numerical Algorithms, 3.1 and 3.5).
     """
     return 3.0 * (count + 8) * UNIT
 
 
 def kernel_rounding(count: int) -> float:
-    """Rounding of sums of series in kernels, in parts of the sum of magnitudes (`rounded` in iso_leaves.slang)."""
+    """Rounding of sums of series in kernels, relative to the sum of magnitudes (`rounded` in iso_leaves.slang)."""
     return (15.0 * count**2 + 3.0 * (count + 1)) * 1.1 * UNIT
 
 
 def transform_rounding(count: int) -> float:
-    """Rounding of coefficients of values at the nodes, in parts of the sum of their magnitudes (iso_series.slang)."""
+    """Rounding of coefficients from values at the nodes, relative to the sum of their magnitudes (iso_series.slang)."""
     return 6.0 * count**2 * (count + 7) * 1.1 * UNIT

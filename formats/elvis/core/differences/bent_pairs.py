@@ -1,9 +1,9 @@
-"""A proved bound of the difference of two fields on pairs of elements of which neither has an affine map.
+"""A proved bound of the difference of two fields on pairs of elements without affine maps.
 
-Both elements are cut into boxes of eta.  On a box the nets of the coordinates and of the field bound where it is in the
-world and which values it has, roundings included.  At a point of both elements the difference is at most that of the
-values in two boxes which meet in the world.  Pairs of boxes that don't meet, or whose bound isn't more than what is
-found, are left out; one box after the other is halved in the others.  The bound closes in as the size of boxes.
+Both elements are cut into boxes of eta.  On a box, the nets of the coordinates and of the field bound its position in
+the world and its values, roundings included.  The difference at a common point is at most the difference of the values
+in two boxes that meet in the world.  Pairs of boxes that don't meet, or whose bound is below the maximum found, are
+dropped; the boxes of the others are bisected alternately.  The bound converges with the size of boxes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ DOUBTFUL = 256
 #: pairs of boxes at a time at most, and numbers in the nets of one element's boxes
 _MOST_PAIRS = 1 << 19
 _MOST_NUMBERS = 1 << 23
-#: rounds at most, in each of which one element's boxes are halved
+#: maximum number of rounds; each round bisects one element's boxes
 _ROUNDS = 40
 #: part of the greatest difference found by which the bound may be more
 _CLOSE = 1e-4
@@ -66,9 +66,9 @@ class _BoxPairs:
 
 
 def bound_of_bent_pairs(one: Side, two: Side, rows: Ints, others: Ints, found: float) -> tuple[float, Floats]:
-    """What differences on pairs of elements (n,) don't exceed, and world points (k, 3) where they may be so great.
+    """An upper bound of differences on pairs of elements (n,), and world points (k, 3) where it may be attained.
 
-    found  a difference that there is somewhere
+    found  a difference attained somewhere
     """
     boxes, other_boxes = (_boxes(side, which) for side, which in ((one, rows), (two, others)))
     numbers = np.arange(len(rows))

@@ -1,19 +1,21 @@
 """Differences u1(eta) - u2(xi(x1(eta))) on boxes of eta in elements, as nets, with a bound of every rounding.
 
-Let a box have nets of coordinates x1 and of u1, as floats, and the other element an affine map xi = (x - a) M with
-coefficients c of u2, as floats, too.  These are polynomials, and so is p = u1 - u2(xi(x1)), of degree n each way.
+Let a box have nets of the coordinates x1 and of u1 in floating point, and the other element an affine map xi = (x - a)
+M with coefficients c of u2, also in floating point.  These are polynomials, and so is p = u1 - u2(xi(x1)), of degree n
+each way.
 
-Values of p at a lattice are off by e: sums and products of u1 and x1 have positive terms; those of u2 are off by some
-roundings of the sum of |b_m(xi)| |c_m|, which is at most growth = (sum of |barycentric coordinates|)^degree times the
-greatest |c_m|; and xi is off by some roundings of |x - a| |M|, which the slopes of u2 magnify.
+Values of p at a lattice have an error e: sums and products of u1 and x1 have positive terms; values of u2 have an error
+of some roundings of the sum of |b_m(xi)| |c_m|, which is at most growth = (sum of |barycentric coordinates|)^degree
+times the largest |c_m|; and xi has an error of some roundings of |x - a| |M|, which the gradients of u2 magnify.
 
-No net is trusted that is made of these values.  Let N be any net, r = p - N.  On the box |r| <= L max |r at the
-lattice|, where L is the Lebesgue constant of n + 1 Chebyshev points, at most 1 + 2 log(n + 1) / pi in each direction
-(Trefethen 2013, Approximation Theory and Approximation Practice, theorem 15.2).  So |p| <= max |N| + L (max |values -
-N| + e), and with N = 0 just |p| <= L (max |values| + e).
+Nets built from these values are not trusted.  Let N be any net, r = p - N. On the box |r| <= L max |r at the lattice|,
+where L is the Lebesgue constant of n + 1 Chebyshev points, at most 1 + 2 log(n + 1) / pi per direction (Trefethen 2013,
+Approximation Theory and Approximation Practice, theorem 15.2).  This gives |p| <= max |N| + L (max |values - N| + e),
+and with N = 0 just |p| <= L (max |values| + e).
 
-At a point x of both elements p differs from the true difference by errors of u1 and c, and by those of x1 and of the
-inverse map, which are taken where xi is in the element: there the slopes of u2 are known, and nothing grows.
+The difference p and the true difference at a common point x deviate by errors of u1 and c, and by errors of x1 and of
+the inverse map.  The latter are applied where xi is in the element: there the gradients of u2 are bounded, and there is
+no growth.
 """
 
 from __future__ import annotations
@@ -34,11 +36,11 @@ from elvis.core.shapes import Shape
 
 #: what rounding may take an element away from a facet, in the unit of `margins.facets`
 _MARGIN = 0.5e-9
-#: degrees of nets that are tried for those of higher ones
+#: degrees tried for nets that replace nets of higher degree
 _MIDDLE, _HIGH = 10, 14
-#: how far xi may be off, times the degree, for slopes and growth to be those of where it should be, to `_MORE`
+#: limit for the error of xi times the degree up to which gradients and growth change by at most the factor `_MORE`
 _FAR, _MORE = 1e-3, 1.01
-#: what rounding of the lattice, of logarithms and of magnitudes adds to bounds, in parts of them
+#: factor for the rounding of the lattice, of logarithms and of magnitudes in bounds
 _SAFE = 1 + 1e-9
 
 
@@ -99,8 +101,8 @@ class PairBoxes:
 class Composed:
     """Nets (n, D, …) of differences on boxes.
 
-    limit  (n,) what their magnitude doesn't exceed there at common points of both elements
-    slack  (n,) by how much it may be more than a net tells
+    limit  (n,) upper bound of their magnitude at common points of both elements
+    slack  (n,) maximum deviation of the difference from a net
     """
 
     nets: Floats
@@ -186,9 +188,9 @@ class Composition:
     def compose(self, boxes: PairBoxes, allowed: float = 0.0) -> Iterator[tuple[PairBoxes, Composed]]:
         """The boxes in groups, with the nets of their differences.
 
-        allowed  by how much nets may be off in addition to rounding, where these are of a lower degree
-        Elements of parallel sides have nets of the fields' own degree, a part of the coefficients of the others.  Those
-        of maps that are bent a little come near that, while nets of a high degree tell little.
+        allowed  permitted error of nets of a lower degree, in addition to rounding
+        Elements with parallel sides have nets of the fields' own degree, which have fewer coefficients.  Elements with
+        slightly curved maps come close to that, while nets of a high degree are less informative.
         """
         values = self.values(boxes)
         slack = self.lebesgue * self.rounding_of_values(boxes) + self._slack_of_places(boxes)
@@ -215,7 +217,7 @@ class Composition:
         return nets, apart + gamma(value_roundings(nets.shape[1:]) + 1) * _MORE * _size(nets, 1)
 
     def _slack_of_places(self, boxes: PairBoxes) -> Floats:
-        """(n,) how far the true difference may be from that of the boxes' nets, at common points of both elements."""
+        """(n,) maximum deviation of the true difference from the boxes' nets, at common points of both elements."""
         inner, off = self._inner, self._off(boxes)
         moved = _MORE * (off * inner.slopes[boxes.others]).sum(axis=1)
         is_far = inner.total * off.max(axis=1) > _FAR
@@ -226,7 +228,7 @@ class Composition:
         return np.asarray(np.einsum("nd...,ndk->n...k", boxes.places, self._inner.affine.matrix[boxes.others]))
 
     def _shift(self, boxes: PairBoxes) -> Floats:
-        """(n, d) how far computed xi may be from those of the boxes' nets; with the rounding of 1 + xi."""
+        """(n, d) maximum deviation of computed xi from the boxes' nets; includes the rounding of 1 + xi."""
         matrix = np.abs(self._inner.affine.matrix[boxes.others])
         reach = np.einsum("nd,ndk->nk", _size(boxes.places, 2), matrix)
         count = value_roundings(boxes.places.shape[2:]) + boxes.places.shape[1] + 3
@@ -270,11 +272,11 @@ def growth(space: BernsteinSpace, xi: Floats) -> Floats:
 
 
 def _field_roundings(space: BernsteinSpace) -> int:
-    """Roundings of a value of a field, in parts of the sum of |b_m| |c_m|, in any place.
+    """Roundings of a value of a field, relative to the sum of |b_m| |c_m|, at any point.
 
-    Of a function of a simplex, or of the line, of degree p in d barycentric coordinates and one more, 1 - sum t, this
-    is off by d + 1 roundings of all, p times in powers; each has a power, a product and a multinomial coefficient.
-    Functions of other shapes are products of these.
+    For a simplex, or a line, of degree p in d barycentric coordinates and one more, 1 - sum t, the latter has an error
+    of d + 1 roundings, p times in powers; each has a power, a product and a multinomial coefficient.  Functions of
+    other shapes are products of these.
     """
     d, shape = space.shape.dimension, space.shape
     if shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):

@@ -12,7 +12,7 @@ from elvis.core.differences.difference import ERROR, Differences, diff
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 
-#: norms of which orders are told
+#: norms for which orders are reported
 NORMS = ("l1", "l2", "h1", "linf")
 #: of the columns of a table
 HEADERS = ("field", "data", "elements", "h", "L1", "L2", "H1", "Linf", "order of L2")
@@ -20,7 +20,7 @@ HEADERS = ("field", "data", "elements", "h", "L1", "L2", "H1", "Linf", "order of
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Differences of several datasets to one, from coarse to fine as they are given.
+    """Differences of several datasets to one, from coarse to fine in the given order.
 
     names    of the datasets
     members  their differences

@@ -38,15 +38,15 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node, call, field, number, world_derivative
 
-#: error of squares of norms that is asked for, in parts of them, points of a first estimate, and points at which
-#: rules are compared at most
+#: requested relative error of squares of norms, number of points of a first estimate, and maximum number of points at
+#: which rules are compared
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
 #: how much greater than the greatest difference found its bound may be without a remark
 _WIDE = 1.001
 #: relative difference up to which there is none
 _ROUNDED = 1e-11
 _EPS = float(np.finfo(np.float64).eps)
-#: rounding of a value, in parts of what it is added up from
+#: rounding of a value, relative to its terms
 _ROUNDING = 16 * _EPS
 
 
@@ -56,14 +56,14 @@ class Difference:
 
     l1, l2     integral of the magnitude; root of the integral of the square
     h1         root of the integral of the square and of the squared gradient
-    linf       greatest magnitude that was found, attained at ``where``; the truth lies between it and ``bound``
-    bound      which the magnitude doesn't exceed anywhere, on borders from either side: proved by Bernstein
-               coefficients, rounding included; NaN where that can't be told
+    linf       largest magnitude found, attained at ``where``; the true maximum lies between it and ``bound``
+    bound      proved upper bound of the magnitude everywhere, on borders from either side, by Bernstein coefficients,
+               rounding included; NaN if unknown
     where      (x, y, z) of ``linf``
     element    id of the element of the first dataset there
-    relative   ``l2`` in parts of the norm of the second dataset's field
+    relative   ``l2`` divided by the norm of the second dataset's field
     covered    part of the first dataset's volume (area, length) that the second covers, 0 to 1
-    l1_error, l2_error, h1_error, covered_error  by which these may differ from the truth
+    l1_error, l2_error, h1_error, covered_error  error bounds of these
     """
 
     field: str
@@ -125,7 +125,7 @@ class Differences(Sequence[Difference]):
         return self._rows[which]
 
     def of(self, name: str) -> Difference:
-        """That of a field; KeyError where it was not asked for."""
+        """The difference of a field; raises KeyError if it was not requested."""
         for row in self:
             if row.field == name:
                 return row
@@ -175,8 +175,8 @@ def diff(
     """Norms of the differences of fields that two datasets share, over the elements of the first.
 
     fields  names; None for all that both have
-    error   asked for where the meshes differ, of squares of norms, in parts of them
-    ElvisError where they share no field, none of a name, or no place.
+    error   requested relative error of squares of norms if the meshes differ
+    Raises ElvisError if they share no field, if a named field is missing, or if they do not overlap.
     """
     names = _chosen(first, second, fields)
     if not 0 < error < 1:
@@ -231,7 +231,7 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
 
 
 def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
-    """The norms of a field's difference from its integrals, those of `_Compared`."""
+    """The norms of a field's difference from the integrals of `_Compared`."""
     size = np.sqrt(sums.value[3])
     l1, squares, slopes = sums.value[:3]
     noise = _ROUNDING * size
@@ -321,7 +321,7 @@ class _Compared:
     def _summed(self, slopes: Sequence[Node]) -> Sums:
         """The integrals of all expressions.
 
-        Squares of differences are rounded in parts of the difference, whose size a few points tell.
+        Squares of differences are rounded relative to the difference, whose size is estimated at a few points.
         """
         own = [world_derivative(field(self._name), axis) for axis in range(len(slopes))]
         values = self._share(self._difference, field(self._name))
@@ -332,7 +332,7 @@ class _Compared:
         return summation.over(list(whole_elements(tuple(self.held))))
 
     def _share(self, root: Node, of: Node) -> float:
-        """How large an expression is in parts of another, by some points: from rounding to 1."""
+        """Size of an expression relative to another, at some points: from rounding to 1."""
         value, size = (self._largest(node) for node in (root, of))
         return float(np.clip(value / size if size > 0 else 1.0, _EPS, 1.0))
 
@@ -344,7 +344,7 @@ class _Compared:
 
 
 def _of_root(square: float, error: float) -> float:
-    """By how much the root may be off where the square is by an error."""
+    """Error of a root if the square has an error."""
     return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0)))
 
 

@@ -1,6 +1,6 @@
-"""The greatest magnitude of a difference: proved on one mesh, and from points that close in on it on two.
+"""The maximum magnitude of a difference: proved on one mesh, and from points that converge to it on two.
 
-`overlaps` bounds what is found at points, and says where a greater difference may be, around which points are sought
+`overlaps` bounds the maximum at points, and returns positions where a larger difference may be; points are sought there
 again.
 """
 
@@ -49,7 +49,7 @@ def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extreme | Non
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Places eta (n, D) on rows (n,) of a patch, and magnitudes (n,) there, -inf where there is no value."""
+    """Positions eta (n, D) on rows (n,) of a patch, and magnitudes (n,) there, -inf without a value."""
 
     patch: Patch
     rows: Ints
@@ -87,7 +87,7 @@ def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: 
 
 
 def greatest_near(evaluator: Evaluator, held: Sequence[Patch], expression: Expression, points: Floats) -> Extreme:
-    """The greatest magnitude likewise, from world points (n, 3) and around the best of these."""
+    """The maximum magnitude as in `greatest`, from world points (n, 3) and around the best of these."""
     location = Locator(held).locate(points)
     found = []
     for number, patch in enumerate(held):
@@ -109,7 +109,7 @@ def lattice_points(held: Sequence[Patch]) -> Floats:
 
 
 def _count(patch: Patch, total: int) -> int:
-    """Places each way in elements of a patch, of so many in all: more than degrees of maps and fields."""
+    """Number of points per direction in elements of a patch, from the total: more than degrees of maps and fields."""
     modes = [max(expansion.modes) for expansion in (patch.geometry, *patch.fields) if expansion is not None]
     room = (_MOST / max(total, 1)) ** (1 / patch.dimension)
     return int(np.clip(room, _LEAST, min(max(modes) + 4, _GREATEST)))
@@ -152,7 +152,7 @@ def _polished(evaluator: Evaluator, expression: Expression, starts: _Places, wid
 
 
 def _best(found: Sequence[_Places]) -> Extreme:
-    """The greatest of all places, of which the first of each are the greatest."""
+    """The maximum of all places; the first of each set is its maximum."""
     known = [places for places in found if len(places.values)]
     if not known:
         return Extreme(np.nan, np.nan, (np.nan,) * 3, -1)

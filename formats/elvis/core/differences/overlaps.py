@@ -1,9 +1,9 @@
 """A proved upper bound of the difference of two fields on different meshes, over all pairs of elements that may meet.
 
-Where the map of one element of a pair is affine, its field is a polynomial in the other one's coordinates eta, also
-beyond the element.  So the difference is a polynomial on boxes of eta, and `compositions` bounds it, roundings
-included.  Boxes are cut down to where the other element may be, those on the far side of a facet are left out, and
-those whose bound exceeds what is found are halved.  Where no map is affine the ranges of both fields on boxes of either
+If the map of one element of a pair is affine, its field is a polynomial in the other one's coordinates eta, even
+outside the element.  The difference is then a polynomial on boxes of eta, and `compositions` bounds it, roundings
+included.  Boxes are reduced to the region of the other element, boxes on the far side of a facet are dropped, and boxes
+whose bound exceeds the maximum found are bisected.  If no map is affine, the ranges of both fields on boxes of either
 element that may meet bound the difference (`bent_pairs`).
 """
 
@@ -28,7 +28,7 @@ from elvis.core.polynomials.rounding import UNIT, gamma, halving_roundings
 _MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 26, 1 << 17, 20, 8
 #: part of the greatest difference found by which the bound may be more
 _CLOSE = 1e-4
-#: rounding of values that is allowed for without halving boxes, in parts of the fields, and growth that is halved
+#: relative rounding of values permitted without bisecting boxes, and growth above which boxes are bisected
 _SMALL, _GROWN = 1e-12, 1.5
 #: times that boxes are cut down
 _CUTS = 2
@@ -50,12 +50,12 @@ class _Search:
 def bound_of_difference(
     first: Sequence[Patch], second: Sequence[Patch], found: Extreme
 ) -> tuple[Extreme, Floats] | None:
-    """The greatest magnitude of the difference with what it doesn't exceed anywhere; None where that can't be told.
+    """The maximum magnitude of the difference with an upper bound; None without a bound.
 
-    Then world points (n, 3) near which a greater difference isn't ruled out.
+    Also world points (n, 3) near which a larger difference isn't excluded.
 
     first, second  elements of two datasets, each with the field to be compared as its only one
-    found          the greatest magnitude at points, which is replaced where corners of boxes have a greater
+    found          the maximum magnitude at points, which is replaced if corners of boxes have a larger one
     """
     ours, theirs = sides(first), sides(second)
     if ours is None or theirs is None or len({own.patch.dimension for own in (*ours, *theirs)}) != 1:
@@ -102,7 +102,7 @@ class _Pairs:
         self._composition = Composition(outer, inner)
 
     def bound(self, rows: Ints, others: Ints, upper: Floats) -> float:
-        """What differences on pairs don't exceed, of which the ranges of the fields say ``upper`` (n,)."""
+        """An upper bound of differences on pairs, for which the ranges of the fields give ``upper`` (n,)."""
         is_told = self._inner.affine.holds[others] & (self._composition.degree <= _MOST_DEGREE)
         bound = self._bent(rows[~is_told], others[~is_told], upper[~is_told])
         open_pairs = np.flatnonzero(is_told & (upper > self._search.best.value))
@@ -193,7 +193,7 @@ class _Pairs:
         self._search.doubtful.append(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
 
     def _improve(self, boxes: PairBoxes, nets: Floats, slack: Floats) -> None:
-        """Let the greatest difference be that of a corner in the other element, where one has a greater."""
+        """Update the maximum difference if a corner in the other element has a larger one."""
         d, affine = boxes.places.shape[1], self._inner.affine
         ends = np.stack([corners(np.ascontiguousarray(boxes.places[:, axis])) for axis in range(d)], axis=2)
         xi = np.einsum("nqd,ndk->nqk", ends, affine.matrix[boxes.others])

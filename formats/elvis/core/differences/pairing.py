@@ -15,7 +15,7 @@ from elvis.core.quantities.tree import Node, field, other
 
 #: the other solution in expressions
 REFERENCE = "reference"
-#: distances of maps, in parts of the coordinates, that nobody has to know of
+#: relative distances of maps below which no remark is made
 _ROUNDING = 1e-13
 
 
@@ -26,7 +26,7 @@ def common_fields(first: Dataset, second: Dataset) -> list[str]:
 
 
 class Pair:
-    """Two datasets, the elements that they have in common, and the first one with fields of the second beside it."""
+    """Two datasets, their common elements, and the first dataset with fields of the second added."""
 
     def __init__(self, first: Dataset, second: Dataset) -> None:
         self._first, self._second = first, second
@@ -41,7 +41,7 @@ class Pair:
         return self._common.is_whole
 
     def remarks(self) -> Iterator[str]:
-        """What is said of elements that are taken for the same."""
+        """Remarks about elements that are treated as identical."""
         if self._common.apart > _ROUNDING:
             part = f"{self._common.apart:.1g} of the coordinates"
             yield f"elements of both meshes are taken for the same, whose maps differ by up to {part}"
@@ -74,7 +74,7 @@ def _with(dataset: Dataset, own: Field) -> Dataset:
 
 
 def _on(of: Field, ids: Ints) -> Field:
-    """A field on some elements alone."""
+    """A field restricted to some elements."""
     return replace(of, blocks=tuple(part for block in of.blocks if len(part := _part(block, ids))))
 
 

@@ -1,6 +1,6 @@
 """The elements of either dataset with what bounds of differences need of them: nets, affine maps, and their errors.
 
-Coefficients of the files are taken as exact.  What is computed from them is off by what `polynomials.rounding` says.
+Coefficients of the files are taken as exact.  Errors of results computed from them follow `polynomials.rounding`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from elvis.core.polynomials.boxnets import box_degrees, box_nets
 from elvis.core.polynomials.rounding import box_roundings, coefficient_rounding, gamma
 from elvis.core.shapes import Shape
 
-#: how far from affine a map may be, in parts of its coordinates: the rest counts as an error of the inverse map
+#: maximum relative deviation of a map from an affine one; the deviation counts as an error of the inverse map
 _NEARLY = 64 * float(np.finfo(np.float64).eps)
 
 
@@ -91,7 +91,7 @@ class AffineMaps:
 
     @staticmethod
     def of(shape: Shape, places: Floats, place_error: Floats) -> AffineMaps:
-        """Those of elements with nets of coordinates (n, d, D, …), off by ``place_error`` (n, d)."""
+        """The affine maps of elements with nets of coordinates (n, d, D, …) that have errors ``place_error`` (n, d)."""
         count, d = places.shape[:2]
         origin, matrix, error = np.zeros((count, d)), np.zeros((count, d, d)), np.zeros((count, d))
         if shape is Shape.PYRAMID or max(places.shape[2:]) > 2:
@@ -108,8 +108,8 @@ class AffineMaps:
         origin = fit[:, :, 0]
         matrix[holds] = np.linalg.inv(fit[holds][:, :, 1:]).swapaxes(1, 2)
 
-        # a map that is the mean of its corners, with weights of each point, has an inverse that is off by at most as
-        # much as at one of these, where it is compared with the corner itself
+        # A map that is a mean of its corners, with weights at each point, has an inverse whose error is at most the
+        # largest error at a corner.  There the inverse is compared with the corner itself.
         away = (vertices - origin[:, :, None]).swapaxes(1, 2)
         off = np.abs(away @ matrix - shape.vertices).max(axis=1)
         size = np.einsum("nd,ndk->nk", np.abs(away).max(axis=1), np.abs(matrix))
@@ -118,9 +118,9 @@ class AffineMaps:
 
 
 def sides(held: Sequence[Patch]) -> list[Side] | None:
-    """Patches prepared, each with one field; None where one can't be bounded.
+    """Patches prepared, each with one field; None if one can't be bounded.
 
-    So it is on curves and surfaces in space, with Fourier directions, and where numbers are infinite or none.
+    This is the case on curves and surfaces in space, with Fourier directions, and for infinite or undefined numbers.
     """
     found = [_side(patch) for patch in held]
     known = [own for own in found if own is not None]

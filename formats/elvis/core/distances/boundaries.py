@@ -23,9 +23,9 @@ from elvis.core.shapes import Shape
 
 #: what stands for all outer faces
 ALL = "all"
-#: distance from the sides of the data's box within which a boundary touches them, in parts of the box
+#: a boundary touches a side of the data's box within this distance, relative to the box
 CLEARANCE = 0.02
-#: thickness of a flat boundary, in parts of the box
+#: thickness of a flat boundary, relative to the box
 FLATNESS = 1e-6
 _JOINED = (NON_CONFORMING, PERIODIC)
 _KINDS = {2: Shape.SEGMENT, 3: Shape.TRIANGLE, 4: Shape.QUADRILATERAL}
@@ -51,9 +51,9 @@ def boundaries(mesh: Mesh) -> dict[str, Ints]:
 
 
 def names_of_boundaries(mesh: Mesh) -> list[str]:
-    """Names of boundaries, each once: of those that stand for the same composites, a name rather than an id.
+    """Names of boundaries, each once; a name is preferred to an id if both denote the same composites.
 
-    They are those of the whole of which the mesh may be a part.
+    They cover the whole if the mesh is a part.
     """
     found: dict[tuple[int, ...], str] = {}
     for word in sides_by_name(mesh):
@@ -66,11 +66,12 @@ def names_of_boundaries(mesh: Mesh) -> list[str]:
 def bodies(mesh: Mesh) -> tuple[list[str], float]:
     """Names of the boundaries that others surround, such as a wing in its far field, and their size.
 
-    There are none unless there are others.  The size is the longest side of their box in parts of that of the data's.
+    There are none unless there are others.  The size is the longest side of their box relative to the longest side of
+    the data's box.
 
     A body stays clear of both ends of the data's box along two axes or more, and does not lie flat on a side of the
-    box: a wing may stand on a plane of symmetry, a cylinder between two periodic planes, and an inlet is not a body.
-    Boxes are those of vertices and of the points of curves.
+    box.  A wing may stand on a plane of symmetry, a cylinder between two periodic planes, and an inlet is not a body.
+    Boxes enclose vertices and points of curves.
     """
     if mesh.dimension != 3 or mesh.excerpt is not None:
         return [], 0.0
@@ -122,10 +123,10 @@ def sides_by_name(mesh: Mesh) -> dict[str, Ints]:
 
 
 def faces_of(dataset: Dataset, name: str) -> list[Faces]:
-    """The faces of a boundary, or all outer ones; those that belong to two elements once.
+    """The faces of a boundary, or all outer ones; each face once, even if it belongs to two elements.
 
-    Of a part of a mesh outer ones are those beyond which there is nothing in the whole.
-    ElvisError where there are none, and for lines.
+    In a part of a mesh, outer faces are outer faces of the whole.  Raises ElvisError if there are no faces, and for
+    lines.
     """
     mesh, known = dataset.mesh, boundaries(dataset.mesh)
     if mesh.dimension < 2:
@@ -154,11 +155,10 @@ def owners_of_sides(mesh: Mesh, members: Sequence[Ints]) -> Ints:
 
 
 def outer_sides(mesh: Mesh, owners: Ints) -> Bools:
-    """(n,) which faces of volumes, or edges of plane elements, have nothing beyond them.
+    """(n,) whether faces of volumes, or edges of plane elements, are on the outer boundary.
 
-    owners  (n,) how many elements each side has
-    Sides with elements beyond them in the whole of which the mesh is a part, non-conforming and periodic ones are no
-    outer sides.
+    owners  (n,) number of elements at each side
+    Non-conforming and periodic sides, and sides with elements beyond them in the whole, are not outer sides.
     """
     outer = owners == 1
     inner = inner_sides(mesh)
@@ -190,7 +190,7 @@ def sides_of(mesh: Mesh, shape: Shape, element_ids: Ints) -> Ints:
 
 
 def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Iterator[Faces]:
-    """The wanted sides of a block's elements, which then are wanted no more."""
+    """The requested sides of a block's elements, which are then removed from the request."""
     shape = block.expansion.shape
     vertices = local_vertices(mesh, shape)[mesh.of(shape).rows_of(block.element_ids)]
     for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):

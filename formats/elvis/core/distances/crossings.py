@@ -1,8 +1,9 @@
-"""How often closed surfaces wind around points: what rays from there cross, found by a tree of boxes.
+"""Winding numbers of closed surfaces around points, from crossings of rays, found by a tree of boxes.
 
-Triangles whose sides meet those of others at gaps, as those of bent patches do that are cut more finely on one side,
-make a closed surface with something thin in each gap.  A ray that passes no gap crosses as many triangles of one
-direction more than of the other as the surface winds around its start; whatever fills the gaps plays no part.
+Triangles may meet the sides of other triangles with gaps, as curved patches do if one side is cut more finely.  They
+form a closed surface together with thin fillings of the gaps.  If a ray passes no gap, the winding number at its start
+is the number of triangles crossed in one direction minus the number in the other direction; the fillings of the gaps do
+not matter.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ _WAYS = 24
 
 
 def windings(corners: Floats, gaps: Floats, places: Floats) -> tuple[Ints, Ints]:
-    """How often a closed surface winds around points (n, 3): (n,) of these, and those (k,) for which no ray tells.
+    """Winding number of a closed surface around points (n, 3).
 
-    corners  (m, 3, 3) of triangles, which turn left where they are seen from outside of what they wind around once
-    gaps     (m, 3) how far what fills the gap at each side may be from it; side k runs from corner k to the next one
-    Where triangles don't turn as their neighbours do, odd numbers are odd, still.  Points for which no ray tells are
-    on a triangle or in a gap; theirs is 0.
+    The results are the numbers (n,), and the points (k,) for which no ray decides.
+
+    corners  (m, 3, 3) of triangles, counterclockwise as seen from outside the volume with winding number 1
+    gaps     (m, 3) maximum distance of the filling of the gap from each side; side k runs from corner k to the next one
+    If orientations of neighbouring triangles differ, the parity of the numbers is still correct.  Points for which no
+    ray decides are on a triangle or in a gap; their number is 0.
     """
     scale = np.abs(corners).max()
     wide = gaps + EQUAL * scale
@@ -50,7 +53,9 @@ def windings(corners: Floats, gaps: Floats, places: Floats) -> tuple[Ints, Ints]
 
 
 def _along(axes: Floats, corners: Floats, gaps: Floats, tree: BoxTree, places: Floats) -> tuple[Ints, Bools]:
-    """What rays from points (n, 3) cross: (n,) from behind more often than from before, and (n,) whether that is sure.
+    """Crossings of rays from points (n, 3).
+
+    The results are (n,) the number from behind minus the number from before, and (n,) whether it is certain.
 
     axes  (3, 3) in columns, right-handed: the third one is the rays' direction
     """
@@ -72,7 +77,7 @@ def _along(axes: Floats, corners: Floats, gaps: Floats, tree: BoxTree, places: F
         around = flat[:, :, 0] * way[:, :, 1] - flat[:, :, 1] * way[:, :, 0]
         is_crossed = (around > 0).all(axis=1) | (around < 0).all(axis=1)
 
-        # the volume between the point and a triangle tells whether that is ahead, or holds the point
+        # the volume between the point and a triangle shows whether the triangle is ahead, or holds the point
         volume = np.einsum("nk,nk->n", around, np.roll(depth, 1, axis=1))
         edges = seen[:, 1:] - seen[:, :1]
         area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)

@@ -1,7 +1,7 @@
 """Parts of patches, and the squared distance from a point to them.
 
-With X a patch and p a point, D = |X - p|^2 / 2 has the derivatives D_a = (X - p) . X_a and D_ab = X_a . X_b +
-(X - p) . X_ab, of which D_ab changes along c by X_ac . X_b + X_a . X_bc + X_c . X_ab + (X - p) . X_abc.
+With X a patch and p a point, D = |X - p|^2 / 2 has the derivatives D_a = (X - p) .  X_a and D_ab = X_a .  X_b + (X - p)
+.  X_ab.  The derivative of D_ab along c is X_ac .  X_b + X_a .  X_bc + X_c .  X_ab + (X - p) .  X_abc.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Parts:
         return replace(self, middle=self.places(points))
 
     def divide(self) -> Parts:
-        """The parts of all parts, those of one kind one after the other."""
+        """The subdivisions of all parts, grouped by kind."""
         kinds = divided(self.corners)
         middle = np.concatenate([self.places(np.tile(way, (len(self), 1))) for way, _ in kinds])
         frame = np.concatenate([self.frame * size for _, size in kinds])
@@ -174,7 +174,7 @@ class Model:
 
     def _bounds(self, bounds: Floats, order: int) -> Floats:
         """(n, 2, …) greatest lengths of the derivatives of X of this order."""
-        # of the patch: how many of the directions (2, …) are the second one tells the column
+        # bounds of the patch: the number of the directions (2, …) that are the second one gives the column
         seconds = np.indices((2,) * order).sum(axis=0)
         columns = _COLUMNS[order - 1][seconds]
         found = bounds[self.parts.row][:, columns]

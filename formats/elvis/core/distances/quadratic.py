@@ -1,4 +1,4 @@
-"""Where a quadratic function of two coordinates is least on a line, a triangle or a square."""
+"""Minimum of a quadratic function of two coordinates on a line, a triangle or a square."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """The distance from points to a surface.
 
-Where a point w of a patch X is nearest to p, D(w) = |X(w) - p|^2 / 2 is least.  Patches, and parts of them, are
-left out where their linear part, less what they bend by, is farther than what has been found; where D is convex all
-over a part, which bounds of its third derivatives prove, Newton's method finds the one least value on it; else
-the part is cut.
+The function D(w) = |X(w) - p|^2 / 2 is minimal at the point w of a patch X nearest to p.  Patches, and parts of them,
+are dropped if their linear part, minus their curvature, is farther than the best distance found; if D is convex on a
+part, which bounds of its third derivatives prove, Newton's method finds its only minimum there; otherwise the part is
+subdivided.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ROUNDS = 26
 _STEPS = 12
 #: how many parts of patches are cut at most
 _MOST = 1 << 17
-#: points that a tree is made for, those of them that are looked at together, and pairs of these and boxes
+#: number of points for which a tree is built, points examined together, and pairs of these and boxes
 _BATCH = 1 << 15
 _TOGETHER = 1 << 13
 _PAIRS = 1 << 16
@@ -41,9 +41,9 @@ _WITHIN = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """What is nearest to n points.
+    """The nearest points of a surface to n points.
 
-    distance  (n,) signed where the surface is closed, negative inside
+    distance  (n,) signed if the surface is closed, negative inside
     place     (n, 3) the nearest point
     """
 
@@ -137,7 +137,7 @@ class _Search:
         rows = rows[distinct]
         point = found.point[rows]
 
-        # signs are those of the region before and behind the face
+        # signs belong to the region before and behind the face
         before, behind = self.surface.sides[found.face[rows]].T
         total = np.bincount(point, found.side[rows] * (before - behind), len(self.points))
         sign = np.where(total >= 0, 1.0, -1.0)
@@ -153,7 +153,7 @@ class _Search:
         return np.concatenate([np.empty(0, np.int64), *on_border])
 
     def _may_be_nearer(self, points: Ints, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
-        """(k,) whether box ``rows`` (k,) is as near as what has been found to number ``which`` (k,) of points (n,)."""
+        """(k,) whether box ``rows`` (k,) is as near as the best distance to number ``which`` (k,) of points (n,)."""
         point = points[which]
         goal = self.points[point]
         corners = boxes[rows].astype(np.float64)
@@ -194,7 +194,7 @@ class _Search:
             start[is_convex] = self._minimize(patches, model.take(convex_rows), start[is_convex])
             self._keep(number, point, parts.row, parts.places(start))
 
-            # where D has no stationary point it is least on the sides; those within the face are other patches', too
+            # without a stationary point, D is minimal on the sides; sides within the face also belong to other patches
             to_cut = np.flatnonzero(~is_convex & ~model.is_steady(bounds))
             if len(to_cut) and parts.depth < _ROUNDS and len(to_cut) <= _MOST:
                 smaller = parts.take(to_cut).divide()

@@ -68,8 +68,8 @@ def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], ran
 
     loops   for each kind of face the vertices (n, k) around them
     patches  for each kind of face their patches, nearly flat; faces are numbered through all kinds
-    ranks   all of which have the surface, and share its faces
-    A point is inside where the surface winds around it an odd number of times, whichever way its parts turn.
+    ranks   all have the surface, and share its faces
+    A point is inside if the surface winds around it an odd number of times, for any orientation of its parts.
     """
     odd = _is_inside_curves(patches) if patches[0].corners == 2 else _is_inside_faces(loops, patches, ranks)
     return np.where(np.stack([odd, ~odd], axis=1), -1, 1)
@@ -94,7 +94,7 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], r
     corners = np.concatenate([triangles for triangles, _ in fans])
     face = np.concatenate([own for _, own in fans])
 
-    # before the first triangle of each face as it is given
+    # points before the first triangle of each face, in its given orientation
     _, first = np.unique(face, return_index=True)
     own = corners[first]
     every = own.mean(axis=1) + _ahead(own)
@@ -112,12 +112,12 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], r
 
 
 def _gaps(corners: Floats, bend: Floats) -> Floats:
-    """(n, 3) how far the border of a surface may be from the sides of triangles (n, 3, 3), which others don't share.
+    """(n, 3) maximum distance of the border of a surface from the sides of triangles (n, 3, 3) that are not shared.
 
-    bend  (n,) how far the patches of which they are may be from their linear parts
-    Where a neighbour is cut more finely its sides are chords of a curve of which this one has a longer chord: corners
-    of patches are off their linear part by no more than they bend, so the curve is off the chord by no more than twice
-    that.
+    bend  (n,) maximum deviation of their patches from the linear parts
+    If a neighbour is cut more finely, its sides are chords of a curve, and this side is a longer chord of it.  Corners
+    of patches deviate from their linear part by at most the deviation ``bend``, so the curve deviates from the chord by
+    at most twice that.
     """
     if not bend.any():
         return np.zeros((len(corners), 3))

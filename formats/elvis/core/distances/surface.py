@@ -26,10 +26,10 @@ class Surface:
     """Surface patches of faces.
 
     groups     by kind and degree; faces are numbered through all groups
-    sides      (faces, 2) the signs that distances have before and behind each face: both 1 where it is not closed
+    sides      (faces, 2) the signs of distances before and behind each face: both 1 if the surface is not closed
     is_closed  whether distances have a sign
     encloses   whether all points of the data are inside or on it
-    is_planar  whether it is made of curves in the plane z = 0, the third coordinate of points being of no account
+    is_planar  whether it consists of curves in the plane z = 0; the third coordinate of points is then ignored
     """
 
     groups: Sequence[SurfacePatches]
@@ -79,9 +79,9 @@ class Surface:
 def surface_of(dataset: Dataset | None, target: str) -> Surface:
     """The surface that a name means: a boundary of the dataset, ``all`` of its outer faces, or a file of triangles.
 
-    Of a part of a dataset it is that of the whole where the part has borrowed that.
+    A part of a dataset uses the surface of the whole if it has borrowed it.
 
-    ElvisError where there is none such, with those that there are.
+    Raises ElvisError for an unknown name, and lists the known ones.
     """
     if dataset is None or is_file(dataset, target):
         return _from_file(target)
@@ -114,9 +114,9 @@ def _is_outline(dataset: Dataset, name: str) -> bool:
 
 
 def surface_of_faces(dataset: Dataset, name: str, found: Sequence[Faces], ranks: Ranks = ALONE) -> Surface:
-    """The surface that the faces of a boundary, or of all, are.
+    """The surface that consists of the faces of a boundary, or of all faces.
 
-    ranks  all of which have these faces, and share what is found of each; to be called by each
+    ranks  all have these faces, and share the work for each; every rank must call this
     """
     first = np.cumsum([0, *(len(faces.vertices) for faces in found)])
     patches = [faces.patches.flatten(start) for faces, start in zip(found, first, strict=False)]

@@ -5,8 +5,8 @@ line      2        (-1, 0), (1, 0)
 triangle  3        (-1, -1), (1, -1), (-1, 1)
 square    4        (-1, -1), (1, -1), (1, 1), (-1, 1)
 
-Side k runs from corner k to the next one; those of a line are its two ends.  A part of a domain lies at a + h s, with
-s a point of the whole: of a triangle's four parts three have the size h = 1/2 and one has -1/2.
+Side k runs from corner k to the next one; a line's sides are its two ends.  A part of a domain lies at a + h s, with s
+a point of the whole.  Three of a triangle's four parts have the size h = 1/2 and one has -1/2.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class SurfacePatches:
 
     @property
     def _linear(self) -> Bools:
-        """(m, k) which powers are no more than linear."""
+        """(m, k) which powers are at most linear."""
         m, k = self.coefficients.shape[1:3]
         return np.asarray(np.add.outer(np.arange(m), np.arange(k)) < 2)
 
@@ -135,7 +135,10 @@ class SurfacePatches:
         return _join(made)
 
     def _outer_of(self, number: int) -> Ints:
-        """(n,) `outer` of a part: those of a whole's corner keep it and half of its sides; new corners lie on sides."""
+        """(n,) `outer` of a part: parts at a corner of the whole keep it and half of its sides.
+
+        New corners lie on sides.
+        """
         n = self.corners
         side, corner = ([self.outer >> (shift + k) & 1 for k in range(n)] for shift in (0, 4))
         if n == 2:
@@ -156,14 +159,17 @@ def divided(corners: int) -> tuple[tuple[Floats, float], ...]:
 
 @bounded_cache
 def _shift_matrix(count: int, middle: float, half: float) -> Floats:
-    """(count, count) from coefficients of powers of s to those of r, s = middle + half r; from the right."""
+    """(count, count) matrix from coefficients of powers of s to coefficients of powers of r, s = middle + half r.
+
+    Multiply from the right.
+    """
     return frozen_floats(
         [[comb(i, a) * middle ** (i - a) * half**a if a <= i else 0.0 for a in range(count)] for i in range(count)]
     )
 
 
 def _powers(points: Floats, count: int, times: int) -> Floats:
-    """(n, count) the powers of points (n,), differentiated so many times."""
+    """(n, count) the powers of points (n,), differentiated ``times`` times."""
     return np.stack([perm(i, times) * points ** max(i - times, 0) for i in range(count)], axis=1)
 
 

@@ -62,5 +62,5 @@ def corners_of(name: str) -> Floats:
 
 
 def _words(error: Exception) -> str:
-    """What a library says, as a part of a sentence."""
+    """The text of a library's error, as part of a sentence."""
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,1 +1,1 @@
-"""Files: what may be opened, what is written whole or not at all, and the plain formats that tables and grids go to."""
+"""Files: plain files, output that is complete or absent, and the plain formats of tables and grids."""

@@ -41,7 +41,7 @@ _DAMAGES = (
 
 
 def names_in(path: Path) -> frozenset[str]:
-    """The names of the arrays in an archive; none where it is no archive, or a damaged one."""
+    """The names of the arrays in an archive; empty if it is damaged or not an archive."""
     try:
         check_plain(path)
         if not zipfile.is_zipfile(path):
@@ -53,11 +53,11 @@ def names_in(path: Path) -> frozenset[str]:
 
 
 class Archive:
-    """An archive that is open; nothing in it is executed.
+    """An open archive; nothing in it is executed.
 
     names  of its arrays, in their order
-    what   is expected, as messages say it
-    FormatError, here and where arrays are read, for what is damaged or holds less than it says.
+    what   description of the expected content, for messages
+    Raises FormatError, here and while reading arrays, if the archive is damaged or holds less than it declares.
     """
 
     def __init__(self, path: Path, what: str = "an archive of arrays") -> None:

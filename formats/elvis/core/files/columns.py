@@ -59,7 +59,7 @@ def csv_lines(columns: Columns) -> Iterator[str]:
     """The text of the table, many lines at a time: a header, integers plain, floats with 17 significant digits.
 
     Names and words that hold a comma, a quote or a line end are quoted, and control characters become question marks,
-    for a terminal may show the text; what is not a number reads ``nan``.
+    since a terminal may show the text; NaN is written as ``nan``.
     """
     yield ",".join(map(_quote, columns)) + "\n"
     line = ",".join(_FORMATS.get(array.dtype.kind, "%d") for array in columns.values()) + "\n"

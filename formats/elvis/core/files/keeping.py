@@ -1,8 +1,8 @@
-"""Results kept from one process to the next, each in a file of its own with a checksum, in the user's cache.
+"""Cached results of earlier processes, each in a file of its own with a checksum, in the user's cache.
 
-A file begins with a mark that says what it is; then come the SHA-256 of all that follows, the length of the key in two
-bytes, the key and the content.  A file takes its name when it is whole, so that processes which run at the same time
-don't disturb each other; a damaged one is noticed before anything trusts it, and set aside.
+A file begins with a mark that identifies its kind; then come the SHA-256 of the rest, the length of the key in two
+bytes, the key and the content.  A file takes its name when it is complete, so simultaneous processes don't disturb each
+other; a damaged file is detected before use, and set aside.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _DAMAGED = ".damaged"
 
 
 def cache_folder(name: str) -> Path | None:
-    """Where results of a kind are kept: in $XDG_CACHE_HOME or ~/.cache; None where there is neither.
+    """Folder for cached results of a kind, in $XDG_CACHE_HOME or ~/.cache; None if neither exists.
 
     As its specification says, a relative $XDG_CACHE_HOME is ignored.
     """
     folder = os.environ.get("XDG_CACHE_HOME", "")
     if not os.path.isabs(folder):
-        # without HOME the system's list of users tells; an empty one would mean the root of all folders
+        # without HOME, the system's list of users decides; an empty HOME would mean the root folder
         home = os.path.expanduser("~") if os.environ.get("HOME") != "" else ""
         folder = os.path.join(home, ".cache")
     return Path(folder) / "elvis" / name if os.path.isabs(folder) else None
@@ -49,7 +49,7 @@ def kept_files(name: str) -> tuple[int, int]:
 
 
 def make_private(folder: Path) -> None:
-    """Make a folder, and those above it that are missing, for its owner alone; OSError where that can't be."""
+    """Make a folder, and missing folders above it, accessible only to the owner; raises OSError on failure."""
     missing = [own for own in (folder, *folder.parents) if not own.exists()]
     for own in reversed(missing):
         own.mkdir(mode=0o700, exist_ok=True)
@@ -57,10 +57,10 @@ def make_private(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Store:
-    """The kept results of one kind in a folder, which need not be there.
+    """The cached results of one kind in a folder, which need not exist.
 
-    kind  in one word: the suffix of its files
-    most  bytes of all files; those that were not used for longest go
+    kind  one word, the suffix of its files
+    most  maximum bytes of all files; the least recently used ones are removed
     """
 
     folder: Path
@@ -132,7 +132,7 @@ class Store:
                 os.utime(path)
 
     def files(self) -> list[Path]:
-        """The files, the last used first; those that there is no room for, and what is stale, are removed."""
+        """The files, the most recently used first; stale files and files beyond the limit are removed."""
         found: list[tuple[float, int, Path]] = []
         with suppress(OSError):
             for item in os.scandir(self.folder):

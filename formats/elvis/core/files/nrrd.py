@@ -1,4 +1,4 @@
-"""Regular grids of values in NRRD files (teem's format, version 5): a header of text, then the numbers as they are."""
+"""Regular grids of values in NRRD files (teem's format, version 5): a text header, followed by the raw numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Grid:
         return np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
 
     def spacing(self, axis: int) -> float:
-        """From point to point; of a single one the length of the box, or 1 where that is nothing."""
+        """Distance between points; for a single point the length of the box, or 1 if it is zero."""
         return (self.high[axis] - self.low[axis]) / max(1, self.counts[axis] - 1) or 1.0
 
     def planes(self, first: int, last: int) -> Floats:

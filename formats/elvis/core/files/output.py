@@ -31,10 +31,10 @@ _OPEN = re.compile(r"/dev/(stdin|stdout|stderr)|(?:/dev|/proc/self)/fd/([0-9]+)"
 
 
 class Outputs:
-    """Files and folders that take their places when the block ends well; otherwise all stays as it was.
+    """Files and folders that take their places if the block succeeds; otherwise nothing changes.
 
-    A link keeps pointing where it did, and a file that is replaced hands on its mode.  Pipes and devices are written
-    directly, for want of a rename; to what is open already, such as ``/dev/stdout``, is added, whatever it is.
+    A link keeps its target, and a new file inherits the mode of the file it replaces.  Pipes and devices are written
+    directly, since they cannot be renamed; output is appended to files that are already open, such as ``/dev/stdout``.
     """
 
     def __init__(self) -> None:
@@ -52,9 +52,9 @@ class Outputs:
 
     @contextmanager
     def file(self, path: str | Path) -> Iterator[Path]:
-        """A new file to be written in place of ``path``, of the same name but in another folder.
+        """A new file that replaces ``path``, with the same name in another folder.
 
-        Raises ElvisError, which names ``path``, where it can't be written whole.
+        Raises ElvisError, which names ``path``, if it can't be written completely.
         """
         if _is_special(Path(path)):
             with _naming(path, Path(path)), _pour(path) as temporary:
@@ -70,7 +70,7 @@ class Outputs:
 
     @contextmanager
     def folder(self, path: str | Path) -> Iterator[Path]:
-        """A new empty folder to be filled in place of ``path``, which may be a folder."""
+        """A new empty folder that replaces ``path``, which may be a folder."""
         check_folder_place(path)
         item = self._replacement(path, Path(os.path.realpath(path)))
         with _naming(path, item.new):
@@ -88,7 +88,7 @@ class Outputs:
         self._replacement(path, Path(os.path.realpath(folder), name))
 
     def _replacement(self, path: str | Path, target: Path) -> Replacement:
-        """What will stand in place of ``path``, which is at ``target``."""
+        """The replacement of ``path``, which is at ``target``."""
         if target in self._replacements:
             raise _twice(path, self._replacements[target].named)
         try:
@@ -96,7 +96,7 @@ class Outputs:
         except OSError as error:
             raise ElvisError(f"{path}: cannot be written: {error.strerror}") from error
         found = Replacement(path, target, own / "new" / target.name, own / "old" / target.name)
-        if os.path.lexists(found.new):  # names that differ, on a file system that does not tell
+        if os.path.lexists(found.new):  # names that differ, on a file system that treats them as equal
             raise _twice(path, found.named)
         self._replacements[target] = found
         return found
@@ -128,7 +128,7 @@ class Outputs:
 
 @contextmanager
 def replacing(path: str | Path, outputs: Outputs | None = None) -> Iterator[Path]:
-    """A file to write in place of ``path``, with the others of ``outputs`` where these are given, else by itself."""
+    """A file that replaces ``path``, together with the files of ``outputs`` if given."""
     if outputs is not None:
         with outputs.file(path) as temporary:
             yield temporary
@@ -184,9 +184,9 @@ def check_inputs(
     inputs: Iterable[str | Path],
     advice: str = "name another output, or say --overwrite",
 ) -> None:
-    """ElvisError where a file to be written is an input or a link to one, or lies in an input that is a folder.
+    """Raise ElvisError if a file to be written is an input or a link to one, or lies in an input folder.
 
-    advice  what is to be done then
+    advice  the remedy for the message
     """
     given = [Path(each) for each in inputs]
     for path in filter(os.path.isfile, paths):
@@ -232,9 +232,9 @@ def _descriptor(path: str | Path) -> int | None:
 
 @contextmanager
 def _pour(path: str | Path) -> Iterator[Path]:
-    """The special file itself, or a temporary one whose content goes on into the open one that ``path`` stands for.
+    """The special file itself, or a temporary one whose content is appended to the open one at ``path``.
 
-    To open that by its name would cut off what others have written into it.
+    Opening that file by its name would truncate the output of others.
     """
     number = _descriptor(path)
     if number is None:
@@ -251,9 +251,9 @@ def _pour(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def _naming(path: str | Path, written: Path) -> Iterator[None]:
-    """Turn what the system or a library says of a failed write into a sentence with the name that the user gave.
+    """Turn errors of the system or a library about a failed write into ElvisError with the name that the user gave.
 
-    written  the file that they wrote, whose name would say nothing
+    written  the file actually written, whose name would not help the user
     """
     try:
         yield
@@ -268,7 +268,7 @@ def _naming(path: str | Path, written: Path) -> Iterator[None]:
 
 
 def _hand_on_mode(item: Replacement) -> None:
-    """Give what is new the mode of what it replaces."""
+    """Give a new file the mode of the file it replaces."""
     if item.target.exists():
         item.new.chmod(stat.S_IMODE(item.target.stat().st_mode))
 

@@ -26,7 +26,7 @@ _OTHERS = {
 
 
 def check_plain(path: str | Path) -> None:
-    """FormatError unless the path, or what it links to, is a plain file."""
+    """Raise FormatError unless the path, or the target of the link, is a plain file."""
     found = _other(path)
     if found is not None:
         raise FormatError(found, file=path)
@@ -39,7 +39,7 @@ def check_plain_or_folder(path: str | Path) -> None:
 
 
 def leading(path: str | Path, count: int) -> bytes:
-    """The first bytes, ``count`` at most, of a plain file; none where it is no plain file or can't be read."""
+    """The first bytes, ``count`` at most, of a plain file; empty if it is unreadable or not a plain file."""
     if _other(path) is not None:
         return b""
     try:
@@ -59,7 +59,7 @@ def content(path: str | Path) -> bytes:
 
 
 def json_content(path: str | Path) -> Any:
-    """What a plain file in JSON holds; FormatError where it holds something else."""
+    """The content of a plain JSON file; raises FormatError if it is not JSON."""
     try:
         return json.loads(content(path))
     except RecursionError:
@@ -79,7 +79,7 @@ def unpacked_limit(packed: int, whole: int | None = None) -> int:
 
 
 def _other(path: str | Path) -> str | None:
-    """What is wrong with a path that isn't a plain file, None where it is one."""
+    """A description of a path that isn't a plain file, None for a plain file."""
     try:
         kind = stat.S_IFMT(os.stat(path).st_mode)
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name that holds a zero byte

@@ -1,4 +1,4 @@
-"""What is written and waits next to its place: how it takes it, and how it gives it back."""
+"""New output that waits next to its place: how it is moved there, and how that is undone."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any
 
 @dataclass
 class Replacement:
-    """A file or folder that takes the place of another; without anything new, what stands there just goes.
+    """A file or folder that replaces another; without new content, the old one is removed.
 
     named   the target as the user calls it
-    target  the place, free of links
-    new     what is to stand there
-    old     where what stood there is kept, on the same file system
+    target  its place, with links resolved
+    new     path of the new content
+    old     path of the old content, on the same file system
     """
 
     named: str | Path
@@ -46,7 +46,7 @@ class Replacement:
 
     @property
     def is_placed(self) -> bool:
-        """Whether what is new stands in its place, or what was to go is gone."""
+        """Whether the new content is in its place, or the removed content is gone."""
         stands = os.path.lexists(self.target)
         if self._own is None:
             return self._began and not stands
@@ -65,7 +65,7 @@ class Replacement:
             os.rename(self.old, self.target)
 
     def _swap_folders(self) -> None:
-        """Put a folder in place of another: at once where the system can, else one after the other."""
+        """Replace a folder by another: atomically if the system can, else in two steps."""
         if exchange(self.new, self.target):
             os.rename(self.new, self.old)
         else:

@@ -6,8 +6,8 @@ A scratch folder lies next to the outputs, is named ``.elvis-XXXXXXXXXXXX.tmp`` 
     new/   what is being written, under its final name
     old/   what stood in the places of the new, until all of these have theirs
 
-The next run that writes into the same folder removes what a killed one has left.  Locks, unlike numbers of processes,
-also tell across containers and, where the file system has locks, across machines.
+The next run that writes into the same folder removes the remains of a killed one.  Locks, unlike process numbers, also
+work across containers and, if the file system has locks, across machines.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ def scratch(folder: Path) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the scratch folders in ``folder`` whose processes have ended; what they had set aside is put back."""
+    """Remove the scratch folders in ``folder`` whose processes have ended.
+
+    Put back the files that they had set aside.
+    """
     for leftover in _leftovers(folder):
         lock = _locked(leftover)
         if lock is None:
@@ -126,10 +129,10 @@ def _put_back(leftover: Path, folder: Path) -> None:
 
 
 def _discard(own: Path, lock: int | None) -> None:
-    """Remove a scratch folder and free its lock; the old goes first, so that nobody puts it back.
+    """Remove a scratch folder and free its lock; the old content goes first, so that it is not put back.
 
-    The name of the lock goes before it is free: so whoever made the folder, and waits for that lock, finds it gone, and
-    a lock made anew keeps the folder.  Network file systems keep files that are open: so the folder goes last.
+    The name of the lock is removed before it is released.  The creator of the folder, who waits for that lock, then
+    finds it gone, and a new lock keeps the folder.  The folder goes last, since network file systems keep open files.
     """
     for part in (own / "old", own / "new"):
         shutil.rmtree(part, ignore_errors=True)

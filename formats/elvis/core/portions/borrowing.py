@@ -1,7 +1,7 @@
-"""What quantities on a part of a dataset are made of beside its own fields: other data and times, what is around it.
+"""Inputs of quantities on a part of a dataset in addition to its own fields: other data and times, and surroundings.
 
-Fields of other datasets, derivatives in time and jumps become fields of the part.  So they are cut and united as its
-own ones are, and nobody needs what they were made of any longer.  Surfaces of boundaries all ranks have.
+Fields of other datasets, derivatives in time and jumps become fields of the part.  They are cut and united like its own
+fields, and their own inputs are no longer needed.  All ranks have the surfaces of boundaries.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BorrowedRates:
-    """Derivatives in time that a part of a dataset has among its fields: names, what they are, and times of steps.
+    """Derivatives in time that a part of a dataset holds as fields: names, a remark on their origin, times of steps.
 
     They need no steps of a series any longer.
     """
@@ -37,14 +37,14 @@ class BorrowedRates:
 
     @staticmethod
     def of(dataset: Dataset) -> BorrowedRates | None:
-        """Those of a part; None where it is no moment of a series."""
+        """The derivatives of a part; None if it is not a moment of a series."""
         if dataset.rates is None:
             return None
         names = (name[2:-3] for name in dataset.borrowed if is_rate(name))
         return BorrowedRates(frozenset(names), dataset.rates.remark, dataset.rates.times)
 
     def field(self, name: str) -> Field:
-        """See `elvis.core.dataset.Rates`: the name alone, as values are those of the part."""
+        """The derivative as in `elvis.core.dataset.Rates`, but only its name, since the part holds the values."""
         if name not in self.names:
             raise ElvisError(f"the derivative of {name} in time was not asked for")
         return Field(rate_name(name), ())
@@ -55,9 +55,9 @@ class BorrowedRates:
 
 
 def borrowing(portion: Portion, texts: Iterable[str], ranks: Ranks) -> Portion:
-    """The part that one of several ranks has, with what quantities are made of among its fields; to be called by each.
+    """The part of one of several ranks, with the inputs of quantities added to its fields; every rank must call this.
 
-    Where other data don't hold the same elements, their portions have what they are asked for.
+    If other data don't hold the same elements, their portions get the requested fields.
     """
     expressions = [Expression.of(portion.dataset, text) for text in texts]
     portion = _with_fields(portion, [name for each in expressions for name in each.fields], ranks)
@@ -70,9 +70,11 @@ def borrowing(portion: Portion, texts: Iterable[str], ranks: Ranks) -> Portion:
 
 
 def surrounded(portion: Portion, expressions: Iterable[Expression], ranks: Ranks) -> Portion:
-    """The part that one of several ranks has, with what quantities look at around its elements; to be called by each.
+    """The part of one of several ranks, with the surroundings of its elements that quantities need.
 
-    Fields of other data are found as they are needed, and don't become its own.
+    Every rank must call this.
+
+    Fields of other data are located on demand, and don't become its own.
     """
     for name in _attributes(expressions):
         target, jumping = target_of(name), jumping_of(name)
@@ -84,7 +86,7 @@ def surrounded(portion: Portion, expressions: Iterable[Expression], ranks: Ranks
 
 
 def _attributes(expressions: Iterable[Expression]) -> dict[str, None]:
-    """What quantities use of elements by themselves, each once."""
+    """The attributes that quantities use, each once."""
     return dict.fromkeys(name for each in expressions for name in each.attributes)
 
 

@@ -1,7 +1,8 @@
-"""Portions: some elements of a dataset, which know their numbers in the whole.
+"""Portions: some elements of a dataset, with their numbers in the whole.
 
-A portion is a dataset itself, of these elements and of what they are made of alone.  Portions of one dataset are
-united by numbers in the whole, so that order, and with it which element is first, doesn't depend on how it was cut.
+A portion contains a dataset that has only these elements and the entities that they consist of.  Portions of one
+dataset are united by numbers in the whole.  The order, and with it which element is first, is thus independent of how
+the dataset was cut.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ _TAGS: Mapping[str, tuple[_Kind, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Portion:
-    """Some elements of a dataset.  Rows and numbers have 32 bits where these are enough for all in the whole.
+    """Some elements of a dataset.  Rows and numbers have 32 bits if these are enough for the whole.
 
-    dataset   of these elements alone
+    dataset   with only these elements
     rows      (n,) rows in the whole, ascending: of vertices (None) and of entities by shape
-    edges, faces  (n,) the same of the curves of edges and faces
-    blocks    for each field and block (n,) rows of its elements in the block of the whole
+    edges, faces  (n,) rows of the curves of edges and faces
+    blocks    for each field and block, (n,) rows of its elements in the block of the whole
     sides     numbers in the whole of faces, of 2D meshes edges, that have elements on both sides in the whole
-    counts    how much the whole is made of
-    triangles  how many faces of the whole are triangles, whose numbers come first
-    is_even   whether all fields have the same elements in the whole, so that faces are inner ones of all or of none
-    others    of datasets that expressions may name, the portions of the same rank
+    counts    sizes of the whole
+    triangles  number of triangles among the faces of the whole, whose numbers come first
+    is_even   whether all fields have the same elements in the whole, so faces are inner ones of all fields or of none
+    others    portions of the same rank of datasets that expressions may name
     """
 
     dataset: Dataset
@@ -58,7 +59,7 @@ class Portion:
 
     @staticmethod
     def whole(dataset: Dataset) -> Portion:
-        """All of a dataset, which may be that of a portion."""
+        """All of a dataset, which may itself be the dataset of a portion."""
         mesh, sides = dataset.mesh, _inner_sides(dataset)
         below = mesh.counts.total
         rows: dict[_Kind, Ints] = {shape: _numbers(len(own), below) for shape, own in mesh.entities.items()}
@@ -108,7 +109,7 @@ class Portion:
 
     @property
     def alone(self) -> Portion:
-        """The same without data on other meshes and derivatives in time, as it is sent to other ranks."""
+        """The portion without data on other meshes and derivatives in time, for sending to other ranks."""
         return replace(self, dataset=without_beside(self.dataset), others={})
 
     @property
@@ -120,7 +121,7 @@ class Portion:
         return places + entities + sum(block.coefficients.nbytes for own in self.dataset.fields for block in own.blocks)
 
     def with_fields(self, names: Iterable[str]) -> Portion:
-        """The same with the fields of these names alone, and those that are the map."""
+        """The portion with only the named fields and the fields that define the map."""
         kept = {*names, *self.dataset.map_names}
         dataset = self.dataset
         return replace(self, dataset=replace(dataset, fields=tuple(own for own in dataset.fields if own.name in kept)))
@@ -134,7 +135,7 @@ class Portion:
         return self.rows[Shape.SEGMENT if dimension == 2 else None]
 
     def with_sides(self, sides: Ints) -> Portion:
-        """The portion, whose mesh is told of what it is a part, with inner sides by numbers in the whole."""
+        """The portion with inner sides by numbers in the whole, which its mesh receives with the sizes of the whole."""
         own = self.side_numbers
         excerpt = Excerpt(self.counts, narrow_ints(np.searchsorted(own, sides), len(own)))
         mesh = replace(self.dataset.mesh, excerpt=excerpt)
@@ -142,7 +143,7 @@ class Portion:
 
 
 def _numbers(count: int, below: int) -> Ints:
-    """All of so many numbers, which are less than ``below``."""
+    """The numbers from 0 to ``count`` - 1; ``below`` exceeds all of them."""
     return narrow_ints(np.arange(count), below)
 
 
@@ -203,14 +204,14 @@ def is_even(dataset: Dataset) -> bool:
 
 
 def carriers(dataset: Dataset) -> Ints | None:
-    """(n,) ids of the elements that have the first field; None where there is none, and sides are those of all."""
+    """(n,) ids of the elements that have the first field; None without fields; all elements then count for sides."""
     blocks = dataset.solution[0].blocks if dataset.solution else ()
     every = [block.element_ids for block in blocks]
     return every[0] if len(every) == 1 else np.concatenate(every) if every else None
 
 
 def knows_inner_sides(dataset: Dataset) -> bool:
-    """Whether inner sides of a part are those of the mesh: where all its elements have the first field."""
+    """Whether inner sides of a part equal inner sides of the mesh: if all its elements have the first field."""
     ids = carriers(dataset)
     return ids is None or all(np.isin(own.ids, ids).all() for own in dataset.mesh.elements.values())
 
@@ -227,7 +228,7 @@ def _inner_sides(dataset: Dataset) -> Ints:
 
 
 def _kept_rows(mesh: Mesh, ids: Ints) -> dict[_Kind, Ints]:
-    """Rows of the elements with these ids, and of the faces, edges and vertices that they are made of."""
+    """Rows of the elements with these ids, and of their faces, edges and vertices."""
     elements = mesh.elements
     kept: dict[_Kind, Ints] = {shape: np.empty(0, np.int64) for shape in (*mesh.entities, Shape.SEGMENT)}
     for shape, own in elements.items():
@@ -244,7 +245,7 @@ def _kept_rows(mesh: Mesh, ids: Ints) -> dict[_Kind, Ints]:
 
 
 def _used(mesh: Mesh, kept: Mapping[_Kind, Ints], shapes: Iterable[Shape], count: int) -> Ints:
-    """(n,) which of ``count`` entities the kept ones of some shapes are made of, ascending."""
+    """(n,) ascending rows of ``count`` entities that the kept entities of some shapes consist of."""
     is_used = np.zeros(count, bool)
     for shape in shapes:
         if len(mesh.of(shape)):
@@ -253,7 +254,7 @@ def _used(mesh: Mesh, kept: Mapping[_Kind, Ints], shapes: Iterable[Shape], count
 
 
 def _renumbered(members: Ints, numbers: Ints) -> Ints:
-    """(n, k) where members stand among ascending ``numbers``, of which each is one."""
+    """(n, k) positions of members among ascending ``numbers``, which contain all of them."""
     place = np.zeros(int(numbers[-1]) + 1 if len(numbers) else 0, np.int64)
     place[numbers] = np.arange(len(numbers))
     return place[members]
@@ -267,7 +268,7 @@ def _face_numbers(mesh: Mesh, kept: Mapping[_Kind, Ints]) -> Ints:
 
 
 def _numbers_of_members(portion: Portion, rows: Mapping[_Kind, Ints], shape: Shape) -> Ints:
-    """(n,) numbers in the whole of what entities of a shape are made of, in order of their rows."""
+    """(n,) numbers in the whole of the members of entities of a shape, in order of their rows."""
     if shape.dimension == 3:
         return _faces_in_whole(portion, rows)
     return rows[Shape.SEGMENT if shape.dimension == 2 else None]
@@ -360,7 +361,7 @@ def _united_composite(some: Sequence[Composite]) -> Composite:
 
 
 def _united_fields(some: Sequence[Portion]) -> tuple[tuple[Field, ...], dict[str, tuple[Ints, ...]]]:
-    """The fields of portions, and rows of their blocks in those of the whole."""
+    """The fields of portions, and rows of their blocks in the blocks of the whole."""
     fields: list[Field] = []
     rows: dict[str, tuple[Ints, ...]] = {}
     for number, field in enumerate(some[0].dataset.fields):

@@ -1,7 +1,7 @@
-"""What parts of a dataset look at around them: boundaries that distances are measured to, neighbours of elements.
+"""Surroundings of parts of a dataset: boundaries for distances, neighbours of elements.
 
-Of a boundary each rank has the elements of its part that touch it, of neighbours those at sides that other parts have,
-too.  These alone are sent, as portions, which are put together in the order of the whole.
+For a boundary, each rank contributes the elements of its part that touch it; for neighbours, its elements at sides
+shared with other parts.  Only these are sent, as portions, and put together in the order of the whole.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _NONE = np.empty(0, np.int64)
 
 
 def with_surface(portion: Portion, target: str, ranks: Ranks) -> Portion:
-    """The part that a rank has, with the surface that a boundary of the whole is; to be called by each.
+    """The part of a rank, with the surface of a boundary of the whole; every rank must call this.
 
-    Where a name means none, that shows where distances are measured.
+    An unknown name is reported where distances are measured.
     """
     dataset = portion.dataset
     if target in dataset.surfaces or is_file(dataset, target) or dataset.mesh.dimension < 2:
@@ -69,9 +69,9 @@ def with_surface(portion: Portion, target: str, ranks: Ranks) -> Portion:
 
 
 def with_jumps(portion: Portion, name: str, ranks: Ranks) -> Portion:
-    """The part that a rank has, with the jumps of one of its fields as another one; to be called by each.
+    """The part of a rank, with the jumps of one of its fields as another field; every rank must call this.
 
-    Where there are none, as across Fourier directions, that shows where they are evaluated.
+    Undefined jumps, as across Fourier directions, are reported where they are evaluated.
     """
     dataset, own = portion.dataset, jump_name(name)
     field = dataset.field(name)
@@ -85,15 +85,15 @@ def with_jumps(portion: Portion, name: str, ranks: Ranks) -> Portion:
 
 
 def _outer(portion: Portion, ids: Ints, ranks: Ranks) -> Ints:
-    """(n,) numbers in the whole of sides that belong to one of all elements of the domain, ascending.
+    """(n,) ascending numbers in the whole of sides that belong to exactly one element of the domain.
 
-    ids  (n,) of those that this rank has
+    ids  (n,) ids of this rank's elements
     """
     numbers, owners = portion.side_numbers, _owners(portion, ids)
     candidates = np.concatenate(ranks.exchange(numbers[owners == 1], "outer sides of parts"))
     outer, counts = np.unique(candidates, return_counts=True)
     outer = outer[counts == 1]
-    # a part may have two elements at a side of which another one has one
+    # a part may have two elements at a side where another part has one
     inner = ranks.exchange(outer[np.isin(outer, numbers[owners > 1])], "sides that are no outer ones")
     return np.setdiff1d(outer, np.concatenate(inner))
 
@@ -153,7 +153,7 @@ def _constant(block: Block, ids: Ints, values: Floats) -> Block:
 
 
 def _of_shapes(portion: Portion, ids: Ints) -> Iterator[tuple[Shape, Ints]]:
-    """Those of elements with ids (n,) that are of each shape."""
+    """The elements with ids (n,), grouped by shape."""
     for shape, entities in portion.dataset.mesh.elements.items():
         yield shape, entities.ids[np.isin(entities.ids, ids)]
 
@@ -165,7 +165,7 @@ def _owners(portion: Portion, ids: Ints) -> Ints:
 
 
 def _with_sides(portion: Portion, ids: Ints, is_wanted: Bools) -> Ints:
-    """Those of elements with ids (n,) that have one of the wanted sides (m,)."""
+    """The elements with ids (n,) that have one of the requested sides (m,)."""
     mesh = portion.dataset.mesh
     found = [own[is_wanted[sides_of(mesh, shape, own)].any(axis=1)] for shape, own in _of_shapes(portion, ids)]
     return np.concatenate([_NONE, *found])

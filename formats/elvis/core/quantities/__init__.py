@@ -1,6 +1,6 @@
-"""Quantities: expressions over fields, coordinates, time and derivatives, and what is known of elements.
+"""Quantities: expressions over fields, coordinates, time and derivatives, and attributes of elements.
 
-expression  what a text says about a dataset: `Expression.of`
+expression  the meaning of a text for a dataset: `Expression.of`
 evaluator   its values at reference points of elements, and at world points
 bounding    certified bounds on elements, and its range over all of them
 """

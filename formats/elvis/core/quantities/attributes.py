@@ -1,20 +1,20 @@
-"""What is known of elements by themselves.
+"""Attributes: quantities that elements define, independent of fields.
 
 element          id in the file
 composite        id of the composite that holds it, the first of several (see `element_sizes`)
 h                size: the d-th root of its length, area or volume
-order            highest degree of a field on it, of its map where it has no field
+order            highest degree of a field on it, or of its map without fields
 shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
-jacobian_sign    1 where the Jacobian is proved to be positive all over, -1 where it isn't, 0 undecided (`validity`)
-jacobian         determinant of the map's derivative in xi; length or area where space has more dimensions
-scaled_jacobian  the same in parts of the product of the lengths of the derivative's columns: -1 to 1
-quality          mean ratio of the map from the ideal element, with equal edges: 1 where the map keeps its form, 0 where
-                 it is degenerate or inverted (Knupp 2001, Algebraic mesh quality metrics: shape)
+jacobian_sign    1 if the Jacobian is proved to be positive everywhere, -1 if it isn't, 0 if undecided (`validity`)
+jacobian         determinant of the map's derivative in xi; length or area if the space has more dimensions
+scaled_jacobian  the determinant divided by the product of the lengths of the derivative's columns: -1 to 1
+quality          mean ratio of the map from the ideal element, which has equal edges: 1 for a similarity, 0 for a
+                 degenerate or inverted map (Knupp 2001, Algebraic mesh quality metrics: shape)
 nx, ny, nz       outward unit normal on the element's sides, and
-face_height      how high the element is above them; NaN elsewhere (see `element_sides`)
-jump(f)          greatest jump of the field f across the element's faces (see `jumps`)
+face_height      height of the element above them; NaN elsewhere (see `element_sides`)
+jump(f)          largest jump of the field f across the element's faces (see `jumps`)
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
-ref:p            what p is in the dataset that is called ref, at the same place (see `elsewhere`)
+ref:p            the value of p in the dataset named ref, at the same position (see `elsewhere`)
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from elvis.core.validity.validity import statuses
 if TYPE_CHECKING:
     from elvis.core.quantities.elsewhere import Elsewhere
 
-#: those that are one number throughout an element, in addition to jump(...)
+#: attributes that are constant on an element, in addition to jump(...)
 CONSTANT = ("element", "composite", "h", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 
@@ -90,7 +90,7 @@ class Attributes:
         return _POINTWISE[name](patch, rows, points)
 
     def surface(self, target: str) -> Surface:
-        """What distances are measured to."""
+        """The surface to which distances are measured."""
         if target not in self._surfaces:
             self._surfaces[target] = surface_of(self._dataset, target)
         return self._surfaces[target]

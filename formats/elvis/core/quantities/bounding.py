@@ -26,12 +26,12 @@ from elvis.core.ranges import Range, deciding, field_range, finite_rows
 from elvis.core.shapes import Shape
 
 _ROUNDS = 6
-#: part of what is known of the range, within which an end is decided
+#: tolerance for an end of the range, relative to the known range
 _TOLERANCE = 5e-3
 _NUMBERS = 1 << 20
-#: elements that are looked at closely
+#: number of elements that are examined closely
 _MOST = 1 << 9
-#: places along each direction of an element where values are looked for if there are none in its middle and corners
+#: sample points along each direction of an element if there are no values at its centre and corners
 _CLOSER = 8
 
 
@@ -47,7 +47,7 @@ def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
 
 
 def _own_range(dataset: Dataset, expression: Expression) -> Range | None:
-    """The range of a quantity of the data as they are."""
+    """The range of a quantity of the data without widening for conversion errors."""
     if expression.is_field:
         return field_range(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
@@ -61,11 +61,11 @@ def _own_range(dataset: Dataset, expression: Expression) -> Range | None:
 
 
 def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
-    """(n,) ids of elements of which some may hold an end of the range: that of them alone is the `quantity_range`."""
+    """(n,) ids of elements that may hold an end of the range: these elements give the same `quantity_range` as all."""
     if expression.is_field:
         return deciding(dataset.field(expression.root.name).blocks)
     evaluator = Evaluator(dataset, [expression])
-    # the first of each patch, too, so that patches come in one order
+    # and the first of each patch, so that patches keep one order
     found = [np.empty(0, np.int64), *(patch.element_ids[:1] for patch in evaluator.patches)]
     if any(patch.homogeneous for patch in evaluator.patches):
         found.append(_sampled(evaluator, expression)[1])
@@ -90,7 +90,7 @@ class _Search:
             self._look_closer()
 
     def _look_closer(self) -> None:
-        """Try many places: of expressions that have values in a small part of the elements alone."""
+        """Sample many points, for expressions that have values only in a small part of the elements."""
         for patch, rows in self.whole:
             line = np.linspace(-0.9, 0.9, _CLOSER)
             eta = np.stack(np.meshgrid(*[line] * patch.shape.dimension, indexing="ij"), axis=-1)
@@ -137,12 +137,12 @@ class _Search:
             rivals = self._rivals(sign, self.greatest if sign > 0 else -self.least)
             ids = np.concatenate([found[0][:0], *(patch.element_ids[rows] for patch, rows, _ in rivals)])
             uppers = np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)])
-            # of many as many as are looked at closely, and one more, which bounds the others
+            # up to one more than are examined closely, whose bound covers the others
             found.append(ids[np.argsort(-uppers, kind="stable")[: _MOST + 1]])
         return np.concatenate(found)
 
     def _rivals(self, sign: int, attained: float) -> list[tuple[Patch, Ints, Floats]]:
-        """Elements whose bound of the expression (1) or of its negative (-1) exceeds what is attained, with bounds."""
+        """Elements whose bound of the expression (1) or its negative (-1) exceeds the attained value, with bounds."""
         rivals: list[tuple[Patch, Ints, Floats]] = []
         for patch, rows, (low, high) in self._first:
             upper = high if sign > 0 else -low
@@ -157,7 +157,7 @@ class _Search:
         return [(patch, rows, self._cells(patch, rows).bounds(root)) for patch, rows in self.whole]
 
     def bound(self, sign: int) -> float:
-        """What no value of the expression (1) or of its negative (-1) exceeds."""
+        """An upper bound of the expression (1) or of its negative (-1)."""
         if self.expression.order > 1:
             return np.inf
         root = self.expression.root if sign > 0 else negative(self.expression.root)
@@ -166,7 +166,7 @@ class _Search:
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
         threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
         forgotten = max(attained, threshold)
-        # those of a patch together, so that what is found doesn't depend on batches
+        # elements of a patch together, so that the result doesn't depend on batches
         for patch in self.evaluator.patches:
             own = [rows[upper > threshold] for other, rows, upper in rivals if other is patch]
             if sum(map(len, own)):
@@ -199,7 +199,7 @@ class _Search:
 
 
 def _sampled(evaluator: Evaluator, expression: Expression) -> tuple[Range | None, Ints]:
-    """What is attained at some points, without bounds, and ids (n,) of elements that attain it."""
+    """The range attained at some points, without bounds, and ids (n,) of elements that attain it."""
     values, owners = [np.empty(0)], [np.empty(0, np.int64)]
     for patch in evaluator.patches:
         rows = np.arange(len(patch))

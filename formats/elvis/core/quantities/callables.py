@@ -19,7 +19,7 @@ from elvis.core.quantities.tree import field
 
 
 class DatasetFunction:
-    """What a field and a quantity of a dataset have in common: values, range and picture."""
+    """Common behaviour of a field and a quantity of a dataset: values, range and picture."""
 
     @cached_property
     def _function(self) -> tuple[Dataset, Expression]:
@@ -97,7 +97,7 @@ class DatasetField(DatasetFunction, Field):
 
 @dataclass(frozen=True, eq=False)
 class Quantity(DatasetFunction):
-    """A quantity of a dataset that is no field: an expression, or a predefined quantity such as ``vorticity``."""
+    """A quantity of a dataset other than a field: an expression, or a predefined quantity such as ``vorticity``."""
 
     dataset: Dataset
     name: str
@@ -126,5 +126,5 @@ def function_of(dataset: Dataset, text: str) -> DatasetField | Quantity:
 
 
 def names_of_functions(dataset: Dataset) -> list[str]:
-    """What completion offers: the fields, then the predefined quantities that these suffice for."""
+    """Names for completion: the fields, then the predefined quantities that can be computed from them."""
     return [*dataset, *(name for name in Names.of(dataset).flow.available if name not in dataset)]

@@ -1,4 +1,4 @@
-"""Boxes of elements in collapsed coordinates with the Bernstein nets of all that an expression is made of."""
+"""Boxes of elements in collapsed coordinates with the Bernstein nets of all leaves of an expression."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, fold, target_of
 from elvis.core.shapes import Shape
 
-#: nets (c, D1, …, Dd) by what they are of: a coordinate or a field, then the direction of its derivative
+#: nets (c, D1, …, Dd), by their object (a coordinate or a field) and the direction of its derivative
 Nets = dict[tuple[object, ...], Floats]
-#: what is known of attributes on all elements
+#: bounds of attributes on all elements
 _KNOWN: dict[str, Interval] = {
     "quality": (0.0, 1.0),
     "face_height": (0.0, np.inf),
@@ -106,7 +106,7 @@ class Cells:
         return _KNOWN.get(name, i.ENTIRE)
 
     def _distance(self, surface: Surface) -> Interval:
-        """What is known of distances: they grow no faster than the way that one goes from a box's middle."""
+        """Bounds of distances: from the box's centre to a point they grow at most by the distance between the two."""
         low, high = np.stack([i.ends(self.nets["x", axis]) for axis in range(3)], axis=2)
         radius = np.linalg.norm((high - low)[:, : 2 if surface.is_planar else 3], axis=1) / 2
         middle = nearest(surface, (low + high) / 2).distance
@@ -130,7 +130,7 @@ class Cells:
         return inverse, determinant, parts
 
     def _determinant(self) -> Interval:
-        """That of 1 + R, of which most is on the diagonal, times that of the mean Jacobian."""
+        """The determinant of 1 + R, a nearly diagonal matrix, times the determinant of the mean Jacobian."""
         _, mean, rest = self._frame
         d = len(rest)
         near = [[i.plus(rest[j][c], i.number(float(j == c))) for c in range(d)] for j in range(d)]
@@ -139,7 +139,8 @@ class Cells:
     def _gradient(self, number: int, axis: int) -> Interval:
         """The derivative of a field along x, y or z; everything where the Jacobian may be singular.
 
-        From J^T g = s: with g0 = J0^-T s, g = g0 - R g (Neumaier 1990, Interval methods for systems of equations, 4.2).
+        The source is J^T g = s: with g0 = J0^-T s, g = g0 - R g (Neumaier 1990, Interval methods for systems of
+        equations, 4.2).
         """
         d = self.patch.shape.dimension
         if not self._is_solid or axis >= d or ("field", number) not in self.nets:
@@ -196,7 +197,7 @@ def _expand(t: list[list[Interval]]) -> Interval:
 
 
 def _add(nets: Nets, key: tuple[object, ...], expansion: Expansion, coefficients: Floats, with_gradients: bool) -> None:
-    """The net of a polynomial, and those of its derivatives in xi, all of the same degrees."""
+    """The net of a polynomial, and the nets of its derivatives in xi, all of the same degrees."""
     space = bernstein_space(expansion)
     net = bernstein_coefficients(expansion, coefficients)
     nets[key] = box_nets(space, net)
@@ -226,7 +227,10 @@ def _elevate(net: Floats, like: Floats) -> Floats:
 
 @bounded_cache
 def _elevation(degree: int, target: int) -> Floats:
-    """(degree + 1, target + 1) the functions of one degree as those of a higher one, from the right."""
+    """(degree + 1, target + 1) functions of one degree expressed in those of a higher degree.
+
+    Multiply from the right.
+    """
     return frozen_floats([power_net(power, degree, target) for power in range(degree + 1)])
 
 
@@ -241,7 +245,7 @@ def _times_share(net: Floats, direction: int) -> Floats:
 def _shrunk(space: BernsteinSpace, net: Floats) -> tuple[BernsteinSpace, Floats]:
     """A polynomial that is zero at a pyramid's apex, divided by (1 - t), t = (1 + eta3) / 2.
 
-    From b_k^r = (1 - t) r / (r - k) b_k^(r - 1).
+    Uses b_k^r = (1 - t) r / (r - k) b_k^(r - 1).
     """
     p, q, r = space.degrees
     if r == 0:

@@ -1,7 +1,7 @@
-"""How far quantities of converted data are from those of the source: an estimate, as the errors of fields are.
+"""Estimated deviation of quantities of converted data from the source, based on the estimated errors of fields.
 
-At a point the leaves of an expression become intervals: a field f lies in f +- its error, a derivative in that of the
-error's derivative, a coordinate in that of the map.  Interval arithmetic makes of these the radius of the expression.
+The leaves of an expression become intervals at a point: a field f becomes f +- its error, a derivative is widened by
+the error's derivative, a coordinate by the error of the map.  Interval arithmetic yields the radius of the expression.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ def radius_at(
     leaf: Callable[[Node], Floats | float],
     places: ElementPoints,
 ) -> Floats:
-    """(n,) how far the values of an expression at points are from those of the source; infinite if not known.
+    """(n,) deviation of the values of an expression at points from the source; infinite if unknown.
 
     names  of the fields of the patch of the points
-    leaf   what the leaves of the expression are there
+    leaf   values of the leaves of the expression there
     """
 
     def interval(node: Node) -> Interval:
@@ -41,7 +41,7 @@ def radius_at(
         low, high = fold(expression.root, interval, lambda node, parts: function(node).interval(*parts))
         value = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
         radius = np.maximum(high - value, value - low)
-    # what has no value at a point has no error there
+    # undefined values have no error
     found = np.where(np.isfinite(value), np.nan_to_num(radius, nan=np.inf, posinf=np.inf), 0.0)
     return np.broadcast_to(found, len(places))
 
@@ -66,7 +66,7 @@ def _radius_of(node: Node, errors: ConversionErrors, names: Sequence[str], place
 
 
 def sentence(names: Sequence[str], radii: Sequence[float]) -> str | None:
-    """How far quantities are from those of the source; None where no conversion lost anything."""
+    """A message about the deviation of quantities from the source; None if no conversion was lossy."""
     known = [f"{name} by up to {radius:.2g}" for name, radius in zip(names, radii, strict=True) if 0 < radius < np.inf]
     unknown = [name for name, radius in zip(names, radii, strict=True) if radius == np.inf]
     parts = [f"values may be off by the error of the conversion (an estimate): {', '.join(known)}"] if known else []

@@ -1,10 +1,10 @@
-"""Arithmetic of complex discs: what holds every value of an analytic function over discs of its operands.
+"""Arithmetic of complex discs: enclosures of all values of an analytic function over discs of its operands.
 
-A disc is a pair of arrays, a real middle and a radius.  The radius is infinite where a function isn't proved to be
-analytic on all of its operands' discs, as where abs(a) may change its branch; the middle is then of no use.  Where it
-is finite the function is analytic, and at real points it is the function of expressions.  Each radius is enlarged by
-the rounding of the middle and its own.  Source: Johansson 2017, Arb: efficient arbitrary-precision midpoint-radius
-interval arithmetic (IEEE Transactions on Computers 66, 1281).
+A disc is a pair of arrays, a real middle and a radius.  The radius is infinite if a function isn't proved to be
+analytic on all of its operands' discs, for example if abs(a) may change its branch; the middle is then meaningless.  If
+the radius is finite, the function is analytic, and at real points it equals the function of expressions.  Each radius
+is enlarged by the rounding of the middle and of the radius itself.  Source: Johansson 2017, Arb: efficient
+arbitrary-precision midpoint-radius interval arithmetic (IEEE Transactions on Computers 66, 1281).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 Disc = tuple[Any, Any]
 
-#: rounding of a middle and of a radius in one operation, in parts of both: library functions are right to 4 units
+#: rounding of a middle and of a radius in one operation, relative to both: library functions are accurate to 4 units
 _ROUNDING = 16 * float(np.finfo(np.float64).eps)
-#: the disc in which a root of a cubic is sought, in parts of a step of Newton's method
+#: the disc in which a root of a cubic is sought, in multiples of a Newton step
 _NEWTON = 2.0
 
 
@@ -190,10 +190,10 @@ def over_above(a: Disc, b: Disc, low: Any) -> Disc:
 
 
 def square_above(a: Disc, imaginary: Any) -> Any:
-    """A lower bound of Re z^2 on a disc, where |Im z| is known, too.
+    """A lower bound of Re z^2 on a disc, given a bound of |Im z|.
 
-    It is (Re z)^2 - (Im z)^2.  For z = m + r e^(i t) that is m^2 - r^2 + 2 m r cos t + 2 r^2 cos^2 t, which is least at
-    an end or at cos t = -m/(2 r).
+    It is (Re z)^2 - (Im z)^2.  For z = m + r e^(i t), this is m^2 - r^2 + 2 m r cos t + 2 r^2 cos^2 t, whose minimum is
+    at an end or at cos t = -m/(2 r).
     """
     size, radius = np.abs(a[0]), a[1]
     by_parts = np.maximum(size - radius, 0.0) ** 2 - imaginary**2
@@ -265,8 +265,8 @@ def imaginary_root(value: Callable[..., Any]) -> Callable[[Disc, Disc], Disc]:
 def _real_root(a: Disc, b: Disc, near: Any) -> Disc:
     """The root of t^3 + a t + b near a number r that is the only one in its disc.
 
-    With t = r + w: w = -(p(r) + 3 r w^2 + w^3) / (3 r^2 + a).  The right side maps |w| <= W into itself and contracts
-    there, for all a and b, so one simple root is inside (Banach), which is an analytic function of a and b.
+    With t = r + w: w = -(p(r) + 3 r w^2 + w^3) / (3 r^2 + a).  If the right side maps |w| <= W into itself and is a
+    contraction there, for all a and b, one simple root is inside (Banach), which is an analytic function of a and b.
     """
     residual = np.abs(near**3 + a[0] * near + b[0]) + a[1] * np.abs(near) + b[1]
     rounding = _ROUNDING * (np.abs(near) ** 3 + np.abs(a[0] * near) + np.abs(b[0]))
@@ -279,10 +279,11 @@ def _real_root(a: Disc, b: Disc, near: Any) -> Disc:
 
 
 def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Disc]:
-    """The second eigenvalue of symmetric matrices, where it stays simple; ``value`` gives it for numbers.
+    """The second eigenvalue of symmetric matrices, if it stays simple; ``value`` computes it for numbers.
 
-    Eigenvalues of a real symmetric matrix that is moved by W, complex too, are moved by the norm of W at most (Bauer
-    and Fike 1960), which is its greatest sum of a row at most.  So they stay simple where they are 2 |W| apart.
+    If a real symmetric matrix is changed by W, which may be complex, its eigenvalues change by at most the norm of W
+    (Bauer and Fike 1960), and thus by at most its largest row sum.  The eigenvalues therefore stay simple if they are 2
+    |W| apart.
     """
 
     def bounded(*entries: Disc) -> Disc:

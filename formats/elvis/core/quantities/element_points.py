@@ -52,10 +52,10 @@ class ElementPoints:
         return self._once((field, order), lambda: self._derivative(field, order))
 
     def _once(self, key: Hashable, make: Callable[[], Floats]) -> Floats:
-        """What was made for a key, or is now.
+        """The cached value for a key, computed at the first request.
 
-        `functools.cache` of a method would hold these points in a circle, and with them the coefficients of the patch
-        until Python looks for circles.
+        `functools.cache` of a method would keep these points in a reference cycle, and with them the coefficients of
+        the patch until Python collects cycles.
         """
         if key not in self._known:
             self._known[key] = make()
@@ -101,9 +101,9 @@ class ElementPoints:
         return self._once(("gradients", expansion), lambda: values_and_gradients(expansion, points)[1])
 
     def _hessians(self, field: int) -> Floats:
-        """(n, 3, 3) in world coordinates; not finite where the Jacobian is singular.
+        """(n, 3, 3) in world coordinates; not finite if the Jacobian is singular.
 
-        From u(x(xi)): u_xixi = J^T H J + sum_c g_c x_c,xixi, with the gradient g and the Jacobian J.
+        Solves u_xixi = J^T H J + sum_c g_c x_c,xixi for H, with u(x(xi)), the gradient g and the Jacobian J.
         """
         patch = self.patch
         expansion, coefficients = self._own(field)

@@ -1,9 +1,9 @@
 """The sides of elements, faces or in a plane edges, as functions on elements: normals and heights above them.
 
-The side of a point is the one that it is nearest to in the reference shape.  With the function lambda that is 0 on the
-side and 1 at the far end of the element, the outward normal is -grad lambda / |grad lambda|; the height of the element
-above the side is 1 / |grad lambda|, on straight elements with parallel layers how thick the layer is.  They are known
-on sides alone: elsewhere they are NaN.
+The side of a point is the side nearest to it in the reference shape.  With the function lambda that is 0 on the side
+and 1 at the far end of the element, the outward normal is -grad lambda / |grad lambda|; the height of the element above
+the side is 1 / |grad lambda|; on straight elements with parallel layers this is the thickness of the layer.  They are
+defined only on sides and NaN elsewhere.
 """
 
 from __future__ import annotations

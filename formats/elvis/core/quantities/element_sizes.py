@@ -17,10 +17,10 @@ _TOGETHER = 1 << 12
 
 
 def sizes(dataset: Dataset) -> tuple[Ints, Floats]:
-    """Ids of elements, and of each the d-th root of its length, area or volume.
+    """Ids of elements, and for each the d-th root of its length, area or volume.
 
-    The determinant of the map has the degree d n in each of the coordinates eta where the map has n, and the factor of
-    the collapse two more, so that a Gauss rule for this degree is exact unless the determinant changes its sign.
+    If the map has degree n in each of the coordinates eta, its determinant has degree d n, and the factor of the
+    collapse adds two.  A Gauss rule for this degree is exact unless the determinant changes its sign.
     """
     from elvis.core.integrals.reference_cells import box_rule, whole_elements
 

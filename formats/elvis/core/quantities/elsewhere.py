@@ -27,7 +27,7 @@ class Elsewhere:
         self._points, self._location = np.empty((0, 3)), self._locator.locate(np.empty((0, 3)))
 
     def values(self, text: str, points: Floats) -> Floats:
-        """(n,) values of what a text says at world points (n, 3); NaN where there is no element that has it."""
+        """(n,) values of an expression at world points (n, 3); NaN at points without a value."""
         if text not in self._expressions:
             self._expressions[text] = Expression.of(self._dataset, text)
         location, found = self._locate(points), np.full(len(points), np.nan)

@@ -25,7 +25,7 @@ from elvis.core.sampling import Samples
 
 #: points at once
 _BATCH = 1 << 15
-#: radius of a disc, in parts of the size of its middle, at which functions are linear
+#: relative radius of a disc at which functions are linear
 _SLOPE = 2.0**-40
 
 
@@ -33,7 +33,7 @@ class Evaluator:
     """Expressions of one dataset, ready to be evaluated.
 
     expressions  as given
-    names        of the fields that they are made of, each once
+    names        names of their fields, each once
     patches      the elements of the domain, with these fields
     """
 
@@ -45,7 +45,7 @@ class Evaluator:
         self.errors = ConversionErrors.of(dataset.metadata)
 
     def radius_at(self, expression: Expression, places: ElementPoints) -> Floats:
-        """(n,) how far values at points are from those of the source of converted data: an estimate."""
+        """(n,) estimated deviation of values at points from the source of converted data."""
         if not self.errors:
             return np.zeros(len(places))
         return radius_at(self.errors, expression, self.names, self.leaves_at(places), places)
@@ -55,7 +55,7 @@ class Evaluator:
         return reference_values(expression, self.names, self.attributes, patch, rows, points)
 
     def values_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:
-        """(n,) values of some of its expressions at points, or one number; NaN where there is no value."""
+        """(n,) values of some of its expressions at points, or one number; NaN for undefined values."""
         leaf = self.leaves_at(places)
         return (_folded(expression, leaf) for expression in expressions)
 
@@ -77,11 +77,14 @@ class Evaluator:
             yield from (fold(expression.root, sized, _sized)[1] for expression in expressions)
 
     def leaves_at(self, places: ElementPoints) -> Callable[[Node], Floats | float]:
-        """What the leaves of its expressions are at points: (n,) values, or one number."""
+        """The values of the leaves of its expressions at points: (n,) values, or one number."""
         return cache(_leaves(self.names, self.attributes, places))
 
     def at(self, expression: Expression, element_ids: Ints, reference: Floats) -> Floats:
-        """(n,) values in elements with these ids (n,) at reference points (n, 3); those of the element come first."""
+        """(n,) values in elements with these ids (n,) at reference points (n, 3).
+
+        Coordinates in the element come first.
+        """
         result = np.full(len(element_ids), np.nan)
         for patch in self.patches:
             order = np.argsort(patch.element_ids, kind="stable")
@@ -122,10 +125,10 @@ def _places(location: Location, here: Ints, patch: Patch) -> tuple[Ints, Floats]
 def reference_values(
     expression: Expression, names: Sequence[str], attributes: Attributes, patch: Patch, rows: Ints, points: Floats
 ) -> Floats:
-    """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN where there is no value.
+    """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN for undefined values.
 
-    names  of the patch's fields, in order; NaN stands for fields that the patch lacks
-    ElvisError for second derivatives of fields on surfaces and curves in space, and of quasi-3D fields.
+    names  names of the patch's fields, in order; fields that the patch lacks are NaN
+    Raises ElvisError for second derivatives of fields on surfaces and curves in space, and of quasi-3D fields.
     """
     result = np.empty(len(rows))
     for first in range(0, len(rows), _BATCH):
@@ -145,12 +148,12 @@ def _evaluated(node: Node, parts: list[Floats | float]) -> Floats | float:
     return found
 
 
-#: values, and magnitudes of what they are added up from
+#: values, and magnitudes of their terms
 _Sized = tuple[Any, Any]
 
 
 def _sized(node: Node, parts: list[_Sized]) -> _Sized:
-    """The value of an operation and its size: what it makes of sizes, for functions by their slope."""
+    """The value of an operation and its size: the operation applied to sizes; for functions, slope times sizes."""
     values, sizes = zip(*parts, strict=True)
     value = _evaluated(node, list(values))
     if node.op in ("+", "-"):
@@ -165,7 +168,7 @@ def _sized(node: Node, parts: list[_Sized]) -> _Sized:
 
 
 def _leaves(names: Sequence[str], attributes: Attributes, places: ElementPoints) -> Callable[[Node], Floats | float]:
-    """What the leaves of expressions are at some points."""
+    """The values of the leaves of expressions at some points."""
 
     def leaf(node: Node) -> Floats | float:
         if node.op == "number":

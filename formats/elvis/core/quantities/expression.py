@@ -1,4 +1,4 @@
-"""What a text says about a dataset."""
+"""Expressions: the meaning of a text for a dataset."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, target_of, whole_exponent
 
-#: the highest power of a polynomial that is taken for a polynomial
+#: the highest power that is treated as a polynomial
 _MOST_POWER = 64
-#: attributes that an element has by itself, whatever lies around it
+#: attributes of an element that are independent of its surroundings
 _OWN = ("element", "composite", "h", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
 
 
 @dataclass(frozen=True, eq=False)
 class Expression:
-    """A quantity: the text and what it means."""
+    """A quantity: the text and its meaning."""
 
     text: str
     root: Node
@@ -43,27 +43,27 @@ class Expression:
 
     @cached_property
     def leaves(self) -> tuple[Node, ...]:
-        """The fields, coordinates, derivatives and attributes that it is made of."""
+        """Its fields, coordinates, derivatives and attributes."""
         return tuple(leaves(self.root))
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The names of the fields that it is made of, each once."""
+        """The names of its fields, each once."""
         return tuple(dict.fromkeys(leaf.name for leaf in self.leaves if leaf.op == "field"))
 
     @property
     def has_rates(self) -> bool:
-        """Whether it is made of derivatives in time."""
+        """Whether it contains derivatives in time."""
         return any(map(is_rate, self.fields))
 
     @property
     def attributes(self) -> tuple[str, ...]:
-        """What it uses of elements by themselves."""
+        """The names of its attributes."""
         return tuple(leaf.name for leaf in self.leaves if leaf.op == "attribute")
 
     @property
     def is_local(self) -> bool:
-        """Whether its values on an element depend on that element alone."""
+        """Whether its values on an element depend only on that element."""
         return all(name in _OWN for name in self.attributes)
 
     @property
@@ -78,7 +78,7 @@ class Expression:
         return max((len(leaf.axes) for leaf in self.leaves if leaf.op == "field"), default=0)
 
     def degree(self, leaf: Callable[[Node], int | None]) -> int | None:
-        """The degree of the polynomial that it is, from those of its leaves; None where it is none, as far as known."""
+        """The degree as a polynomial, from the degrees of its leaves; None if it is not known to be a polynomial."""
 
         def inner(node: Node, degrees: list[int | None]) -> int | None:
             known = [degree for degree in degrees if degree is not None]
@@ -115,5 +115,5 @@ def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str])
 
 
 def taken_name(field: str) -> str:
-    """A sentence on a field with the name of a column that a table has by itself."""
+    """A message about a field whose name is also a standard column of tables."""
     return f"the field {field!r} has the name of a column; an expression such as 1*{field} has not"

@@ -22,14 +22,16 @@ from elvis.core.quantities.tree import Node, fold, whole_exponent
 
 #: values at once
 _BATCH = 1 << 20
-#: rounding of a number, and of nets of fields in parts of their coefficients and of it
+#: rounding of a number, and of nets of fields relative to their coefficients and to it
 _EPS, _BASIS = float(np.finfo(np.float64).eps), 32
 
 
 def degree_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_affine: bool) -> int | None:
-    """The degree of an expression in any direction of the collapsed coordinates of elements; None: it is no polynomial.
+    """The degree of an expression in any direction of the collapsed coordinates of elements.
 
-    is_affine  whether the elements' maps are, so that derivatives are polynomials
+    None if it is not a polynomial.
+
+    is_affine  whether the elements' maps are affine, so that derivatives are polynomials
     """
 
     def leaf(node: Node) -> int | None:
@@ -42,7 +44,7 @@ def degree_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_aff
 
 
 def places_of(degree: int) -> Floats:
-    """(degree + 1,) places in [0, 1] whose values tell polynomials of a degree."""
+    """(degree + 1,) points in [0, 1] whose values determine polynomials of a degree."""
     return np.asarray((1 + gauss(degree + 1)[0]) / 2)
 
 
@@ -65,7 +67,7 @@ class NetsOf:
     away: Floats | None = None
 
     def on(self, rows: Ints, reference: Floats) -> Floats:
-        """(m, n, …, n) nets on parts of elements (m,) where reference points (n^k, d) are those of places."""
+        """(m, n, …, n) nets on parts of elements (m,) from reference points (n^k, d) at the lattice of places."""
         count = len(self.places)
         k = round(np.log(len(reference)) / np.log(count))
         parts = [np.empty((0, *(count,) * k))]
@@ -99,7 +101,7 @@ class Rounded:
         return Rounded(nets, self.slack + other.slack + _EPS * sum(nets.shape[1:]) * (self.size + other.size))
 
     def __mul__(self, other: Rounded) -> Rounded:
-        # sums of so many terms as the first has coefficients, with weights that add up to 1
+        # sums with one term per coefficient of the first factor, with weights that add up to 1
         terms = self.nets[0].size + sum(self.nets.shape[1:]) + sum(other.nets.shape[1:])
         own = _EPS * terms * self.size * other.size
         slack = own + self.size * other.slack + other.size * self.slack + self.slack * other.slack
@@ -107,9 +109,9 @@ class Rounded:
 
 
 def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch, rows: Ints) -> Rounded:
-    """The nets of an expression, a polynomial on elements (n,) of a patch: of those of fields, added and multiplied.
+    """The nets of an expression, a polynomial on elements (n,) of a patch, by adding and multiplying nets of fields.
 
-    What is found on an element doesn't depend on others.
+    The result on an element doesn't depend on other elements.
     """
     d = patch.shape.dimension
 

@@ -1,4 +1,4 @@
-"""What predefined quantities are made of in the data at hand: fields with customary names, metadata, given numbers."""
+"""The inputs of predefined quantities in a dataset: fields with customary names, metadata, given numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, coordinate, field, number
 
-#: names of quantities, and of what they are made of
+#: names of quantities, and of their inputs
 PUBLIC = tuple(dict.fromkeys(quantity.name for quantity in QUANTITIES))
 _VELOCITIES = (
     ("u", "v", "w"),
@@ -37,14 +37,14 @@ _SINGLE = {
     "E": ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDensity"),
     "T": ("T", "temperature", "Temperature"),
 }
-#: names of fields by what they are called in formulas
+#: names of fields by their symbols in formulas
 CUSTOMARY: Mapping[str, tuple[str, ...]] = {
     **{symbol: tuple(family[axis] for family in _VELOCITIES) for axis, symbol in enumerate("uvw")},
     **{f"rho{symbol}": tuple(family[axis] for family in _MOMENTA) for axis, symbol in enumerate("uvw")},
     **_SINGLE,
 }
 _VELOCITY = ("a velocity", "a velocity: u, v, w, or velocity_x, …, or rho with rhou, …")
-#: what formulas need of the fields: what it is called, and what the data lack where it isn't there
+#: fields that formulas need: their description, and the description of what the data lack without them
 _INGREDIENTS = {
     **dict.fromkeys("uvw", _VELOCITY),
     "rho": ("rho", "a density: rho"),
@@ -57,7 +57,7 @@ _WORD = re.compile(r"\b[^\W\d]\w*\b(?!\()")
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """What a formula lacks: sentences on fields, and parameters, any of each group."""
+    """The missing inputs of a formula: messages about fields, and groups of parameters, one of each group."""
 
     fields: tuple[str, ...] = ()
     parameters: tuple[tuple[str, ...], ...] = ()
@@ -105,11 +105,11 @@ class Flow:
 
     @property
     def _suitable_names(self) -> Iterator[str]:
-        """The names of quantities of flows of this dimension, but for those that fields have."""
+        """The names of quantities of flows of this dimension, without names of fields."""
         return (name for name in PUBLIC if name not in self.fields and self._entry(name) is not None)
 
     def catalogue(self) -> list[dict[str, str | None]]:
-        """The quantities of flows of this dimension: name, formula, meaning, source, and in words what is lacking."""
+        """The quantities of flows of this dimension: name, formula, meaning, source, description of missing inputs."""
         found: list[dict[str, str | None]] = []
         for name in self._suitable_names:
             entry, lack = self._entry(name), self._missing(name)
@@ -120,9 +120,9 @@ class Flow:
         return found
 
     def node(self, name: str, given: Mapping[str, Node]) -> Node:
-        """A quantity as an expression of fields; ElvisError that says what it lacks.
+        """A quantity as an expression of fields; raises ElvisError with its missing inputs.
 
-        given  parameters that outdo those of the data
+        given  parameters that take precedence over the parameters of the data
         """
         for key in given:
             self._check(name, key)
@@ -145,7 +145,7 @@ class Flow:
         return tuple(self.meaning(symbol) for symbol in symbols)
 
     def meaning(self, name: str) -> Node:
-        """What a name stands for in a formula, that lacks nothing."""
+        """The meaning of a name in a formula without missing inputs."""
         from elvis.core.quantities.parsing import Parser
 
         if self._is_beyond(name):
@@ -197,7 +197,7 @@ class Flow:
         return tuple(key for key in PARAMETERS if key in found and key not in known)
 
     def _check(self, name: str, key: str) -> None:
-        """ElvisError for what is no parameter of a quantity."""
+        """Raise ElvisError if ``key`` is not a parameter of a quantity."""
         used = self.parameters_of(name)
         if key not in used:
             taken = ", ".join(used) or "no parameters"
@@ -205,7 +205,7 @@ class Flow:
 
     @cached_property
     def _fields_by_symbol(self) -> Mapping[str, Node]:
-        """Fields by what they are called in formulas."""
+        """Fields by their symbols in formulas."""
         found: dict[str, Node] = {}
         for symbols, families in (("u v w", _VELOCITIES), ("rhou rhov rhow", _MOMENTA)):
             for family in families:
@@ -234,7 +234,7 @@ class Flow:
         return " or ".join(map(str, dimensions)) + " coordinates"
 
     def _formulas(self, name: str) -> tuple[str, ...]:
-        """Those of a step or a quantity, in flows of fewer dimensions too, where others are made of it."""
+        """The formulas of a step or a quantity, also in flows of fewer dimensions, if others use it."""
         entry = self._entry(name) or next((own for own in QUANTITIES if own.name == name), None)
         return STEPS.get(name, entry.formulas if entry else ())
 
@@ -244,7 +244,10 @@ class Flow:
         return [text for text in every if not self._lacking(text).fields] or every
 
     def _missing(self, name: str) -> Missing:
-        """What a name in a formula lacks; of several formulas those count that lack nothing but parameters."""
+        """The missing inputs of a name in a formula.
+
+        If a name has several formulas, those that only lack parameters count.
+        """
         if name in self._fields_by_symbol or name in SIDES or self._is_beyond(name):
             return Missing()
         if name in PARAMETERS:
@@ -262,18 +265,21 @@ class Flow:
         return several[0]
 
     def _unset(self, name: str) -> Missing:
-        """What a parameter lacks; the density of an incompressible flow is none where the data have one."""
+        """The missing inputs of a parameter.
+
+        The density of an incompressible flow is not a parameter if the data have a density.
+        """
         if name == "density" and "rho" in self._fields_by_symbol:
             return Missing(("rho",))
         known = name in self.parameters or PARAMETERS[name].default is not None
         return Missing() if known else Missing((), ((name,),))
 
     def _lacking(self, text: str) -> Missing:
-        """What a formula lacks."""
+        """The missing inputs of a formula."""
         return sum((self._missing(word) for word in _words(text)), Missing())
 
     def _sentence(self, name: str, lack: Missing) -> str:
-        """What a quantity needs, and how to give it."""
+        """A message about the inputs of a quantity and how to provide them."""
         if lack.fields:
             needed = dict.fromkeys(_INGREDIENTS[symbol][0] for symbol in self._ingredients(name))
             absent = dict.fromkeys(_INGREDIENTS[symbol][1] for symbol in lack.fields)
@@ -284,7 +290,7 @@ class Flow:
         return f"{name} needs {_in_words(meanings)}: pass --set {settings}, or write {name}({example})"
 
     def _ingredients(self, name: str) -> list[str]:
-        """What the first formula of a quantity needs of the fields."""
+        """The fields that the first formula of a quantity needs."""
         found, waiting = dict[str, None](), [name]
         while waiting:
             own = waiting.pop(0)

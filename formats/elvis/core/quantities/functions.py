@@ -62,18 +62,19 @@ def logarithm(a: Any) -> Any:
 
 
 def imaginary_root(a: Any, b: Any) -> Any:
-    """The imaginary part of the complex roots of t^3 + a t + b, not negative; 0 where all roots are real.
+    """The imaginary part of the complex roots of t^3 + a t + b, not negative; 0 if all roots are real.
 
-    By Cardano's formula the real root is r = u - a / (3 u) with u^3 = |b| / 2 + sqrt(b^2 / 4 + a^3 / 27), but for its
-    sign.  The square of what is sought, a + 3/4 r^2, has an error of some units in the last place of |a| + |b|^(2/3):
-    so near zero half the digits of the root are right, as with any method, since there double roots fall apart.
+    Cardano's formula gives the real root r = u - a / (3 u) up to its sign, with u^3 = |b| / 2 + sqrt(b^2 / 4 + a^3 /
+    27).  The square of the result, a + 3/4 r^2, has an error of some units in the last place of |a| + |b|^(2/3).  Near
+    zero, half the digits of the root are therefore correct, as with any method, since double roots are ill-conditioned
+    there.
     """
     half = np.abs(b) / 2
     third = np.divide(a, 3)
     discriminant = half * half + third * third * third
     is_complex = discriminant > 0
 
-    # the real root, then the square of what is sought
+    # the real root, then the square of the result
     u = np.cbrt(half + np.sqrt(np.where(is_complex, discriminant, 1.0)))
     r = u - third / u
     root = np.sqrt(np.maximum(a + 0.75 * r * r, 0.0))
@@ -83,13 +84,13 @@ def imaginary_root(a: Any, b: Any) -> Any:
 def middle_eigenvalue(xx: Any, yy: Any, zz: Any, xy: Any, xz: Any, yz: Any) -> Any:
     """The second of the three eigenvalues of a symmetric matrix, to some units in the last place of its norm.
 
-    With B the matrix less its mean eigenvalue m, C = B^2 less its own: m - 2 sqrt(|B|^2 / 6) sin(angle / 3), where
-    tan(angle) = 3 det B / |B x C| (Smith 1961, Eigenvalues of a symmetric 3 x 3 matrix).  The discriminant is taken as
-    the sum of squares 3 |B|^2 |C|^2 - 3 (B . C)^2 = 3 |B x C|^2: without cancellation, so that nothing is lost near
-    equal eigenvalues (Harari and Albocher 2022, Computation of eigenvalues of a real, symmetric 3 x 3 matrix with
-    particular reference to the pernicious case of two nearly equal eigenvalues).
+    With B the matrix minus its mean eigenvalue m, and C = B^2 minus its mean eigenvalue, the result is m - 2 sqrt(|B|^2
+    / 6) sin(angle / 3), where tan(angle) = 3 det B / |B x C| (Smith 1961, Eigenvalues of a symmetric 3 x 3 matrix).
+    The discriminant is taken as the sum of squares 3 |B|^2 |C|^2 - 3 (B .  C)^2 = 3 |B x C|^2, without cancellation, so
+    the result is accurate near equal eigenvalues (Harari and Albocher 2022, Computation of eigenvalues of a real,
+    symmetric 3 x 3 matrix with particular reference to the pernicious case of two nearly equal eigenvalues).
     """
-    # B, in parts of its greatest entry
+    # B, relative to its largest entry
     mean = (xx + yy + zz) / 3
     entries = np.stack(np.broadcast_arrays(xx - mean, yy - mean, zz - mean, xy, xz, yz)).astype(np.float64)
     scale = np.abs(entries).max(axis=0)

@@ -58,7 +58,7 @@ def _touching(dataset: Dataset, patch: Patch, sides: Ints) -> Ints:
 def _points(
     dataset: Dataset, patch: Patch, rows: Ints, sides: Ints, lattices: dict[int, Floats]
 ) -> Iterator[tuple[Ints, Floats]]:
-    """Rows (n,) of elements and reference points (n, d) on those of their sides that are among ``sides``."""
+    """Rows (n,) of elements and reference points (n, d) on their sides that are among ``sides``."""
     shape = patch.shape
     members = sides_of(dataset.mesh, shape, patch.element_ids[rows])
     for number, local in enumerate(_local_sides(shape)):

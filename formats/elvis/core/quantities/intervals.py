@@ -1,7 +1,7 @@
-"""Arithmetic of intervals: what holds every value of a function over intervals of its operands, to rounding.
+"""Arithmetic of intervals: enclosures of all values of a function over intervals of its operands, up to rounding.
 
-An interval is a pair of arrays, least and greatest; where a function has no value at all both are NaN.  Values that
-it lacks in a part of the intervals are left out: a root of [-1, 4] lies in [0, 2].
+An interval is a pair of arrays, minimum and maximum; both are NaN if a function has no value at all.  Parts of the
+intervals without a value are ignored: the root of [-1, 4] is [0, 2].
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from elvis.core.arrays import Floats
 
 Interval = tuple[Any, Any]
 ENTIRE: Interval = (-np.inf, np.inf)
-#: of functions that are evaluated in many steps, in parts of the size of what they are made of
+#: rounding of functions that are evaluated in many steps, relative to the size of their terms
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
@@ -66,7 +66,7 @@ def over(a: Interval, b: Interval) -> Interval:
 
 
 def _hull(corners: list[Any]) -> Interval:
-    """From the least to the greatest of some arrays."""
+    """The interval from the minimum to the maximum of some arrays."""
     return _fold(np.minimum, corners), _fold(np.maximum, corners)
 
 
@@ -98,7 +98,10 @@ def _of_corners(a: Interval, b: Interval) -> Interval:
 
 
 def _with_negative_bases(found: Interval, a: Interval, b: Interval) -> Interval:
-    """Values of negative bases, too, which have whole powers alone: of one even exponent positive ones."""
+    """The interval extended by values of negative bases, which have only integer powers.
+
+    Positive for an even exponent.
+    """
     is_whole = (np.ceil(b[0]) <= np.floor(b[1])) & (a[0] < 0)
     low, high = _of_corners((np.maximum(-a[1], 0.0), np.maximum(-a[0], 0.0)), b)
     is_even = (b[0] == b[1]) & (np.remainder(b[0], 2) == 0)
@@ -155,12 +158,12 @@ def logarithm(a: Interval) -> Interval:
 
 
 def arcsine(a: Interval) -> Interval:
-    """Between -pi/2 and pi/2."""
+    """The inverse sine, with values from -pi/2 to pi/2."""
     return increasing(np.arcsin)(_clip(a, -1.0, 1.0))
 
 
 def arccosine(a: Interval) -> Interval:
-    """Between 0 and pi."""
+    """The inverse cosine, with values from 0 to pi."""
     low, high = _clip(a, -1.0, 1.0)
     return np.arccos(high), np.arccos(low)
 
@@ -206,7 +209,7 @@ def tangent(a: Interval) -> Interval:
 
 
 def angle(y: Interval, x: Interval) -> Interval:
-    """Of the point (x, y): at the corners, unless the half line that it jumps across, or the origin, is touched."""
+    """The angle of the point (x, y), from the corners unless the branch cut or the origin is touched."""
     corners = [np.arctan2(b, a) for a in x for b in y]
     low = _fold(np.minimum, corners)
     high = _fold(np.maximum, corners)
@@ -217,9 +220,11 @@ def angle(y: Interval, x: Interval) -> Interval:
 
 
 def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], Interval]:
-    """Of the cubics t^3 + a t + b, whose imaginary part grows with a and with |b|; ``value`` gives it for numbers.
+    """The imaginary root of cubics t^3 + a t + b, which increases with a and with |b|.
 
-    Its square is off by rounding, which is more than rounding of the root where that is near zero.
+    ``value`` computes it for numbers.
+
+    Its square carries rounding, which exceeds the rounding of the root near zero.
     """
 
     def squared(a: Any, b: Any, direction: int) -> Any:
@@ -241,10 +246,10 @@ def imaginary_root(value: Callable[..., Any]) -> Callable[[Interval, Interval], 
 
 
 def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
-    """Of symmetric matrices: that of the middle one, give or take the norm of how far entries are from it.
+    """The middle eigenvalue of symmetric matrices: at the middle matrix, plus or minus the norm of the deviations.
 
-    Eigenvalues move no farther than the norm of what is added to a matrix (Weyl 1912), at most its greatest sum of a
-    row.  ``value`` gives the eigenvalue of numbers.
+    Eigenvalues change by at most the norm of the matrix added (Weyl 1912), which is at most its largest row sum.
+    ``value`` computes the eigenvalue for numbers.
     """
 
     def bounded(*entries: Interval) -> Interval:

@@ -1,8 +1,8 @@
 """Jumps of discontinuous fields across the sides of elements: faces of volumes, edges of plane elements, ends of lines.
 
-Both elements at a side are evaluated at the same points of a lattice on it, given by weights of the side's vertices,
-which are counted from the one with the lowest row in the mesh, so that both see the side alike.  Where sides don't
-match, elements beyond them are found by place (`interface_jumps`).
+Both elements at a side are evaluated at the same points of a lattice on it.  The points are given by weights of the
+side's vertices, counted from the vertex with the lowest row in the mesh, so both elements see the side in the same way.
+If sides don't match, elements on the other side are located by position (`interface_jumps`).
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ _Seen = tuple[Ints, Ints, Floats]
 
 
 def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
-    """Ids (n,) of elements that have the field, and the greatest jump (n,) at points of their sides.
+    """Ids (n,) of elements that have the field, and the largest jump (n,) at points of their sides.
 
-    There are as many points along an edge as the highest order plus three.  Sides of one element alone have no jump; an
+    There are as many points along an edge as the highest order plus three.  Sides of a single element have no jump; an
     element without neighbours has jump 0.
-    modes  the most in any direction, of the whole that the data are a part of
-    ElvisError for quasi-3D fields.
+    modes  maximum modes in any direction, in the whole to which the data belong
+    Raises ElvisError for quasi-3D fields.
     """
     own = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None]
     if any(patch.homogeneous for patch in own):

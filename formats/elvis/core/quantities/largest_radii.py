@@ -19,14 +19,14 @@ from elvis.core.quantities.expression import Expression
 #: modes of the rule at whose points the largest radius is sought, and points at once
 _MODES, _BATCH = 3, 1 << 15
 
-#: how much more than what is found the largest radius is, as it lies between points
+#: factor from the largest radius found at points to an estimate of the largest radius
 _BETWEEN = 1.25
 
 
 def largest_radii(dataset: Dataset, expressions: Sequence[Expression]) -> Floats:
-    """(k,) how far each expression is from that of the source at most: an estimate.
+    """(k,) estimated largest deviation of each expression from the source.
 
-    Infinite where it is not known, zeros where no conversion lost anything.
+    Infinite if unknown, zero if no conversion was lossy.
     """
     errors = ConversionErrors.of(dataset.metadata)
     found = np.zeros(len(expressions))

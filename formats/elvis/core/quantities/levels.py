@@ -1,7 +1,7 @@
-"""Where an expression has a value: other expressions that have a value of theirs there, and no denominators or roots.
+"""Levels of expressions as levels of other expressions without denominators or roots.
 
-sqrt(a) = v where a = v^2, a / b = v where a - v b = 0, and so on; so that isosurfaces of many quantities are those of
-polynomials, of which proofs are known.
+For example, sqrt(a) = v if a = v^2, and a / b = v if a - v b = 0; isosurfaces of many quantities are thus isosurfaces
+of polynomials, for which proofs exist.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ _INVERSES: Mapping[str, Callable[[float], float]] = {
     "atan": lambda v: math.tan(v) if abs(v) < math.pi / 2 else math.copysign(math.inf, v),
 }
 _MOST_POWER = 16
-#: factors of a product that are compared with those of another
+#: maximum number of factors compared between products
 _MOST_FACTORS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """An expression and its value, where another expression has its own.
+    """An expression and its value on the level of another expression.
 
-    spurious  positive where only the first has its value, negative where both have, but for single points and curves;
-              None where there are no such places
+    spurious  positive where only this expression has its value, negative where both have theirs, except at single
+              points and curves; None if both always have their values together
     matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values;
-              its determinant is where the first has; empty where its entries are no polynomials, or too long ones
+              its determinant is 0 where this expression has its value; empty if its entries are not polynomials, or
+              too long
     """
 
     root: Node
@@ -48,9 +49,9 @@ class Level:
 
 
 def same_level(root: Node, value: float) -> Level | None:
-    """Where an expression has a value, but for poles, as the level of another.  None: none is known.
+    """The level of another expression that coincides with a level of this one, except at poles.  None if none is known.
 
-    What comes out is made of + - * and whole powers of the leaves.
+    The result consists of + - * and integer powers of the leaves.
     """
     try:
         root, value, _ = peel(root, value)
@@ -74,18 +75,18 @@ def same_level(root: Node, value: float) -> Level | None:
 
 
 def _of_product(found: tuple[Node, Node] | None) -> Level | None:
-    """The level 0 of a product, whose factors vanish where they are not to count, too."""
+    """The level 0 of a product; its factors also vanish at points that do not count."""
     if found is None:
         return None
     zero, other = map(fraction, found)
-    # one of two that are the value all over makes it nought everywhere
+    # if one of two operands equals the value everywhere, the product is zero everywhere
     if zero is None or other is None or zero[0] is ZERO:
         return None
     return Level(zero[0], 0.0, other[0] if other[1] is ONE else call("*", *other))
 
 
 def _larger(a: Node, b: Node, value: float) -> tuple[Node, Node]:
-    """max(a, b): one of both is v, and neither is greater."""
+    """max(a, b) = v: one operand is v, and neither is larger."""
     one, two = (_minus(each, number(value)) for each in (a, b))
     return call("*", one, two), call("+", one, two)
 
@@ -96,9 +97,9 @@ def _smaller(a: Node, b: Node, value: float) -> tuple[Node, Node]:
 
 
 def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
-    """A symmetric matrix less a value times the identity, times what makes polynomials of it; empty where nothing does.
+    """A symmetric matrix minus a value times the identity, times a common denominator; empty if there is none.
 
-    Whatever sign that factor has, the second of three eigenvalues stays the second, and is 0 where it was.
+    For either sign of that factor, the second of three eigenvalues stays the second, with the same zeros.
     """
     fractions = [fraction(_minus(entry, number(value)) if k < 3 else entry) for k, entry in enumerate(entries)]
     found = [each for each in fractions if each is not None]
@@ -110,9 +111,9 @@ def _less(entries: Sequence[Node], value: float) -> tuple[Node, ...]:
 
 
 def _middle_eigenvalue(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node, value: float) -> tuple[Node, Node]:
-    """With M the matrix less v, det M = 0: and the other two eigenvalues of M have no product above zero.
+    """With M the matrix minus v: det M = 0, and the product of the other two eigenvalues of M is not positive.
 
-    Where one eigenvalue is zero, the sum of the principal minors is the product of the others.
+    If one eigenvalue is zero, the sum of the principal minors is the product of the others.
     """
     return minors_of((xx, yy, zz, xy, xz, yz), value)[:2]
 
@@ -131,10 +132,10 @@ def minors_of(entries: Sequence[Node], value: float) -> tuple[Node, Node, Node]:
 
 
 def _imaginary_root(a: Node, b: Node, value: float) -> tuple[Node, Node] | None:
-    """With roots -2 s and s + i v, s - i v of t^3 + a t + b: 3 s^2 = v^2 - a and b = 2 s (s^2 + v^2).
+    """The roots -2 s, s + i v and s - i v of t^3 + a t + b satisfy 3 s^2 = v^2 - a and b = 2 s (s^2 + v^2).
 
-    So b^2 = 4/27 (v^2 - a) (4 v^2 - a)^2, which also holds where a = 4 v^2 and b = 0; elsewhere a is v^2 at most.  All
-    roots are real where v = 0: None then.
+    This gives b^2 = 4/27 (v^2 - a) (4 v^2 - a)^2, which also holds for a = 4 v^2 and b = 0; otherwise a is at most v^2.
+    For v = 0 all roots are real; the result is None.
     """
     if not value > 0:
         return None
@@ -153,7 +154,8 @@ def _total(*nodes: Node) -> Node:
     return reduce(partial(call, "+"), nodes)
 
 
-#: functions whose values are zeros of a product: of their operands and the value, that, and what is `Level.spurious`
+#: functions whose levels are zeros of a product, as functions of their operands and the value; they return the product
+#: and `Level.spurious`
 _PRODUCTS: Mapping[str, Callable[..., tuple[Node, Node] | None]] = {
     "max": _larger,
     "min": _smaller,
@@ -163,9 +165,9 @@ _PRODUCTS: Mapping[str, Callable[..., tuple[Node, Node] | None]] = {
 
 
 def peel(node: Node, value: float) -> tuple[Node, float, int]:
-    """What is left without increasing functions and constants around it, its value there, and a sign.
+    """The expression without increasing functions and constants around it, its value there, and a sign.
 
-    sign  -1 where what is left is greater than its value if the whole is less than its own, else 1
+    sign  -1 if the result exceeds its value where the whole is below its own, else 1
     """
     sign = 1
     while node.op not in LEAVES:
@@ -219,7 +221,7 @@ def _reduced(above: Node, below: Node) -> Fraction:
 
 
 def _common(one: Node, two: Node) -> Counter[Node]:
-    """How often products have factors in common, numbers left aside; none where one has more than are looked at."""
+    """Multiplicities of the common factors of products, without numbers; empty if a product has too many factors."""
     if one is ONE or two is ONE:
         return Counter()
     both = factors(one) & factors(two)
@@ -227,7 +229,7 @@ def _common(one: Node, two: Node) -> Counter[Node]:
 
 
 def factors(node: Node) -> Counter[Node]:
-    """How often each factor is in a product, as it is written; empty where they are too many."""
+    """Multiplicity of each factor in a product, as written; empty for too many factors."""
     found: Counter[Node] = Counter()
     waiting = [(node, 1)]
     while waiting:
@@ -267,7 +269,7 @@ def _power(node: Node, base: Fraction) -> Fraction | None:
 
 
 def square(root: Node) -> tuple[Node, int] | None:
-    """The square of what is nowhere negative, and how many of the roots in it may be of what is negative somewhere."""
+    """The square of a nonnegative expression, and the number of its roots whose operand may be negative somewhere."""
 
     def inner(node: Node, parts: list[tuple[Node, int] | None]) -> tuple[Node, int] | None:
         if node.op == "sqrt":

@@ -1,4 +1,4 @@
-"""What the names in an expression stand for: fields, coordinates, time, constants, predefined quantities."""
+"""The meaning of names in an expression: fields, coordinates, time, constants, predefined quantities."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
-#: what is known of elements by themselves (see `attributes`), in every dataset, and what it means
+#: attributes of elements (see `attributes`), defined in every dataset, with their meaning
 ATTRIBUTES: Mapping[str, str] = {
     "element": "id of the element in the file",
     "composite": "id of the composite or region that holds the element, the first of several",
@@ -38,17 +38,17 @@ ATTRIBUTES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Names:
-    """What names can stand for in the expressions of one dataset.  A field comes before whatever else has its name.
+    """The names that the expressions of one dataset may use.  A field takes precedence over other meanings of its name.
 
     fields      names, in the order of the file
     dimension   number of coordinates that fields depend on
-    time        of the data; the name ``t`` stands for it where it is known
+    time        time of the data; the value of the name ``t``, if known
     parameters  of the flow, for predefined quantities (`predefined.PARAMETERS`)
-    boundaries  names that distances may be measured to
-    rates       derivatives in time of the fields, where the data are a moment of a series
-    others      what names stand for in other datasets, by the names of these
-    shared      the names of those datasets that are on the same mesh
-    is_moving   whether ``t`` stands for a variable, as along the path of a particle
+    boundaries  names of boundaries to which distances may be measured
+    rates       derivatives in time of the fields, if the data are a moment of a series
+    others      names in other datasets, by the names of these
+    shared      names of the datasets on the same mesh
+    is_moving   whether ``t`` is a variable, as along the path of a particle
     """
 
     fields: tuple[str, ...]
@@ -76,12 +76,12 @@ class Names:
 
     @cached_property
     def flow(self) -> Flow:
-        """What predefined quantities are made of."""
+        """The inputs of predefined quantities."""
         known = {name: number(value) for name, value in self.parameters.items()}
         return Flow(self.fields, self.dimension, known)
 
     def meaning(self, name: str) -> Node | None:
-        """What a name stands for, None where it says nothing; ElvisError where it lacks what it is made of."""
+        """The meaning of a name, None for an unknown name; raises ElvisError if its inputs are missing."""
         if name in self.fields:
             return field(name)
         if name in AXES:
@@ -123,7 +123,7 @@ class Names:
         return attribute(f"distance({target})")
 
     def unknown(self, name: str) -> str:
-        """A sentence about a name that says nothing."""
+        """A message about an unknown name."""
         if name == "t":
             return "the data don't tell the time t"
         if name in REFERENCE:
@@ -142,12 +142,12 @@ class Names:
 
     @property
     def of_elements(self) -> tuple[str, ...]:
-        """Names of the quantities that every point of an element has, without those of fields."""
+        """Names of the quantities that every point of an element has, without fields."""
         return tuple(name for name in ATTRIBUTES if name not in (*self.fields, *SIDES))
 
     @property
     def _in_words(self) -> str:
-        """All names, in words, but for those of predefined quantities, which are many."""
+        """All names as text, without predefined quantities, which are many."""
         known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
         others = (
             *AXES,

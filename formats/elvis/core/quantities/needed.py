@@ -1,4 +1,4 @@
-"""Which fields of a dataset quantities are made of, so that no others need be read."""
+"""Fields that quantities need, so that only these are read."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from elvis.core.quantities.tree import Node, jumping_of
 if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
 
-#: what is known of an element by the fields on it
+#: attributes of an element that depend on its fields
 _OF_FIELDS = "order"
 
 
 def needed_fields(dataset: Dataset, texts: Sequence[str]) -> tuple[str, ...]:
-    """The names of the fields that quantities are made of, and of those that hold the map; one field at least.
+    """The names of the fields that quantities need, and of the fields that hold the map; at least one field.
 
     texts  of the quantities; an empty one is the first field
 
-    All names, where one of the texts says nothing of these data.  Blocks of the fields are not looked at.
+    All names if one of the texts is invalid for these data.  Blocks of the fields are not used.
     """
     every = tuple(field.name for field in dataset.fields)
     solution = tuple(field.name for field in dataset.solution)
@@ -50,9 +50,9 @@ def needed_fields(dataset: Dataset, texts: Sequence[str]) -> tuple[str, ...]:
 
 
 def lack_of(dataset: Dataset, text: str) -> str:
-    """Why a quantity of a step of a series has no values in a dataset; empty where it has.
+    """The reason why a quantity of a step of a series has no values in a dataset; empty if it has values.
 
-    text  of the quantity; derivatives in time are those of the fields
+    text  text of the quantity; derivatives in time are derivatives of the fields
     """
     asked, names = _AskedRates(), Names.of(dataset)
     try:
@@ -72,7 +72,7 @@ class _Meanings:
 
     @property
     def roots(self) -> list[Node]:
-        """What it is made of."""
+        """The roots of its expressions."""
         return [each.root for each in self.expressions]
 
     def fields_of(self, dataset: Dataset) -> set[str] | None:
@@ -86,7 +86,7 @@ class _Meanings:
 
 
 def _meanings(dataset: Dataset, text: str) -> _Meanings:
-    """What a text says of a dataset."""
+    """The meaning of a text for a dataset."""
     asked, names = _AskedRates(), Names.of(dataset)
     found = []
     for dimension in range(dataset.mesh.space, 4):
@@ -97,7 +97,7 @@ def _meanings(dataset: Dataset, text: str) -> _Meanings:
 
 
 class _AskedRates:
-    """Derivatives in time that stand in for those of a series: they tell of which fields they are asked for."""
+    """Placeholders for derivatives in time of a series; they record the names of the fields requested."""
 
     remark = ""
 

@@ -1,13 +1,16 @@
 """Quantities read from text, in the grammar of `elvis.core.grammar`.
 
-A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).
+A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In addition to `functions` there are
 
-In addition to those of `functions` there are d(f, x), the partial derivative, also d(f, t) of a series, grad(f), the
-length of the gradient, laplacian(f), jump(u), the greatest jump of a field across an element's faces, and distance(b),
-the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name stands in quotes.
+- d(f, x), the partial derivative, also d(f, t) of a series
+- grad(f), the length of the gradient
+- laplacian(f)
+- jump(u), the largest jump of a field across an element's faces
+- distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
+  quoted
 
-ref:p is p in another dataset that is called ref here, ref:(u^2+v^2) and ref:d(p,x) are expressions in it.  Where
-both have one mesh, they are made of its fields, by coefficients.
+ref:p is p in another dataset named ref here; ref:(u^2+v^2) and ref:d(p,x) are expressions in it.  If both share one
+mesh, these become fields of the data, by coefficients.
 """
 
 from __future__ import annotations
@@ -37,14 +40,14 @@ from elvis.core.quantities.tree import (
     world_derivative,
 )
 
-#: functions that look into what they are given, and their numbers of operands
+#: functions that inspect their arguments, and their numbers of operands
 SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
 
 T = TypeVar("T")
 
 
 class Scope(Protocol):
-    """What names stand for where an expression is read; see `elvis.core.quantities.names.Names`."""
+    """The meaning of names during parsing; see `elvis.core.quantities.names.Names`."""
 
     @property
     def fields(self) -> tuple[str, ...]: ...  # noqa: D102
@@ -114,7 +117,7 @@ class Parser(Grammar[Node]):
         return other(name, text)
 
     def _sentence(self, name: str) -> str:
-        """What is wrong with a name that says nothing."""
+        """A message about an unknown name."""
         if name in (*FUNCTIONS, *SPECIAL):
             return f"expected ( after {name}"
         if self._token()[1] == "(":

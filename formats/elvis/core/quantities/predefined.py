@@ -1,9 +1,9 @@
-"""The predefined quantities of flows: one table, from which hints, ``elvis info --quantities`` and the docs are made.
+"""The predefined quantities of flows: one table, the source of hints, ``elvis info --quantities`` and the docs.
 
-A formula is an expression as users write them.  In it u, v, w are the velocity, rho the density, p the pressure, T the
-temperature, whatever they are called or computed from in the data (`flows`); ux is d(u,x), and so on; what further
-names mean stands in STEPS, and of numbers that belong to the flow as a whole in PARAMETERS.  In a plane w is nought,
-and so are derivatives along z.  Where there are several formulas, the first that the data suffice for is taken.
+A formula is an expression as users write them.  In it u, v, w are the velocity, rho the density, p the pressure and T
+the temperature, for any names in the data and any way to compute them (`flows`); ux is d(u,x), and so on; STEPS defines
+further names, and PARAMETERS the numbers that belong to the flow as a whole.  In a plane, w is zero, and so are
+derivatives along z.  If there are several formulas, the first that the data suffice for is used.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that formulas need beyond the fields.
+    """A number that formulas need in addition to the fields.
 
-    keys     of metadata that tell it, in small letters
-    default  its value where nothing tells it; None: it must be given
+    keys     lower-case keys of metadata that give it
+    default  its value if not given elsewhere; None: it must be given
     """
 
     meaning: str
@@ -52,7 +52,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     **{f"{axis}_ref": Parameter(f"{axis} of the reference point of moments", (), 0.0) for axis in "xyz"},
 }
 
-#: what several formulas are made of
+#: quantities used by several formulas
 STEPS: Mapping[str, tuple[str, ...]] = {
     "u": ("rhou/rho",),
     "v": ("rhov/rho",),
@@ -105,7 +105,10 @@ _ON_WALLS = "tangential stress of a Newtonian fluid on a wall"
 
 
 def _components(name: str, meaning: str, formula: str, source: str = "", *others: str) -> list[PredefinedQuantity]:
-    """Those of a vector; @ stands for the axis in its formulas, that of z is there in three dimensions alone."""
+    """The components of a vector.
+
+    @ represents the axis in its formulas; the z component exists only in three dimensions.
+    """
     found = []
     for index, axis in enumerate("xyz"):
         formulas = tuple(text.replace("@", axis) for text in (formula, *others))

@@ -9,11 +9,11 @@ from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.quantities.predefined import PARAMETERS
 
-#: values that coefficients of forces need, in addition to those of quantities
+#: values that coefficients of forces need, in addition to the values for quantities
 _OF_COEFFICIENTS = {"length": "reference length of moments", "area": "reference area of forces, in 2D a length"}
 #: all values by name, with their meaning
 REFERENCE: Mapping[str, str] = {**{name: own.meaning for name, own in PARAMETERS.items()}, **_OF_COEFFICIENTS}
-#: those that may be zero or negative
+#: values that may be zero or negative
 _SIGNED = frozenset({"p_ref", "x_ref", "y_ref", "z_ref"})
 
 
@@ -33,7 +33,7 @@ def checked_reference(values: Mapping[str, object], place: str) -> dict[str, flo
 
 
 def _limit(name: str) -> tuple[float, str]:
-    """What a value is above, and what it is to be in words."""
+    """Lower bound of a value, and a description of valid values."""
     if name in _SIGNED:
         return -inf, "a finite number"
     return (1.0, "a number above 1") if name == "gamma" else (0.0, "a positive number")

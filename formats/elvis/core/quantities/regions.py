@@ -1,7 +1,7 @@
 """The region where an expression is less than a value, as signs of polynomials.
 
-If f - v = P / D, then f < v is the same as P D < 0.  At zeros of P, f equals v; zeros of D are poles, across which f
-changes its side without attaining v.  Regions of max, min and eigenvalues are intersections and unions of such.
+If f - v = P / D, then f < v is the same as P D < 0.  If P = 0, f equals v; zeros of D are poles, across which f changes
+its side without attaining v.  Regions of max, min and eigenvalues are intersections and unions of such.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def defined_side(root: Node, value: float, sign: int) -> Region | None:
 
 
 def _domain(root: Node) -> Iterator[Region | None]:
-    """The regions in which operands of roots and logarithms are positive, without those that are by their form."""
+    """The regions in which operands of roots and logarithms are positive, except operands that always are."""
     for node in ordered(root):
         if node.op in ("sqrt", "log") and not is_positive(node.operands[0]):
             found = side(node.operands[0], 0.0, -1)
@@ -161,15 +161,15 @@ def _of_extremum(kind: str) -> Callable[[Sequence[Node], float, int], Region | N
 def _of_middle_eigenvalue(entries: Sequence[Node], value: float, sign: int) -> Region | None:
     """The region in which the second of three eigenvalues is less, or greater, than a value.
 
-    M is the matrix less v, d its determinant, e the sum of its principal minors, t its trace.  By Descartes' rule of
-    signs all eigenvalues are positive if d, e and t are; if d > 0 otherwise, two are negative.  The eigenvalues of -M
+    M is the matrix less v, d its determinant, e the sum of its principal minors, t its trace.  All eigenvalues are
+    positive if d, e and t are (Descartes' rule of signs); if d > 0 otherwise, two are negative.  The eigenvalues of -M
     have the opposite signs.
     """
     zero, minors, trace = minors_of(entries, value)
     positive = {name: _sign_of(node, -1) for name, node in (("d", zero), ("e", minors), ("t", trace))}
     negative = {name: _sign_of(node, 1) for name, node in (("d", zero), ("e", minors), ("t", trace))}
     if sign < 0:
-        # second eigenvalue of M > 0: that of -M < 0, whose determinant and trace have the other sign
+        # second eigenvalue of M > 0: second eigenvalue of -M < 0, whose determinant and trace have the opposite sign
         for name in ("d", "t"):
             positive[name], negative[name] = negative[name], positive[name]
     two = _intersection([positive["d"], _joined("any", [_hidden(negative["e"]), _hidden(negative["t"])])])

@@ -72,23 +72,23 @@ def field(name: str, axes: Iterable[int] = ()) -> Node:
 
 
 def attribute(name: str) -> Node:
-    """What is known of elements by themselves (see `attributes`)."""
+    """An attribute of elements (see `attributes`)."""
     return _node("attribute", name=name)
 
 
 def other(dataset: str, text: str) -> Node:
-    """What a text says in another dataset, by the name that it has here, at the same place in the world."""
+    """The value of an expression in another dataset, identified by its name here, at the same position in the world."""
     return attribute(f"{dataset}:{text}")
 
 
 def other_of(name: str) -> tuple[str, str] | None:
-    """The dataset and the text that an attribute names; None for what is known of elements."""
+    """The dataset and the text that an attribute names; None for other attributes."""
     found = _OTHER.fullmatch(name)
     return None if found is None else (found[1], found[2])
 
 
 def target_of(name: str) -> str | None:
-    """What an attribute is the distance to; None where it is no distance."""
+    """The target of a distance attribute; None for other attributes."""
     return name[9:-1] if name.startswith("distance(") else None
 
 
@@ -162,7 +162,7 @@ _SIMPLER: Mapping[str, Callable[[Node, Node], Node | None]] = {
 
 
 def whole_exponent(node: Node) -> int | None:
-    """The exponent of a power, where it is a whole number; None where it isn't, and of what is no power."""
+    """The exponent of a power, if it is an integer; None otherwise, and for other operations."""
     if node.op != "^":
         return None
     exponent = node.operands[1]
@@ -192,7 +192,7 @@ def ordered(*roots: Node) -> list[Node]:
 
 
 def fold(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> T:
-    """What ``leaf`` says of leaves and ``inner`` of all other parts, from those of their operands."""
+    """Evaluate ``leaf`` at leaves and ``inner`` at all other nodes, from the results of their operands."""
     found: dict[Node, T] = {}
     for node in ordered(root):
         operands = [found[operand] for operand in node.operands]
@@ -201,7 +201,7 @@ def fold(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]],
 
 
 def derivative(root: Node, along: Callable[[Node], Node]) -> Node:
-    """The derivative of an expression, given those of its leaves that aren't numbers."""
+    """The derivative of an expression, given the derivatives of its leaves that aren't numbers."""
     from elvis.core.quantities.functions import partials
 
     def inner(node: Node, moved: list[Node]) -> Node:
@@ -233,9 +233,9 @@ def world_derivative(root: Node, axis: int) -> Node:
 
 
 def time_derivative(root: Node, rate: Callable[[str], Node]) -> Node:
-    """The derivative in time, in which `TIME` stands for it, given that of each field.
+    """The derivative in time, represented by `TIME`, given the derivative of each field.
 
-    ElvisError where a part of it has none.
+    Raises ElvisError if a part of it has none.
     """
 
     def along(leaf: Node) -> Node:
@@ -249,7 +249,7 @@ def time_derivative(root: Node, rate: Callable[[str], Node]) -> Node:
 
 
 def at_time(root: Node, time: float) -> Node:
-    """An expression with a number in place of `TIME`."""
+    """An expression with `TIME` replaced by a number."""
 
     def inner(node: Node, operands: list[Node]) -> Node:
         return call(node.op, *operands)

@@ -58,7 +58,7 @@ def mixed_plane(seed: int | None = None) -> Mesh:
 _VERTICES: list[tuple[float, float, float]] = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1, 2, 3)]
 _VERTICES += [(2.5, 0.5, 0.5), (1, -1, 0), (2, -1, 0)]
 
-#: a hexahedron; two prisms; five pyramids in the third cube and one in front; tetrahedra for what is left
+#: a hexahedron; two prisms; five pyramids in the third cube and one in front; tetrahedra for the rest
 _ELEMENTS = {
     Shape.HEXAHEDRON: [[0, 1, 5, 4, 8, 9, 13, 12]],
     Shape.PRISM: [[1, 2, 6, 5, 9, 13], [2, 10, 14, 6, 9, 13]],

@@ -63,7 +63,7 @@ class _Run:
         self._found: list[Any] = [None] * size
 
     def meet(self, rank: int, value: Any, task: str) -> list[Any]:
-        """What all have, once they have come here with the same task."""
+        """The values of all ranks, once they have arrived here with the same task."""
         self._found[rank] = value, task
         self._wait()
         every = list(self._found)
@@ -89,7 +89,7 @@ class _Run:
 
 
 def played(size: int, work: Callable[[PlayedRanks], T]) -> list[T]:
-    """What each of several ranks makes of work that all take part in; the error of the first that fails."""
+    """The results of several ranks that work together; raises the error of the first rank that fails."""
     run = _Run(size)
     with ThreadPoolExecutor(size) as threads:
         futures = [threads.submit(run.do, rank, work) for rank in range(size)]
