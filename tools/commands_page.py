@@ -8,15 +8,17 @@ from contextlib import contextmanager
 
 import click
 
+from elvis.plugins.help_topics import GEOMETRY
 from elvis.plugins.running import elvis
 
 
 def page() -> str:
-    """A chapter for each command of this distribution."""
+    """A chapter for each command of this distribution, and one on geometry."""
     from manual import own_commands
 
     context = click.Context(elvis, info_name="elvis")
-    return "\n".join(line for command in own_commands(context) for line in _chapter(command))
+    chapters = "\n".join(line for command in own_commands(context) for line in _chapter(command))
+    return f"{chapters}\n## Geometry\n\n```text\n{GEOMETRY}```\n"
 
 
 class Recorder(click.HelpFormatter):

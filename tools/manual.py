@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from elvis.plugins.help_topics import GEOMETRY
 from elvis.plugins.running import elvis
 
 PAGE = Path(__file__).parents[1] / "docs" / "elvis.1"
@@ -18,17 +19,17 @@ elvis \\- pixel-exact pictures of high-order finite element solutions"""
 TAIL = """.SH ENVIRONMENT
 .TP
 .B ELVIS_DEBUG
-Where it is 1, failures show their traceback, as with \\-\\-debug.
+If set to 1, failures show their traceback, as with \\-\\-debug.
 .TP
 .B ELVIS_SLANG_OPTIMIZATION
-How much Slang optimises kernels before the driver does: none, default, high or maximal. With none some compile a fifth
-sooner, and some draw a tenth slower; for those who work on kernels.
+Optimisation of kernels by Slang, before that of the driver: none, default, high or maximal. With none, some kernels
+compile in a fifth less time and some draw a tenth slower. Meant for work on kernels.
 .TP
 .B XDG_CACHE_HOME
-The folder in which compiled kernels and conversions are kept; ~/.cache by default.
+Folder of the caches of compiled kernels and conversions; ~/.cache by default.
 .SH EXIT STATUS
-0 only when the output is whole; 2 after a usage error, 130 after an interrupt, 1 after any other failure, with one
-sentence on standard error."""
+0 if the output is complete; 2 after a usage error, 130 after an interrupt, 1 after any other failure, with a one-line
+message on standard error."""
 
 
 def manual() -> str:
@@ -38,7 +39,8 @@ def manual() -> str:
     lines.append(".SH COMMANDS")
     for command in own_commands(context):
         lines += _command(command)
-    return "\n".join([*lines, TAIL, ""])
+    geometry = [".SH GEOMETRY", ".nf", *map(_roff, GEOMETRY.splitlines()), ".fi"]
+    return "\n".join([*lines, *geometry, TAIL, ""])
 
 
 def own_commands(context: click.Context) -> Iterator[click.Context]:
@@ -50,7 +52,7 @@ def own_commands(context: click.Context) -> Iterator[click.Context]:
 
 
 def _own(name: str) -> bool:
-    """Whether a command is of this distribution."""
+    """Whether a command belongs to this distribution."""
     from elvis.plugins.registry import plugins
 
     return plugins("elvis.commands")[name].distribution.startswith("elvis-viz ")
@@ -72,7 +74,7 @@ def _command(context: click.Context) -> Iterator[str]:
 
 
 def _prose(text: str | None) -> Iterator[str]:
-    """Paragraphs; those that click leaves as they are, after a \\b, stand so here, too."""
+    """Paragraphs in roff; those after a \\b are preformatted, as in click."""
     for number, paragraph in enumerate(re.split(r"\n\s*\n", (text or "").strip("\n"))):
         if number:
             yield ".PP"
@@ -83,7 +85,7 @@ def _prose(text: str | None) -> Iterator[str]:
 
 
 def _roff(text: str) -> str:
-    """A line of text, with nothing in it that roff would act on."""
+    """A line of text with all special characters of roff escaped."""
     escaped = text.replace("\\", "\\e").replace("-", "\\-").replace("…", "...")
     return f"\\&{escaped}" if escaped.startswith((".", "'")) else escaped
 

@@ -31,16 +31,19 @@ HEAD = """<!-- made by tools/scene_page.py from the models in renderer/elvis/sce
 
 # Scene files
 
-A scene file says what a picture shows and how: `elvis render wing.toml`, `elvis compare wing.toml`. It is
-written in TOML, YAML or JSON; `--save-scene` writes the one of a picture. The same names are the settings of
-the dataclasses in Python (`elvis.scene`) and, where the last column has one, options of the command line, which
-go before what the file says. `--set objects[0].style.opacity=0.5` changes any other.
+A scene file describes the objects and the appearance of a picture. Use it as in
+`elvis render wing.toml` or `elvis compare wing.toml`. It is written in TOML, YAML or JSON;
+`--save-scene` writes the scene of a picture. The dataclasses in Python (`elvis.scene`) have settings
+of the same names. Many keys also have an option of the command line, which the last column names.
+Options override the file. `--set objects[0].style.opacity=0.5` changes any other key.
 
-File names are relative to the scene file. Unknown keys and values that can't be are errors that name the key,
-its place, what was expected and what was found.
-An editor that knows JSON schemas completes and checks scenes by [scene.schema.json](scene.schema.json), which
-`elvis.scene.scene_schema()` gives in Python: `#:schema scene.schema.json` in the first line of a TOML file,
-`# yaml-language-server: $schema=scene.schema.json` in that of a YAML file.
+File names are relative to the scene file. Unknown keys and invalid values are errors. The message
+names the key, its place, the expected value and the value found.
+
+Editors that support JSON schemas complete and check scenes with
+[scene.schema.json](scene.schema.json); in Python, `elvis.scene.scene_schema()` returns the schema.
+Write `#:schema scene.schema.json` in the first line of a TOML file, or
+`# yaml-language-server: $schema=scene.schema.json` in the first line of a YAML file.
 
 ```toml
 data = ["wing.xml", "wing.fld"]
@@ -79,14 +82,18 @@ surface = {kind = "plane", point = [0, 0, 0], normal = [0, 1, 0]}
 away = "inside"
 ```
 
-A scene may come from anybody, so it does no harm: it reads data, triangles and colour maps, but names installed
-plugins alone, and writes nothing but `outputs` (`.png`, `.exr`, `.npz`) and `stats` (`.json`) next to itself or
-in folders below, also through links. An existing file that ElVis did not write is replaced only with
-`--overwrite`. `--plugin`, `--output` and `--stats` go further, and replace what the
-scene says; `--save-scene` leaves out what a scene may not say, with a warning.
+A scene file may come from an untrusted source, so its rights are limited:
 
-Lists are written as `[…]`, tables as `{key = value}` or under a heading. A default in *italics* is no value
-that can be written: leave the key out.
+- It reads data, triangles and colour maps, and names only installed plugins.
+- It writes only `outputs` (`.png`, `.exr`, `.npz`) and `stats` (`.json`), next to the scene file or
+  in folders below. The same holds through links.
+- An existing file that ElVis did not write is replaced only with `--overwrite`.
+
+The options `--plugin`, `--output` and `--stats` have no such limits and override the scene.
+`--save-scene` omits settings that a scene file may not contain, and prints a warning.
+
+Lists are written as `[…]`, tables as `{key = value}` or under a heading. A default in *italics* is
+not a value that can be written: leave the key out.
 """
 
 
@@ -109,7 +116,7 @@ def _model(model: Any, is_one_of_many: bool) -> str:
     lines = [f"### {_title(model)}\n"] if is_one_of_many else []
     lines += [f"{_sentence(model)}\n", "| key | value | default | meaning | option |", "|---|---|---|---|---|"]
     if hasattr(model, "kind"):
-        lines.append(f"| `kind` | `{model.kind}` | must be given | What it is. | {_option(model)} |")
+        lines.append(f"| `kind` | `{model.kind}` | must be given | Kind of the model. | {_option(model)} |")
     for field in fields(model):
         setting = settings(model).get(field.name)
         if setting:

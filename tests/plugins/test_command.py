@@ -54,6 +54,15 @@ def test_no_arguments_print_the_help(elvis):
     assert elvis().stdout == elvis("--help").stdout
 
 
+def test_help_shows_topics_and_commands(elvis):
+    assert "sphere:C:RADIUS" in elvis("help", "geometry").stdout
+    assert elvis("help", "hello").stdout == elvis("hello", "--help").stdout
+    assert elvis("help").stdout == elvis("--help").stdout
+    process = elvis("help", "xyzzy")
+    assert process.returncode == 2
+    assert "no topic or command 'xyzzy'" in one_sentence(process)
+
+
 def test_version_is_that_of_the_distribution(elvis):
     from importlib.metadata import version
 

@@ -1,10 +1,12 @@
 """Each setting of a scene is described once: options, checks, errors, schema and page are made of it."""
 
 import json
+import re
 import runpy
 import sys
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from click.testing import CliRunner
@@ -13,11 +15,14 @@ from hypothesis import settings as settings_of_hypothesis
 from hypothesis import strategies as st
 
 from elvis import Camera, Faces, Scene, SceneError, Sphere, Style
+from elvis.core.seed_forms import FORMS
+from elvis.plugins.help_topics import GEOMETRY
 from elvis.renderer.commands.render import render
 from elvis.scene import scene_schema
 from elvis.scene.commandline.options import scene_options
 from elvis.scene.files import read_scene
 from elvis.scene.settings import Model, settings
+from elvis.scene.surfaces import Surface
 from elvis.scene.tables import scene_of, table_of
 
 if sys.version_info >= (3, 11):
@@ -86,11 +91,27 @@ def test_the_schema_has_names_bounds_and_sentences():
 
 
 def test_every_setting_with_an_option_is_in_the_help():
-    text = " ".join(CliRunner().invoke(render, ["--help"]).output.split())
+    text = " ".join(CliRunner().invoke(render, ["--help-all"]).output.split())
     for option in scene_options(()):
         assert " ".join(option.help.split()) in text
     assert "Isosurface(s) of quantity Q at value(s) V; Q defaults to --field." in text
     assert "Opacity of all objects. [a number above 0 and at most 1; default: 1]" in text
+
+
+def test_the_short_help_fits_120_lines_and_names_every_option():
+    text = CliRunner().invoke(render, ["--help"], terminal_width=80).output
+    assert len(text.splitlines()) <= 120
+    words = set(text.replace(",", " ").replace(":", " ").split())
+    for option in scene_options(()):
+        assert option.opts[0] in words or option.opts[-1] in words
+
+
+def test_the_help_on_geometry_describes_every_surface_and_seed():
+    for cls in get_args(Surface):
+        assert f"\n  {cls.kind}:" in GEOMETRY
+    for form in FORMS:
+        assert re.search(rf"\b{form}\b", GEOMETRY.partition("Seeds")[2])
+    assert all(len(line) <= 80 for line in GEOMETRY.splitlines())
 
 
 @pytest.mark.parametrize("cls", models())

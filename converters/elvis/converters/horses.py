@@ -82,7 +82,7 @@ class Horses(NodalConverter):
     options = (
         Option(
             "equations",
-            "Which equations name the variables of HORSES3D; its files don't say it.",
+            "Equation set that names the variables of HORSES3D; the files don't store it.",
             ("auto", *_VARIABLES),
             "auto",
         ),

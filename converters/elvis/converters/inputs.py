@@ -14,7 +14,7 @@ from elvis.plugins.conversion import Option
 _DIGITS = 18
 
 #: the option of converters of series
-STEP = Option("step", "Which step of a series in one file or of its index, counted from 0; the last by default.")
+STEP = Option("step", "Step of a series in one file or of its index, counted from 0.  [default: the last]")
 
 
 def step_number(step: str | None, may_be_negative: bool = True) -> int:

@@ -62,7 +62,7 @@ class Native(Converter):
         "no",
         "Fourier planes",
     )
-    options = (Option("composites", "Convert these composites of the domain, names or numbers, commas between them."),)
+    options = (Option("composites", "Composites of the domain to convert: names or numbers, separated by commas."),)
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

@@ -74,7 +74,7 @@ class NGSolve(NodalConverter):
     options = (
         Option(
             "spaces",
-            "Spaces of the .gfu files in their order, as H1:5,VectorH1:3*H1:2 (a product), H1:4:complex, L2:4@air.",
+            "Spaces of the .gfu files in order, such as H1:5,VectorH1:3*H1:2 (a product), H1:4:complex, L2:4@air.",
         ),
     )
     beside = ()

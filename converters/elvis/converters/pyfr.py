@@ -96,7 +96,7 @@ class PyFR(NodalConverter):
     )
     options = (
         Option("primitive", "Add velocity and pressure, derived from the conservative variables.", None),
-        Option("subset", "Convert only the elements that a solution of a part of the mesh holds.", None),
+        Option("subset", "Convert only the elements of a solution that covers part of the mesh.", None),
     )
     #: what `take` takes
     state = RunState

@@ -61,8 +61,8 @@ class Trixi(NodalConverter):
         "no",
     )
     options = (
-        Option("nodes", "Where the nodes of a solution lie; its file doesn't say it.", tuple(_NODES), "lobatto"),
-        Option("mapping", "Definitions in Julia that the mapping of a structured mesh uses and its file lacks."),
+        Option("nodes", "Nodes of the solution, which its file doesn't state.", tuple(_NODES), "lobatto"),
+        Option("mapping", "Julia definitions used by the mapping of a structured mesh but missing from its file."),
     )
 
     @classmethod

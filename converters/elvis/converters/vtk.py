@@ -56,10 +56,10 @@ class Vtk(NodalConverter):
     )
     needs: ClassVar[tuple[str, ...]] = ("vtk",)
     options = (
-        Option("nodes", "Where the nodes of Lagrange cells lie.", ("auto", *FAMILIES), "auto"),
-        Option("hexahedra", "How edges of Lagrange hexahedra are numbered.", ("auto", "as-read", "exchanged"), "auto"),
+        Option("nodes", "Nodes of Lagrange cells.", ("auto", *FAMILIES), "auto"),
+        Option("hexahedra", "Numbering of the edges of Lagrange hexahedra.", ("auto", "as-read", "exchanged"), "auto"),
         Option(
-            "wedges", "How the third quadrilateral of Lagrange wedges is numbered.", ("auto", "as-read", "vtk8"), "auto"
+            "wedges", "Numbering of the third quadrilateral of Lagrange wedges.", ("auto", "as-read", "vtk8"), "auto"
         ),
         STEP,
     )

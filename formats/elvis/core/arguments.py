@@ -25,7 +25,7 @@ field_option = click.option(
     "quantities",
     multiple=True,
     metavar="EXPR",
-    help="A field, an expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or a predefined quantity; repeatable.",
+    help="Field, expression such as sqrt(u^2+v^2) or d(v,x)-d(u,y), or predefined quantity.  Repeatable.",
 )
 
 
@@ -34,11 +34,11 @@ def names_option(text: str) -> Callable[[Any], Any]:
     return click.option("--fields", "--field", "-f", "fields", metavar="NAMES", help=text)
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, with all digits of the numbers.")
 
 
 plugin_option = click.option(
-    "--plugin", metavar="NAME|FILE.py", help="The runtime plugin that opens DATA; a file may define a converter too."
+    "--plugin", metavar="NAME|FILE.py", help="Runtime plugin that opens DATA; a file may also define a converter."
 )
 
 
@@ -59,7 +59,7 @@ def with_fields(context: click.Context, _: click.Parameter, reader: tuple[str, .
 #: how the option for `with_fields` is declared
 FIELDS_DECLARATION: dict[str, Any] = {
     "metavar": "NAMES",
-    "help": "Fields to read, commas between them; all others are left out.  [default: all]",
+    "help": "Fields to read, separated by commas.  [default: all]",
     "is_eager": True,
     "expose_value": False,
     "callback": _keep_fields,
@@ -70,8 +70,8 @@ _reader_option = click.option(
     multiple=True,
     metavar="NAME=VALUE",
     callback=with_fields,
-    help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME names it.  "
-    "Repeatable.",
+    help="Option of the converter that reads DATA (see elvis convert --help), such as step=3; from=NAME chooses the "
+    "converter.  Repeatable.",
 )
 
 
@@ -80,13 +80,11 @@ def reader_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return _reader_option(click.option("--fields", **FIELDS_DECLARATION)(command))
 
 
-step_option = click.option(
-    "--step", type=int, help="Which step of a series, counted from 0, or from its end where it is negative."
-)
+step_option = click.option("--step", type=int, help="Step of a series, counted from 0, or from the end if negative.")
 
 
 time_option = click.option(
-    "--time", type=float, help="Which time of a series; of other data what t stands for in expressions."
+    "--time", type=float, help="Time in a series; for other data, the value of t in expressions."
 )
 
 
@@ -95,7 +93,8 @@ between_option = click.option(
     type=click.Choice(BETWEEN),
     default=BETWEEN[0],
     show_default=True,
-    help="What is at a time between steps: interpolated coefficients, or those of the nearest step.",
+    help="Data between the steps of a series: coefficients interpolated from two steps (linear) or four (cubic), or "
+    "the nearest step.",
 )
 
 
@@ -104,7 +103,7 @@ other_option = click.option(
     "others",
     multiple=True,
     metavar="NAME=FILE,…",
-    help="Another solution that expressions may name, of any mesh, order and format, as ref=b.xml,b.fld: then "
+    help="Another solution for use in expressions, on any mesh, of any order and format: with ref=b.xml,b.fld, "
     "p - ref:p is a quantity.  Repeatable.",
 )
 
@@ -125,9 +124,9 @@ set_option = click.option(
     multiple=True,
     metavar="NAME=VALUE",
     callback=_reference,
-    help="A reference value of the flow that quantities, expressions and coefficients use: mu, nu, density, gamma, R, "
-    "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: those of NAME.elvis.toml next "
-    "to the data, else those that the solver wrote]",
+    help="Reference value of the flow for quantities, expressions and coefficients: mu, nu, density, gamma, R, "
+    "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: from NAME.elvis.toml next "
+    "to the data, else as written by the solver]",
 )
 
 
@@ -137,7 +136,7 @@ cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again
 overwrite_option = click.option(
     "--overwrite",
     is_flag=True,
-    help="Write over inputs, and over files named by a scene file that ElVis did not write.",
+    help="Allow outputs to replace inputs, and files named in a scene file that ElVis did not write.",
 )
 
 
@@ -146,7 +145,7 @@ workers_option = click.option(
     type=click.IntRange(1, 1000),
     default=1,
     show_default=True,
-    help="Processes that work at the same time, of Dask.",
+    help="Number of worker processes, run in parallel with Dask.",
 )
 
 
@@ -154,7 +153,7 @@ scheduler_option = click.option(
     "--scheduler",
     default="",
     metavar="ADDRESS",
-    help="A Dask scheduler whose workers do so, in place of processes of this machine; they see the same files.",
+    help="Use the workers of this Dask scheduler instead of processes on this machine; they must see the same files.",
 )
 
 
@@ -212,7 +211,7 @@ times_option = click.option(
     "--times",
     metavar="all|A:B:N",
     type=TextType(_times),
-    help="Of a series rows for every step, or for N times from A to B.",
+    help="For a series: rows for every step, or for N times from A to B.",
 )
 
 

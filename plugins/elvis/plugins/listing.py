@@ -9,12 +9,12 @@ import click
 from elvis.plugins.registry import GROUPS, Plugin, PluginError, every_plugin
 
 
-@click.command("plugins", short_help="List the commands, converters, volumes and devices that are installed.")
+@click.command("plugins", short_help="List the installed commands, converters, volumes and devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list instead of a table.")
 def plugins(as_json: bool) -> None:
-    """List the commands, converters, volumes and devices that are installed, and the state of each.
+    """List the installed commands, converters, volumes and devices, and the state of each.
 
-    A plugin that does not load is listed with the reason; the others work all the same.
+    A plugin that does not load is listed with the reason; it does not affect the others.
     """
     from elvis.core.terminal import print_table
 

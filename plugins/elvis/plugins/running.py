@@ -19,12 +19,15 @@ import click
 from elvis.core.errors import ElvisError, fault_sentence
 from elvis.core.ranks import ALONE, Alone, MpiRanks, is_idle, ranks_of_run
 from elvis.core.terminal import one_line
+from elvis.plugins.help_topics import help_command
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.many_files import STEM, for_many_files
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
 #: variables of the environment of which one is set where a browser can open, but for macOS and Windows
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+#: the command that is no plugin
+HELP = "help"
 
 
 @dataclass
@@ -155,7 +158,7 @@ class PluginGroup(click.Group):
         """The command of that name, None where there is none; a broken plugin becomes a command that says so."""
         plugin = _commands(ctx).get(cmd_name)
         if plugin is None:
-            return None
+            return help_command(lambda name: self.get_command(ctx, name)) if cmd_name == HELP else None
         try:
             command = _loaded(plugin)
         except PluginError as error:
@@ -178,7 +181,7 @@ class PluginGroup(click.Group):
 
     def _resolved(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
-        if not name.startswith("-") and name not in self.list_commands(ctx):
+        if not name.startswith("-") and name not in (HELP, *self.list_commands(ctx)):
             if _names_data(name):
                 return super().resolve_command(ctx, [_showing_command(ctx), *args])
             raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)
@@ -254,8 +257,8 @@ def _broken(name: str, error: PluginError) -> click.Command:
 def elvis(context: click.Context) -> None:
     """Pixel-exact pictures of high-order finite element solutions.
 
-    A DATA argument is one or more files in any order: meshes and fields are told apart by their content.
-    elvis DATA opens them in a browser.
+    DATA is one or more files in any order: meshes and fields are recognised by their content.
+    elvis DATA opens them in a browser.  elvis help geometry describes surfaces, curves and seeds.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

@@ -24,11 +24,11 @@ Examples:
     "folder",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     default=Path(),
-    help="Folder to write to.  [default: the current one]",
+    help="Folder to write to.  [default: the current folder]",
 )
 @overwrite_option
 def sample(name: str, folder: Path, overwrite: bool) -> None:
-    """Write wing.xml and wing.fld: an analytic flow around a swept wing, on 480 curved hexahedra of order 4.
+    """Write wing.xml and wing.fld, an analytic flow around a swept wing on 480 curved hexahedra of order 4.
 
     The fields are the velocity u, v, w and the pressure p; the boundaries are wing, far and symmetry.
     """

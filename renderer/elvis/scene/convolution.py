@@ -9,16 +9,16 @@ from elvis.scene.settings import Components, Model, Setting
 
 @dataclass(frozen=True, repr=False)
 class Lic(Model, of="line integral convolution"):
-    """Streaks along a velocity on a surface: noise of the picture, averaged along lines of its part in the surface."""
+    """Streaks along a velocity on a surface: image noise, averaged along lines of the tangential velocity."""
 
     velocity: Components = None
     length: Annotated[
         float,
-        Setting("Length in pixels of the lines that noise is averaged along.", gt=0, le=1000, unit="pixels"),
+        Setting("Length of the lines along which noise is averaged.", gt=0, le=1000, unit="pixels"),
     ] = 40.0
-    width: Annotated[float, Setting("Width of streaks in pixels.", ge=1, le=100, unit="pixels")] = 2.0
+    width: Annotated[float, Setting("Width of the streaks.", ge=1, le=100, unit="pixels")] = 2.0
     contrast: Annotated[
-        float, Setting("How far colours go to black and white: 0 leaves them as they are.", ge=0, le=1)
+        float, Setting("Contrast of the streaks: 0 leaves colours unchanged, 1 reaches black and white.", ge=0, le=1)
     ] = 0.5
 
     @property

@@ -13,14 +13,13 @@ from elvis.scene.surfaces import Surface, Vector
 
 @dataclass(frozen=True, repr=False)
 class CutSurface(Model, of="a cut"):
-    """What a surface meets of the volume."""
+    """The intersection of the volume with a surface."""
 
-    surface: Annotated[Surface, Setting("The surface.")]
-    style: Annotated[Style, Setting("How it looks.")] = field(default_factory=Style)
+    surface: Annotated[Surface, Setting("Surface that cuts the volume.")]
+    style: Annotated[Style, Setting("Appearance of the cut.")] = field(default_factory=Style)
     kind: Literal["cut"] = field(default="cut", kw_only=True)
     option: ClassVar = Setting(
-        "A surface that cuts 3D data: plane:POINT:NORMAL, sphere:CENTER:RADIUS, cylinder:POINT:AXIS:RADIUS, "
-        "cone:APEX:AXIS:DEGREES, mesh:FILE, implicit:EXPRESSION.",
+        "Surface that cuts 3D data, such as sphere:0,0,0:0.5 or mesh:FILE (see elvis help geometry).",
         option="--cut",
         metavar="SURFACE",
         parse="cut",
@@ -35,14 +34,14 @@ class Faces(Model, of="faces"):
     select: Annotated[
         tuple[str, ...],
         Setting(
-            "Any of: all (the outer faces), inner (those between elements), the name or id of a boundary or composite, "
-            "element:ID, shape:NAME and region:NAME (every face of these elements)."
+            "Faces to draw, any of: all (outer faces), inner (faces between elements), the name or id of a boundary or "
+            "composite, element:ID, shape:NAME and region:NAME (all faces of these elements)."
         ),
     ] = ("all",)
-    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    style: Annotated[Style, Setting("Appearance of the faces.")] = field(default_factory=Style)
     kind: Literal["faces"] = field(default="faces", kw_only=True)
     option: ClassVar = Setting(
-        "Element faces: any of all, inner, a boundary's name, element:ID, shape:NAME, region:NAME.",
+        "Element faces: all (outer), inner, names of boundaries, element:ID, shape:NAME, region:NAME.",
         option="--faces",
         metavar="NAMES",
         parse="faces",
@@ -56,11 +55,13 @@ class Faces(Model, of="faces"):
 
 @dataclass(frozen=True, repr=False)
 class Isosurface(Model, of="an isosurface"):
-    """Where a quantity has one of the values; the quantity of its style, by default the scene's field, colours it."""
+    """Isosurfaces of a quantity, coloured by the quantity of the style, which defaults to the scene's field."""
 
-    values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")]
-    quantity: Annotated[Quantity | None, Setting("What has the values.", default="the scene's field")] = None
-    style: Annotated[Style, Setting("How it looks.")] = field(default_factory=Style)
+    values: Annotated[tuple[float, ...], Setting("Values of the surfaces.", finite=True, expected="finite numbers")]
+    quantity: Annotated[
+        Quantity | None, Setting("Quantity that defines the surfaces.", default="the scene's field")
+    ] = None
+    style: Annotated[Style, Setting("Appearance of the surfaces.")] = field(default_factory=Style)
     kind: Literal["isosurface"] = field(default="isosurface", kw_only=True)
     option: ClassVar = Setting(
         "Isosurface(s) of quantity Q at value(s) V; Q defaults to --field.",
@@ -77,17 +78,17 @@ class Isosurface(Model, of="an isosurface"):
 
 @dataclass(frozen=True, repr=False)
 class Transfer(Model, of="a transfer function"):
-    """A piecewise linear transfer function; beyond the first and last value its ends hold."""
+    """A piecewise linear transfer function, constant beyond its first and last value."""
 
-    values: Annotated[tuple[float, ...], Setting("(k,) ascending values of the quantity.")]
+    values: Annotated[tuple[float, ...], Setting("Ascending values (k,) of the quantity.")]
     densities: Annotated[
         tuple[float, ...],
         Setting(
-            "(k,) extinction per world unit of length.", ge=0, expected="a finite number of 0 or more for each value"
+            "Extinction (k,) per world unit of length.", ge=0, expected="a finite number of 0 or more for each value"
         ),
     ]
     colors: Annotated[
-        tuple[Vector, ...], Setting("(k,) colours.", ge=0, le=1, expected=COLOR["expected"], default="the colour map")
+        tuple[Vector, ...], Setting("Colours (k,).", ge=0, le=1, expected=COLOR["expected"], default="the colour map")
     ] = ()
 
     def check(self) -> None:
@@ -102,13 +103,11 @@ class Transfer(Model, of="a transfer function"):
 
 @dataclass(frozen=True, repr=False)
 class VolumeRendering(Model, of="a volume"):
-    """Light that the volume emits and absorbs along each ray."""
+    """Volume rendering: light that the volume emits and absorbs along each ray."""
 
-    transfer: Annotated[Transfer, Setting("Extinction and colour by the values of the quantity.")]
-    quantity: Annotated[Quantity | None, Setting("What is shown.", default="the scene's field")] = None
-    error: Annotated[float, Setting("Greatest error of a pixel's colour that the quadrature aims at.", **POSITIVE)] = (
-        1e-3
-    )
+    transfer: Annotated[Transfer, Setting("Extinction and colour as functions of the quantity.")]
+    quantity: Annotated[Quantity | None, Setting("Quantity that is rendered.", default="the scene's field")] = None
+    error: Annotated[float, Setting("Target of the quadrature: maximum error of a pixel's colour.", **POSITIVE)] = 1e-3
     kind: Literal["volume"] = field(default="volume", kw_only=True)
     option: ClassVar = Setting(
         "Volume rendering: piecewise linear transfer function, extinction D at value V of quantity Q.",
@@ -121,96 +120,98 @@ class VolumeRendering(Model, of="a volume"):
 
 @dataclass(frozen=True, repr=False)
 class Streamlines(Model, of="streamlines"):
-    """Lines along a velocity, as tubes or ribbons exact to the pixel, without contours, mesh lines and lic."""
+    """Lines along a velocity, drawn as pixel-exact tubes or ribbons, without contours, mesh lines and lic."""
 
     seeds: Annotated[
         tuple[Seeds, ...],
         Setting(
-            f"Where lines begin: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
+            f"Seeds of the lines: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
             "points.",
             metavar="WHAT",
             repeatable=True,
+            option_help="Seeds of the lines, such as line:P:Q:20, random:200, boundary:NAME:4 or a table of points "
+            "(see elvis help geometry).",
         ),
     ] = ()
     velocity: Components = None
     direction: Annotated[
         Literal["forward", "backward", "both"],
         Setting(
-            "With the stream, against it, or both.",
+            "Direction along the flow: downstream (forward), upstream (backward), or both.",
             names=("forward", "backward", "both"),
             metavar="forward|backward|both",
         ),
     ] = "forward"
     length: Annotated[
-        float | None, Setting("Greatest length of a line.", **POSITIVE, default="10 diagonals of the box")
+        float | None, Setting("Maximum length of a line.", **POSITIVE, default="10 diagonals of the box")
     ] = None
-    duration: Annotated[float | None, Setting("Greatest time along a line.", **POSITIVE)] = None
-    speed: Annotated[float, Setting("Lines that become slower end.", ge=0, default="those at rest")] = 0.0
-    steps: Annotated[int, Setting("Steps of a line at most.", ge=1)] = 10_000
+    duration: Annotated[float | None, Setting("Maximum time along a line.", **POSITIVE)] = None
+    speed: Annotated[float, Setting("Speed below which lines end.", ge=0, default="lines end at rest")] = 0.0
+    steps: Annotated[int, Setting("Maximum number of steps of a line.", ge=1)] = 10_000
     tolerance: Annotated[
-        float | None, Setting("Error of a step in units of length.", **POSITIVE, default="1e-12 diagonals")
+        float | None, Setting("Error tolerance of a step, as a length.", **POSITIVE, default="1e-12 diagonals")
     ] = None
-    random: Annotated[int, Setting("Number that random seeds are drawn with.", ge=0)] = 0
+    random: Annotated[int, Setting("Seed of the random number generator for random seeds.", ge=0)] = 0
     wall: Annotated[
         str | None,
         Setting(
-            "A boundary on which lines follow the wall shear, or the velocity where one is given: skin friction lines.",
+            "Boundary for skin friction lines, which follow the wall shear, or the velocity if one is given.",
             metavar="NAME",
-            default="lines in elements",
+            default="lines in the domain",
         ),
     ] = None
     radius: Annotated[
         float | None,
-        Setting("Radius of the tubes in world units.", **POSITIVE, default="0.003 diagonals of the box"),
+        Setting("Radius of the tubes, in world units.", **POSITIVE, default="0.003 diagonals of the box"),
     ] = None
     width: Annotated[
-        float | None, Setting("In place of a radius the width of lines in pixels, at any depth.", **POSITIVE)
+        float | None, Setting("Width of the lines in pixels at any depth, instead of a radius.", **POSITIVE)
     ] = None
     ribbon: Annotated[
         float | None,
-        Setting("In place of tubes the width, in world units, of ribbons that turn with the flow.", **POSITIVE),
+        Setting("Width of ribbons that turn with the flow, in world units, instead of tubes.", **POSITIVE),
     ] = None
     across: Annotated[
         Vector | None,
         Setting(
-            "Of ribbons: the direction of their width where lines begin.",
+            "Direction of a ribbon's width at the start of its line.",
             metavar="X,Y,Z",
-            default="the axis that lines are least along there",
+            default="the axis with the smallest velocity component there",
         ),
     ] = None
-    arrows: Annotated[
-        float | None, Setting("Cones that point with the flow, this far apart along lines.", **POSITIVE)
-    ] = None
+    arrows: Annotated[float | None, Setting("Spacing of cones that point along the flow.", **POSITIVE)] = None
     arrows_by: Annotated[
-        Literal["length", "time"], Setting("Whether that is a length or a time.", names=("length", "time"))
+        Literal["length", "time"],
+        Setting("Whether the spacing of the cones is a length or a time.", names=("length", "time")),
     ] = "length"
     arrow_length: Annotated[
         float | None,
         Setting(
-            "Length of these cones in world units.",
+            "Length of the cones, in world units.",
             **POSITIVE,
-            default="8 radii, 0.6 widths of a ribbon, 0.02 diagonals beside a width in pixels",
+            default="8 radii of tubes, 0.6 widths of ribbons, 0.02 diagonals for lines with a width in pixels",
         ),
     ] = None
     since: Annotated[
         float | None,
         Setting(
-            "In place of streamlines the paths of particles that seeds released at this time of a series, up to that "
-            "of the picture.",
+            "Time of a series at which the seeds release particles: draws their paths up to the time of the picture, "
+            "instead of streamlines.",
         ),
     ] = None
     releases: Annotated[
         int | None,
         Setting(
-            "With since: in place of paths balls where the particles are that each seed has released at so many even "
-            "steps of time: streaks, as dye makes them.",
+            "Number of particles that each seed releases at even steps of time after since: draws streaklines, as of "
+            "dye, as balls at the particles, instead of paths.",
             ge=2,
         ),
     ] = None
     cores: Annotated[
         Literal["acceleration", "vorticity"] | None,
         Setting(
-            "In place of lines from seeds: the cores of all vortices, where the velocity is parallel to this.",
+            "Draw the cores of all vortices instead of lines from seeds: lines on which the velocity is parallel to "
+            "this vector.",
             names=("acceleration", "vorticity"),
             metavar="acceleration|vorticity",
         ),
@@ -218,21 +219,18 @@ class Streamlines(Model, of="streamlines"):
     along: Annotated[
         str | None,
         Setting(
-            "In place of lines from seeds: a curve on a wall, boundary:NAME of 2D data, or section:NAME:plane:P:N, "
-            "where a plane cuts a boundary of 3D data.",
+            "Draw a curve on a wall instead of lines from seeds: boundary:NAME in 2D data, or section:NAME:plane:P:N, "
+            "the cut of a boundary of 3D data with a plane.",
             metavar="CURVE",
         ),
     ] = None
-    least_swirl: Annotated[float, Setting("Of cores: how fast the flow turns at least, in radians by time.", ge=0)] = (
-        0.0
-    )
-    least_length: Annotated[float, Setting("Of cores: how long they are at least.", ge=0)] = 0.0
-    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    least_swirl: Annotated[float, Setting("Minimum swirl rate of cores, in radians per unit of time.", ge=0)] = 0.0
+    least_length: Annotated[float, Setting("Minimum length of cores.", ge=0)] = 0.0
+    style: Annotated[Style, Setting("Appearance of the lines.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
-        f"Streamlines from seeds: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
-        "radius=0.01 or direction=both; cores=acceleration in place of seeds: the cores of all vortices, "
-        "along=section:NAME:plane:P:N: where a plane cuts a boundary.",
+        "Streamlines from seeds, such as line:P:Q:20 or random:100 (see elvis help geometry), or cores=acceleration "
+        "for all vortex cores; other keys follow after semicolons, such as radius=0.01.",
         option="--streamlines",
         metavar="SEEDS[;KEY=VALUE]",
         parse="streamlines",
@@ -295,13 +293,12 @@ class Streamlines(Model, of="streamlines"):
 
 @dataclass(frozen=True, repr=False)
 class Glyphs(Model, of="glyphs"):
-    """Arrows or cones along a vector, from exact points; they have no contours, no mesh lines and no lic."""
+    """Arrows or cones along a vector at exact points, without contours, mesh lines and lic."""
 
     points: Annotated[
         tuple[Seeds, ...],
         Setting(
-            f"Where they begin: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
-            "points.",
+            f"Base points: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of points.",
             metavar="WHAT",
             repeatable=True,
         ),
@@ -309,35 +306,39 @@ class Glyphs(Model, of="glyphs"):
     vector: Annotated[
         Quantity | None,
         Setting(
-            "Its components, any quantities, with commas between them.",
+            "Components of the vector: any quantities, separated by commas.",
             metavar="U,V,W",
             default="the velocity: u,v,w, rhou/rho, … as named",
         ),
     ] = None
-    random: Annotated[int, Setting("Number that random points are drawn with.", ge=0)] = 0
-    shape: Annotated[Literal["arrow", "cone"], Setting("What is drawn.")] = "arrow"
+    random: Annotated[int, Setting("Seed of the random number generator for random points.", ge=0)] = 0
+    shape: Annotated[Literal["arrow", "cone"], Setting("Shape of the glyphs.")] = "arrow"
     lengths: Annotated[
-        Literal["magnitude", "equal"], Setting("Whether lengths go with the magnitude of the vector, or are equal.")
+        Literal["magnitude", "equal"], Setting("Whether lengths are proportional to the magnitude, or equal.")
     ] = "magnitude"
     length: Annotated[
         float | None,
-        Setting("Length in world units, of the magnitude below.", **POSITIVE, default="0.05 diagonals of the box"),
+        Setting(
+            "Length of a glyph of the given magnitude, in world units.", **POSITIVE, default="0.05 diagonals of the box"
+        ),
     ] = None
     magnitude: Annotated[
-        float | None, Setting("The magnitude that has this length.", **POSITIVE, default="the greatest at the points")
+        float | None,
+        Setting("Magnitude of the vector that has this length.", **POSITIVE, default="the maximum at the points"),
     ] = None
     thickness: Annotated[
-        float, Setting("Greatest radius in parts of the length.", gt=0, le=0.3, expected="a number from 0 to 0.3")
+        float,
+        Setting("Maximum radius, as a share of the length.", gt=0, le=0.3, expected="a number from 0 to 0.3"),
     ] = 0.12
-    key: Annotated[bool, Setting("Whether a glyph of a round magnitude below the picture tells how long they are.")] = (
-        True
-    )
-    unit: Annotated[str | None, Setting("The unit of the magnitude, in the key.")] = None
-    style: Annotated[Style, Setting("How they look.")] = field(default_factory=Style)
+    key: Annotated[
+        bool, Setting("Whether a glyph of a round magnitude is drawn below the picture as a key to the lengths.")
+    ] = True
+    unit: Annotated[str | None, Setting("Unit of the magnitude, written in the key.")] = None
+    style: Annotated[Style, Setting("Appearance of the glyphs.")] = field(default_factory=Style)
     kind: Literal["glyphs"] = field(default="glyphs", kw_only=True)
     option: ClassVar = Setting(
-        f"Arrows at points: {'; '.join(FORMS.values())}; a table of points; after semicolons other keys, such as "
-        "length=0.1 or shape=cone.",
+        "Arrows at points, such as plane:P:N:30 or a table (see elvis help geometry); other keys follow after "
+        "semicolons, such as length=0.1 or shape=cone.",
         option="--glyphs",
         metavar="POINTS[;KEY=VALUE]",
         parse="glyphs",

@@ -189,7 +189,7 @@ Quantity: TypeAlias = Annotated[str, Text("expression")]
 Components: TypeAlias = Annotated[
     Quantity | None,
     Setting(
-        "Its components, any quantities, with commas between them.",
+        "Components of the velocity: any quantities, separated by commas.",
         metavar="U,V,W",
         default="u,v,w, rhou/rho, … as named",
     ),
@@ -200,16 +200,16 @@ OtherFiles: TypeAlias = Annotated[str, Text("other")]
 Memory: TypeAlias = Annotated[
     float | None,
     Setting(
-        "Memory that elements may take while they are drawn, about four times their coefficients: those that the "
+        "Memory for the elements that are drawn, about four times the size of their coefficients: elements that the "
         "picture depends on are read in bricks of this size. Libraries, kernels and pictures are not counted.",
         gt=0,
         unit="bytes",
         option="--memory",
         metavar="BYTES",
         parse="memory",
-        option_help="Memory that elements may take while they are drawn, such as 2GiB, about four times their "
-        "coefficients: those that the picture depends on are read in bricks of this size.  Libraries, kernels and "
-        "pictures are not counted; a note tells the peak of the whole process.",
+        option_help="Memory for the elements that are drawn, such as 2GiB, about four times the size of their "
+        "coefficients: elements that the picture depends on are read in bricks of this size.  Libraries, kernels and "
+        "pictures are not counted; a note reports the peak of the whole process.",
     ),
 ]
 

@@ -28,16 +28,16 @@ def check_range(ends: tuple[float, float] | None) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Contours(Model, of="contours"):
-    """Lines of equal value on a surface: of some values, or this many."""
+    """Lines of equal value on a surface, either at given values or a given number of lines."""
 
-    values: Annotated[tuple[float, ...], Setting("The values.", finite=True, expected="finite numbers")] = ()
+    values: Annotated[tuple[float, ...], Setting("Values of the lines.", finite=True, expected="finite numbers")] = ()
     count: Annotated[
-        int | None, Setting("Number of lines, evenly between the ends of the colour range.", ge=1, le=1000)
+        int | None, Setting("Number of lines, evenly spaced between the ends of the colour range.", ge=1, le=1000)
     ] = None
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.5
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.0, 0.0, 0.0)
-    quantity: Annotated[Quantity | None, Setting("What the lines are of.", default="that of the style")] = None
-    labels: Annotated[bool, Setting("Whether the lines tell their values.")] = False
+    quantity: Annotated[Quantity | None, Setting("Quantity of the lines.", default="that of the style")] = None
+    labels: Annotated[bool, Setting("Whether the lines are labelled with their values.")] = False
 
     def check(self) -> None:
         """SceneError unless there are either values or a count."""
@@ -47,7 +47,7 @@ class Contours(Model, of="contours"):
 
 @dataclass(frozen=True, repr=False)
 class MeshLines(Model, of="mesh lines"):
-    """The borders of elements on a surface."""
+    """Borders of elements on a surface."""
 
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.0
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.25, 0.25, 0.25)
@@ -55,31 +55,31 @@ class MeshLines(Model, of="mesh lines"):
 
 @dataclass(frozen=True, repr=False)
 class ColorBar(Model, of="a colour bar"):
-    """How the colours of a colour map are spread over values, and the bar that tells it."""
+    """Scale of a colour map, and the bar that shows it."""
 
     title: Annotated[
-        str | None, Setting("Its title, with mathematics between dollars.", default="the name of the quantity")
+        str | None, Setting("Title, with mathematics between dollar signs.", default="the name of the quantity")
     ] = None
-    unit: Annotated[str | None, Setting("The unit of the values, after the title.")] = None
+    unit: Annotated[str | None, Setting("Unit of the values, written after the title.")] = None
     scale: Annotated[
         Literal["linear", "log", "symlog"],
-        Setting("How colours go with values: evenly, by the logarithm, by the logarithm on both sides of zero."),
+        Setting("Scale of the colours: linear, logarithmic, or logarithmic on both sides of zero."),
     ] = "linear"
     linear: Annotated[
         float | None,
         Setting(
-            "Of symlog: values nearer to zero than this are spread evenly.",
+            "Half-width of the linear part around zero, for symlog.",
             **POSITIVE,
             default="a thousandth of the greatest value",
         ),
     ] = None
-    bands: Annotated[int | None, Setting("So many colours, each for a band of values.", ge=2, le=256)] = None
+    bands: Annotated[int | None, Setting("Number of discrete colours, each for a band of values.", ge=2, le=256)] = None
     ticks: Annotated[
         tuple[float, ...],
-        Setting("Values that are marked.", finite=True, expected="finite numbers", default="round ones"),
+        Setting("Values of the ticks.", finite=True, expected="finite numbers", default="round values"),
     ] = ()
     position: Annotated[
-        Literal["right", "left", "top", "bottom", "none"], Setting("Where it stands beside the picture.")
+        Literal["right", "left", "top", "bottom", "none"], Setting("Position of the bar relative to the picture.")
     ] = "right"
 
     def check(self) -> None:
@@ -91,52 +91,57 @@ class ColorBar(Model, of="a colour bar"):
 
 @dataclass(frozen=True, repr=False)
 class Style(Model):
-    """How an object looks.  Options of the command line set the style of every object."""
+    """Appearance of an object.  Options of the command line set the style of every object."""
 
-    quantity: Annotated[Quantity | None, Setting("What colours it.", default="the scene's field")] = None
+    quantity: Annotated[Quantity | None, Setting("Quantity that colours the object.", default="the scene's field")] = (
+        None
+    )
     color: Annotated[
         Vector | None,
         Setting(
-            "One colour in place of the colour map.",
+            "Single colour instead of the colour map.",
             option="--color",
-            option_help="One colour for all objects.",
+            option_help="Single colour for all objects.",
             default="the colour map",
             **COLOR,
         ),
     ] = None
-    palette: Annotated[PaletteName | None, Setting("Its colour map.", default="the scene's")] = None
+    palette: Annotated[PaletteName | None, Setting("Colour map of the object.", default="the scene's")] = None
     range: Annotated[
-        tuple[float, float] | None, Setting("Values at the ends of its colour map.", default="the scene's")
+        tuple[float, float] | None, Setting("Values at the ends of the colour map.", default="the scene's")
     ] = None
-    bar: Annotated[ColorBar | None, Setting("The bar of its colour map.", default="the scene's")] = None
+    bar: Annotated[ColorBar | None, Setting("Colour bar of the object.", default="the scene's")] = None
     opacity: Annotated[
-        float, Setting("Opacity.", gt=0, le=1, option="--opacity", option_help="Opacity of all objects.")
+        float,
+        Setting("Opacity of the object.", gt=0, le=1, option="--opacity", option_help="Opacity of all objects."),
     ] = 1.0
     lit: Annotated[
         bool | None,
         Setting(
-            "Whether lights shade it.",
+            "Whether the lights shade the object.",
             option="--lit/--unlit",
-            option_help="Shade all objects by the lights, or don't.",
+            option_help="Shade all objects with the lights, or none.",
             default="faces, isosurfaces, tubes and glyphs are shaded",
         ),
     ] = None
     contours: Annotated[
         Contours | None,
         Setting(
-            "Lines of equal value on it.",
+            "Lines of equal value on the surface.",
             option="--contours",
             metavar="N|V,V[:labels]",
             parse="contours",
-            option_help="N contour lines, or those of values, with these beside them.",
+            option_help="N contour lines, or lines at given values; :labels writes the values on them.",
         ),
     ] = None
     mesh_lines: Annotated[
         MeshLines | None,
-        Setting("The borders of elements on it.", option="--mesh-lines", option_help="Draw the borders of elements."),
+        Setting(
+            "Borders of elements on the surface.", option="--mesh-lines", option_help="Draw the borders of elements."
+        ),
     ] = None
     lic: Annotated[
-        Lic | None, Setting("Streaks along a velocity on surfaces: line integral convolution.", option="--lic")
+        Lic | None, Setting("Line integral convolution: streaks along the velocity on surfaces.", option="--lic")
     ] = None
 
     @property

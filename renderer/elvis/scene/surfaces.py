@@ -35,10 +35,10 @@ def cross(a: "Floats", b: "Floats") -> "Floats":
 
 @dataclass(frozen=True, repr=False)
 class Plane(Model, of="a plane"):
-    """A plane; its inside lies behind the normal."""
+    """A plane, whose inside is the side behind the normal."""
 
-    point: Annotated[Vector, Setting("A point of the plane.")]
-    normal: Annotated[Vector, Setting("A direction perpendicular to it, of any length.")]
+    point: Annotated[Vector, Setting("Point of the plane.")]
+    normal: Annotated[Vector, Setting("Normal of the plane, of any length.")]
     kind: Literal["plane"] = field(default="plane", kw_only=True)
 
     def check(self) -> None:
@@ -59,18 +59,18 @@ class Plane(Model, of="a plane"):
 class Sphere(Model, of="a sphere"):
     """A sphere."""
 
-    center: Annotated[Vector, Setting("Its center.")]
-    radius: Annotated[float, Setting("Its radius in world units.", gt=0, expected="a positive number")]
+    center: Annotated[Vector, Setting("Center of the sphere.")]
+    radius: Annotated[float, Setting("Radius in world units.", gt=0, expected="a positive number")]
     kind: Literal["sphere"] = field(default="sphere", kw_only=True)
 
 
 @dataclass(frozen=True, repr=False)
 class Cylinder(Model, of="a cylinder"):
-    """A cylinder without ends."""
+    """An infinite cylinder."""
 
-    point: Annotated[Vector, Setting("A point of its axis.")]
-    axis: Annotated[Vector, Setting("The direction of its axis, of any length.")]
-    radius: Annotated[float, Setting("Its radius in world units.", gt=0, expected="a positive number")]
+    point: Annotated[Vector, Setting("Point of the axis.")]
+    axis: Annotated[Vector, Setting("Direction of the axis, of any length.")]
+    radius: Annotated[float, Setting("Radius in world units.", gt=0, expected="a positive number")]
     kind: Literal["cylinder"] = field(default="cylinder", kw_only=True)
 
     def check(self) -> None:
@@ -80,11 +80,11 @@ class Cylinder(Model, of="a cylinder"):
 
 @dataclass(frozen=True, repr=False)
 class Cone(Model, of="a cone"):
-    """A cone without end, to one side of its apex."""
+    """An infinite cone, on one side of its apex."""
 
-    apex: Annotated[Vector, Setting("Its apex.")]
-    axis: Annotated[Vector, Setting("The direction in which it opens, of any length.")]
-    angle: Annotated[float, Setting("The angle between its axis and its side.", gt=0, lt=90, unit="degrees")]
+    apex: Annotated[Vector, Setting("Apex of the cone.")]
+    axis: Annotated[Vector, Setting("Direction in which the cone opens, of any length.")]
+    angle: Annotated[float, Setting("Half-angle, between the axis and the side.", gt=0, lt=90, unit="degrees")]
     kind: Literal["cone"] = field(default="cone", kw_only=True)
 
     def check(self) -> None:
@@ -94,17 +94,17 @@ class Cone(Model, of="a cone"):
 
 @dataclass(frozen=True, repr=False)
 class Implicit(Model, of="an implicit surface"):
-    """The zero set of an expression; its inside is where the expression is negative."""
+    """The zero set of an expression, which is negative on the inside."""
 
-    expression: Annotated[Quantity, Setting("An expression of x, y, z and of the fields.")]
+    expression: Annotated[Quantity, Setting("Expression in x, y, z and the fields.")]
     kind: Literal["implicit"] = field(default="implicit", kw_only=True)
 
 
 @dataclass(frozen=True, repr=False)
 class TriangleMesh(Model, of="a triangle mesh"):
-    """Triangles of a file; they have an inside where they are closed."""
+    """Triangles from a file, which have an inside if they are closed."""
 
-    file: Annotated[FilePath, Setting("An STL, PLY, OBJ or GLB file.")]
+    file: Annotated[FilePath, Setting("STL, PLY, OBJ or GLB file.")]
     kind: Literal["mesh"] = field(default="mesh", kw_only=True)
 
 

@@ -37,22 +37,24 @@ def _basis(eye: Vector, at: Vector, up: Vector) -> "tuple[Floats, Floats, Floats
 
 @dataclass(frozen=True, repr=False)
 class Camera(Model):
-    """Where a picture is taken from: with a field of view in perspective, else orthographic."""
+    """The camera: perspective if it has a field of view, otherwise orthographic."""
 
-    eye: Annotated[Vector, Setting("Where the eye is, in world coordinates.")]
-    at: Annotated[Vector, Setting("Where it looks, in world coordinates.")]
-    up: Annotated[Vector, Setting("What is upwards; it need not be perpendicular to the view.")] = (0.0, 0.0, 1.0)
+    eye: Annotated[Vector, Setting("Position of the eye, in world coordinates.")]
+    at: Annotated[Vector, Setting("Point that the camera looks at, in world coordinates.")]
+    up: Annotated[Vector, Setting("Upward direction; it need not be perpendicular to the view.")] = (0.0, 0.0, 1.0)
     fov: Annotated[
         float | None,
-        Setting("Vertical field of view in perspective.", gt=0, lt=180, unit="degrees", default="orthographic"),
+        Setting(
+            "Vertical field of view of a perspective camera.", gt=0, lt=180, unit="degrees", default="orthographic"
+        ),
     ] = None
     height: Annotated[
         float | None,
         Setting(
-            "Height of an orthographic view in world units.",
+            "Height of an orthographic view, in world units.",
             gt=0,
             expected="a length",
-            default="fitted to what is seen",
+            default="fitted to the visible objects",
         ),
     ] = None
 
@@ -92,7 +94,7 @@ NAMED_VIEWS: dict[str, tuple[Vector, Vector]] = {
 
 @dataclass(frozen=True, repr=False)
 class Reference(Model, of="the reference values"):
-    """Reference values of the flow, which quantities and expressions use; by default those of the data."""
+    """Reference values of the flow for quantities and expressions; the data provide the defaults."""
 
     mu: Annotated[float | None, Setting("Dynamic viscosity.", **POSITIVE)] = None
     nu: Annotated[float | None, Setting("Kinematic viscosity.", **POSITIVE)] = None
@@ -102,11 +104,11 @@ class Reference(Model, of="the reference values"):
     rho_ref: Annotated[float | None, Setting("Reference density.", **POSITIVE)] = None
     u_ref: Annotated[float | None, Setting("Reference speed.", **POSITIVE)] = None
     p_ref: Annotated[float | None, Setting("Reference pressure.", finite=True)] = None
-    x_ref: Annotated[float | None, Setting("x of the point that moments are about.", finite=True)] = None
-    y_ref: Annotated[float | None, Setting("y of the point that moments are about.", finite=True)] = None
-    z_ref: Annotated[float | None, Setting("z of the point that moments are about.", finite=True)] = None
+    x_ref: Annotated[float | None, Setting("x coordinate of the reference point of moments.", finite=True)] = None
+    y_ref: Annotated[float | None, Setting("y coordinate of the reference point of moments.", finite=True)] = None
+    z_ref: Annotated[float | None, Setting("z coordinate of the reference point of moments.", finite=True)] = None
     length: Annotated[float | None, Setting("Reference length of moments.", **POSITIVE)] = None
-    area: Annotated[float | None, Setting("Reference area of forces, in 2D a length.", **POSITIVE)] = None
+    area: Annotated[float | None, Setting("Reference area of forces; a length in 2D.", **POSITIVE)] = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -116,12 +118,12 @@ class Reference(Model, of="the reference values"):
 
 @dataclass(frozen=True, repr=False)
 class Light(Model, of="a light"):
-    """A light from far away."""
+    """A distant light."""
 
     direction: Annotated[
         Vector | None, Setting("Direction from the data towards the light.", default="behind the eye")
     ] = None
-    intensity: Annotated[float, Setting("Its intensity.", ge=0)] = 0.75
+    intensity: Annotated[float, Setting("Intensity of the light.", ge=0)] = 0.75
 
     def check(self) -> None:
         """SceneError where the direction is none."""
@@ -131,10 +133,12 @@ class Light(Model, of="a light"):
 
 @dataclass(frozen=True, repr=False)
 class Clip(Model, of="a clip"):
-    """A region from which nothing is shown."""
+    """A region in which nothing is shown."""
 
-    surface: Annotated[Surface, Setting("The surface that bounds it; the inside of a plane lies behind its normal.")]
-    away: Annotated[Literal["inside", "outside"], Setting("Which side of the surface is not shown.")] = "inside"
+    surface: Annotated[
+        Surface, Setting("Surface that bounds the region; the inside of a plane is the side behind its normal.")
+    ]
+    away: Annotated[Literal["inside", "outside"], Setting("Side of the surface that is hidden.")] = "inside"
 
     def check(self) -> None:
         """SceneError where no side is named."""
@@ -148,7 +152,7 @@ class Scene(Model):
     field: Annotated[
         Quantity,
         Setting(
-            "What colours the picture: a field, an expression or a predefined quantity.",
+            "Field, expression or predefined quantity that colours the picture.",
             option="--field -f",
             default="the first field",
         ),
@@ -156,33 +160,33 @@ class Scene(Model):
     plane: Annotated[
         Plane | None,
         Setting(
-            "A cut plane, in short for a cut before all objects; 2D data are drawn in their own plane.",
+            "Cut plane: short for a cut listed before all objects.  2D data are drawn in their own plane.",
             option="--plane",
             metavar="POINT:NORMAL|z=V",
             parse="plane",
             repeatable=True,
-            option_help="A cut plane, such as 0,0,0.2:0,0,1 or z=0.2.",
+            option_help="Cut plane, such as 0,0,0.2:0,0,1 or z=0.2.",
         ),
     ] = None
     camera: Annotated[
         Camera | str,
         Setting(
-            "A camera, or a named view that is fitted to what is seen: fit (straight at 2D data or a plane alone, else "
-            "iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, top, bottom, front, back, left, right (look from "
-            "there: from above down z, from the front along y, from the left along x).",
+            "A camera, or a named view, which is fitted to the visible objects: fit (perpendicular to 2D data or to a "
+            "single plane, else iso), +x, -x, +y, -y, +z, -z (look along an axis), iso, top, bottom, front, back, "
+            "left, right (look from that side: top looks down z, front along y, left along x).",
             names=("fit", *NAMED_VIEWS),
             option="--camera",
             metavar="VIEW",
             parse="camera",
-            option_help="fit (straight at 2D data or a plane alone, else iso), +x, -x, +y, -y, +z, -z (look along an "
-            "axis), iso, top, bottom, front, back, left, right, or eye:at[:up[:degrees]]; orthographic and fitted to "
-            "what is seen unless degrees are given.",
+            option_help="Named view or eye:at[:up[:degrees]]; with degrees a perspective view, else orthographic and "
+            "fitted.  Views: fit (perpendicular to 2D data or a single plane, else iso), +x, -x, +y, -y, +z, -z (along "
+            "an axis), iso, top, bottom, front, back, left, right.",
         ),
     ] = "fit"
     size: Annotated[
         tuple[int, int] | None,
         Setting(
-            "Width and height.",
+            "Width and height of the picture.",
             ge=1,
             le=32768,
             unit="pixels a side",
@@ -195,7 +199,7 @@ class Scene(Model):
     palette: Annotated[
         PaletteName,
         Setting(
-            "A colour map of the cmap catalogue, elvis:NAME, or a file of ParaView or the first ElVis.",
+            "Colour map: a name of the cmap catalogue, elvis:NAME, or a file of ParaView or of the original ElVis.",
             option="--colormap --palette",
             metavar="NAME|FILE.xml",
         ),
@@ -203,8 +207,8 @@ class Scene(Model):
     range: Annotated[
         tuple[float, float] | Literal["seen", "all", "series"] | None,
         Setting(
-            "Values at the ends of the colour map: two values, seen (of the picture), all (certified bounds of the "
-            "whole field), or series (of the field at all steps).",
+            "Ends of the colour map: two values, seen (range in the picture), all (certified bounds of the field), or "
+            "series (range over all steps).",
             option="--range",
             metavar="LOW:HIGH|seen|all|series",
             parse="color_range",
@@ -214,78 +218,78 @@ class Scene(Model):
     bar: Annotated[
         ColorBar | None,
         Setting(
-            "The colour bar of the scene's field, and how its colours are spread over values.",
+            "Colour bar of the scene's field, and the scale of its colours.",
             option="--bar",
             metavar="KEY=VALUE,...",
             parse="bar",
-            option_help="Of the colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, "
+            option_help="Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, "
             "ticks=V V, position=right|left|top|bottom|none.",
         ),
     ] = None
     background: Annotated[
         tuple[float, ...],
         Setting(
-            "Background colour, with its opacity as a fourth number: 0 leaves the background of a picture transparent.",
+            "Background colour; a fourth number is its opacity, 0 for a transparent background.",
             option="--background",
             default="white",
             **{**COLOR, "parse": "background", "expected": "red, green, blue and opacity from 0 to 1"},
         ),
     ] = (1.0, 1.0, 1.0)
-    objects: Annotated[tuple[SceneObject, ...], Setting("What is shown.", default="all outer faces of 3D data")] = ()
+    objects: Annotated[
+        tuple[SceneObject, ...], Setting("Objects of the picture.", default="all outer faces of 3D data")
+    ] = ()
     samples: Annotated[
         int, Setting("Supersampling: average N x N samples per pixel.", ge=1, le=16, option="--samples")
     ] = 1
     lights: Annotated[
         tuple[Light, ...],
         Setting(
-            "The lights.",
+            "Lights of the scene.",
             option="--light",
             metavar="X,Y,Z[:I]",
             parse="light",
             default="one behind the eye",
-            option_help="A light in direction X,Y,Z, or eye (behind the viewer), of intensity I.",
+            option_help="Light of intensity I from direction X,Y,Z, or from behind the viewer (eye).",
             repeatable=True,
         ),
     ] = (Light(),)
     ambient: Annotated[
         float,
-        Setting("Part of its colour that a lit surface shows without any light.", ge=0, le=1, option="--ambient"),
+        Setting("Ambient light: share of its colour that a surface shows unlit.", ge=0, le=1, option="--ambient"),
     ] = 0.3
     clip: Annotated[
         tuple[Clip, ...],
         Setting(
-            "Regions from which nothing is shown.",
+            "Regions in which nothing is shown.",
             option="--clip",
             metavar="SURFACE",
             parse="clip",
-            option_help="Show nothing inside (outside:…) of a surface, written as for --cut.",
+            option_help="Hide everything inside a surface (see elvis help geometry), or outside it with outside:….",
             repeatable=True,
         ),
     ] = ()
     title: Annotated[
         str | None,
-        Setting(
-            "Title above the picture; of series the time follows.", option="--title", default="the name of the field"
-        ),
+        Setting("Title above the picture; a series adds the time.", option="--title", default="the name of the field"),
     ] = None
-    axes: Annotated[bool, Setting("Axes with ticks: beside the picture, or along the box.", option="--axes")] = False
-    scale_bar: Annotated[bool, Setting("A bar of a round length, in parallel views.", option="--scale-bar")] = False
-    box: Annotated[bool, Setting("The edges of the box around the domain.", option="--box")] = False
-    outline: Annotated[bool, Setting("The outline of what is seen.", option="--outline")] = False
-    font: Annotated[str | None, Setting("The name of a font.", option="--font", default="DejaVu Sans")] = None
+    axes: Annotated[bool, Setting("Draw axes with ticks, next to the picture or along the box.", option="--axes")] = (
+        False
+    )
+    scale_bar: Annotated[
+        bool, Setting("Draw a scale bar of round length, in parallel views.", option="--scale-bar")
+    ] = False
+    box: Annotated[bool, Setting("Draw the edges of the box around the domain.", option="--box")] = False
+    outline: Annotated[bool, Setting("Draw the outline of the visible objects.", option="--outline")] = False
+    font: Annotated[str | None, Setting("Name of the font.", option="--font", default="DejaVu Sans")] = None
     font_size: Annotated[
         float | None,
-        Setting(
-            "Size of texts.", gt=0, le=200, unit="points", option="--font-size", default="by the size of the picture"
-        ),
+        Setting("Font size.", gt=0, le=200, unit="points", option="--font-size", default="by the size of the picture"),
     ] = None
-    dpi: Annotated[float, Setting("Pixels of the picture in an inch of a page.", gt=0, le=10000, option="--dpi")] = (
-        200.0
-    )
+    dpi: Annotated[float, Setting("Resolution in pixels per inch.", gt=0, le=10000, option="--dpi")] = 200.0
     panels: Annotated[
         tuple[int, int] | None,
         Setting(
-            "Rows and columns in which the pictures of several scenes stand.",
+            "Rows and columns of the panels in which the pictures of several scenes are arranged.",
             ge=1,
             le=20,
             unit="a side",
@@ -294,12 +298,12 @@ class Scene(Model):
             parse="panels",
         ),
     ] = None
-    scenes: Annotated[tuple[FilePath, ...], Setting("Scene files, of each of which a panel shows the picture.")] = ()
+    scenes: Annotated[tuple[FilePath, ...], Setting("Scene files, each drawn in a panel.")] = ()
     region: Annotated[
         tuple[float, float, float, float] | None,
         Setting(
-            "Of 2D data and plane cuts the part that is shown: ends along the picture's width, which is x of 2D data, "
-            "then along its height.",
+            "Visible part of 2D data and plane cuts: ends along the width of the picture (x of 2D data), then along "
+            "its height.",
             finite=True,
             expected="finite numbers",
             option="--region",
@@ -308,13 +312,13 @@ class Scene(Model):
             default="all",
         ),
     ] = None
-    zoom: Annotated[
-        float, Setting("How many times larger a fitted picture shows its middle.", **POSITIVE, option="--zoom")
-    ] = 1.0
+    zoom: Annotated[float, Setting("Magnification of the middle of a fitted picture.", **POSITIVE, option="--zoom")] = (
+        1.0
+    )
     time: Annotated[
         float | None,
         Setting(
-            "What t stands for in expressions; of a series also the time that is shown.",
+            "Value of t in expressions; in a series also the time that is shown.",
             finite=True,
             option="--time",
             default="the time of the data",
@@ -323,7 +327,7 @@ class Scene(Model):
     step: Annotated[
         int | None,
         Setting(
-            "Which step of a series, counted from 0, or from its end where it is negative.",
+            "Step of a series, counted from 0, or from the end if negative.",
             option="--step",
             default="the last",
         ),
@@ -331,7 +335,7 @@ class Scene(Model):
     between: Annotated[
         Literal["linear", "cubic", "nearest"],
         Setting(
-            "What is shown between steps of a series: coefficients, interpolated between two steps or, cubic, four; or "
+            "Data between the steps of a series: coefficients interpolated from two steps (linear) or four (cubic), or "
             "the nearest step.",
             option="--between",
             metavar="|".join(BETWEEN),
@@ -341,7 +345,7 @@ class Scene(Model):
     timeout: Annotated[
         float | None,
         Setting(
-            "Time after which an unfinished picture is given up.",
+            "Time after which drawing is abandoned.",
             gt=0,
             le=inf,
             unit="seconds",
@@ -349,58 +353,60 @@ class Scene(Model):
         ),
     ] = None
     memory: Memory = None
-    data: Annotated[tuple[FilePath, ...], Setting("The files of the dataset: mesh and fields, in any order.")] = ()
+    data: Annotated[tuple[FilePath, ...], Setting("Files of the dataset: mesh and fields, in any order.")] = ()
     plugin: Annotated[
         str | None,
         Setting(
-            "The runtime plugin that opens the data, by its name; the option takes a file of Python too.",
+            "Name of the runtime plugin that opens the data; the option also accepts a Python file.",
             option="--plugin",
             metavar="NAME|FILE.py",
-            option_help="The runtime plugin that opens DATA; a file may define a converter too.",
+            option_help="Runtime plugin that opens DATA; a file may also define a converter.",
         ),
     ] = None
     reader: Annotated[
         tuple[str, ...],
         Setting(
-            "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME names it, "
-            "fields=NAMES the fields to read.",
+            "Options of the converter that reads the data, as NAME=VALUE, such as step=3; from=NAME chooses the "
+            "converter, fields=NAMES the fields to read.",
             option="--reader",
             metavar="NAME=VALUE",
-            option_help="An option of the converter that reads DATA (see elvis convert --help), such as step=3; "
-            "from=NAME names it.",
+            option_help="Option of the converter that reads DATA (see elvis convert --help), such as step=3; "
+            "from=NAME chooses the converter.",
             repeatable=True,
         ),
     ] = ()
     others: Annotated[
         tuple[OtherFiles, ...],
         Setting(
-            "Other solutions that expressions may name, of any mesh, order and format, as ref=b.xml,b.fld: then "
+            "Other solutions for use in expressions, on any mesh, of any order and format: with ref=b.xml,b.fld, "
             "p - ref:p is a quantity.",
             option="--other",
             metavar="NAME=FILE,...",
-            option_help="Another solution that expressions may name, of any mesh, order and format, as "
-            "ref=b.xml,b.fld: then p - ref:p is a quantity.",
+            option_help="Another solution for use in expressions, on any mesh, of any order and format: with "
+            "ref=b.xml,b.fld, p - ref:p is a quantity.",
             repeatable=True,
         ),
     ] = ()
     reference: Annotated[
-        Reference, Setting("Reference values of the flow, which quantities and expressions use.", default="the data's")
+        Reference, Setting("Reference values of the flow for quantities and expressions.", default="the data's")
     ] = Reference()
     device: Annotated[
         str,
-        Setting("The device that draws, see elvis devices; reference computes in NumPy.", option="--device"),
+        Setting("Device that draws (see elvis devices); reference computes in NumPy.", option="--device"),
     ] = "auto"
     outputs: Annotated[
         tuple[FilePath, ...],
         Setting(
-            "Pictures and records to be written: .png, .jpg, .svg, .pdf, .exr, .npz.",
+            "Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz.",
             option="--output -o",
             repeatable=True,
             default="the name of the scene or the first file, .png",
         ),
     ] = ()
-    plain: Annotated[bool, Setting("The bare image, without title and colour bar.", option="--plain")] = False
-    stats: Annotated[FilePath | None, Setting("Write seconds, bytes and counts as JSON.", option="--stats")] = None
+    plain: Annotated[bool, Setting("Write the bare image without title and colour bar.", option="--plain")] = False
+    stats: Annotated[
+        FilePath | None, Setting("Write statistics (seconds, bytes, counts) as JSON.", option="--stats")
+    ] = None
 
     @classmethod
     def elsewhere(cls, name: str) -> str:

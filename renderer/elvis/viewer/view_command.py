@@ -22,18 +22,23 @@ Examples:
 """
 
 
-@click.command(cls=SceneCommand, leaving=LEAVING, epilog=EPILOG, short_help="Turn, cut, pick and edit in a browser.")
+@click.command(cls=SceneCommand, leaving=LEAVING, epilog=EPILOG, short_help="Explore and edit data in a browser.")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
-@click.option("--host", default="localhost", show_default=True, help="The address to listen at; others can reach it.")
 @click.option(
-    "--allow-host", multiple=True, metavar="NAME", help="Accept addresses with this host name too, that of a proxy."
+    "--host",
+    default="localhost",
+    show_default=True,
+    help="Address to listen on; with another address, other machines can connect.",
 )
-@click.option("--port", default=0, type=click.IntRange(0, 65535), help="The port to listen at.  [default: a free one]")
-@click.option("--browser/--no-browser", default=True, help="Open a browser.")
-@click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once no page has looked for so long.")
-@click.option("--live", is_flag=True, help="Follow the newest whole step of a folder in which a solver writes.")
-@click.option("--allow-writes", is_flag=True, help="Pages may write files in the folder of the data, or below.")
+@click.option(
+    "--allow-host", multiple=True, metavar="NAME", help="Also accept this host name, such as a proxy.  Repeatable."
+)
+@click.option("--port", default=0, type=click.IntRange(0, 65535), help="Port to listen on.  [default: a free port]")
+@click.option("--browser/--no-browser", default=True, help="Open a browser.  [default: yes]")
+@click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="Exit if no page connects for this time.")
+@click.option("--live", is_flag=True, help="Follow the newest complete step in a folder in which a solver writes.")
+@click.option("--allow-writes", is_flag=True, help="Allow the page to write files in the folder of the data or below.")
 @cache_option
 def view(
     data: tuple[Path, ...],
@@ -48,9 +53,9 @@ def view(
     no_cache: bool,
     **options: Any,
 ) -> None:
-    """Look at DATA (mesh and field files, or a scene) in a browser: a page is served here, and its address printed.
+    """Explore DATA (mesh and field files, or a scene) in a browser: serve a page and print its address.
 
-    What stands still is exact, as elvis render draws it.  Ctrl-C ends it.
+    While the view stands still, the picture is exact and the same as that of elvis render.  Ctrl-C ends the command.
     """
     from elvis.viewer.drawing_process import spawn
 

@@ -99,37 +99,41 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
 @click.command("average", epilog=EPILOG, short_help="Write the mean of a series, and covariances.")
 @click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
 @click.option(
-    "--output", "-o", type=FILE, required=True, help="A field file; or .xml for the mesh, with the fields beside it."
+    "--output",
+    "-o",
+    type=FILE,
+    required=True,
+    help="Field file to write; or .xml for the mesh, with the fields next to it.",
 )
 @click.option(
     "--over",
     type=click.Choice(["steps", "time"]),
     default="steps",
     show_default=True,
-    help="Every step counts the same, or the mean in time of what is linear between steps.",
+    help="Weight all steps equally, or average over time with linear interpolation between steps.",
 )
-@click.option("--covariances", is_flag=True, help="Also the covariances u_u, u_v, … of all pairs of fields.")
+@click.option("--covariances", is_flag=True, help="Also write the covariances u_u, u_v, … of all pairs of fields.")
 @click.option(
     "--extremes",
     is_flag=True,
-    help="Also the least and the greatest values over the steps, u_min and u_max, and their times, u_min_time and "
-    "u_max_time; bounds of their errors are printed.",
+    help="Also write the minimum and maximum over the steps, u_min and u_max, and their times, u_min_time and "
+    "u_max_time; error bounds are printed.",
 )
 @click.option(
     "--order",
     type=click.IntRange(1, 30),
-    help="Highest degree of covariances, whose errors are told.  [default: that which holds them]",
+    help="Maximum degree of covariances; their errors are printed.  [default: the degree that contains them exactly]",
 )
 @click.option(
     "--wall",
     metavar="NAME",
-    help="In place of fields statistics of the wall shear on a boundary, as data of its own: TAWSS, the mean of its "
-    "length, and its mean, shear_x, shear_y, shear_z.",
+    help="Write statistics of the wall shear on a boundary, as separate data, instead of fields: TAWSS (mean "
+    "magnitude) and the mean vector shear_x, shear_y, shear_z.",
 )
 @click.option(
     "--direction",
     type=click.Choice(["x", "y", "z"]),
-    help="In place of a mean over steps that of one state along its Fourier direction, exact, as plane data.",
+    help="Average one state along its Fourier direction instead of over steps, exactly, as plane data.",
 )
 @set_option
 @reader_option
@@ -149,10 +153,10 @@ def average(
     overwrite: bool,
     no_cache: bool,
 ) -> None:
-    """Write the mean of each field over the steps of a series, exact: that of its coefficients.
+    """Write the exact mean of each field over the steps of a series: the mean of its coefficients.
 
-    Covariances, of what fields differ from their means by, are exact too, in bases of twice the degree: u_u is the
-    square of the rms of the fluctuation of u.  Where a basis does not hold them, an estimate of the error is printed.
+    Covariances of the fluctuations about the means are also exact, in bases of twice the degree: u_u is the square of
+    the rms fluctuation of u.  If a basis does not contain them, an estimate of the error is printed.
     """
     from elvis.core.files.output import check_places
     from elvis.core.terminal import say

@@ -26,8 +26,8 @@ EPILOG = """\b
 Examples:
   elvis convert case.pyfrm case-01.pyfrs                    writes case.xml and case.fld
   elvis convert run.pvd -o step3 --step 3                   step3.xml and step3.fld
-  elvis convert run.pvd -o between --time 0.35               what lies between steps, coefficients interpolated
-  elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest order on each element that is as good
+  elvis convert run.pvd -o between --time 0.35              coefficients interpolated between two steps
+  elvis convert flow.msh -o flow.xml --tolerance 1e-6       the lowest sufficient order on each element
   elvis convert mine.dat -o mine.xml --plugin my_solver.py  with a converter of your own
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
   elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
@@ -87,13 +87,13 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--output",
     "-o",
     type=FILE,
-    help="The mesh file to write, .xml; fields go next to it, .fld.  Of native FILES also a field file alone, .fld.  "
-    "[default: the name of the first of FILES, here]",
+    help="Mesh file to write, .xml; fields go next to it, .fld.  For native FILES also a single field file, .fld.  "
+    "[default: the name of the first of FILES, in the current folder]",
 )
-@click.option("--from", "name", metavar="CONVERTER", help="The converter to use.  [default: the one that opens FILES]")
+@click.option("--from", "name", metavar="CONVERTER", help="Converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
 @click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
-@names_option("Fields to convert, commas between them.  [default: all]")
+@names_option("Fields to convert, separated by commas.  [default: all]")
 @field_options
 @other_option
 @set_option
@@ -102,40 +102,40 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option(
     "--order",
     type=int,
-    help="Order of every field, with --add of the added ones; with --tolerance the highest.  [default: the source's]",
+    help="Order of all fields, or with --add of the added ones; with --tolerance the maximum.  [default: the source's]",
 )
 @click.option(
     "--tolerance",
     type=float,
-    help="Choose the order by element: the lowest with a smaller relative error; with --add for added fields that are "
-    "not polynomials, by default 1e-6.",
+    help="Choose the order per element: the lowest with a relative error below this.  With --add it applies to added "
+    "fields that are not polynomials, by default 1e-6.",
 )
 @click.option(
     "--onto",
     metavar="FILE,…",
-    help="Project the fields in L2 onto the elements of another mesh, at --order; errors, integrals before and after, "
-    "and the share that is covered are printed.",
+    help="Project the fields onto the elements of another mesh in L2, at --order; prints errors, integrals before and "
+    "after, and the share of the mesh that is covered.",
 )
 @click.option(
     "--outside",
     metavar="error|nan|nearest|VALUE",
     default="error",
     show_default=True,
-    help="What --onto does where the data don't cover the other mesh.",
+    help="Treatment by --onto of points that the data don't cover.",
 )
 @click.option(
     "--geometry",
     type=click.Choice(["auto", "curves", "map"]),
     default="auto",
     show_default=True,
-    help="Let the full map travel as fields: always (map), never (curves), or where curves of edges and faces lack it.",
+    help="Write the full map as fields: always (map), never (curves), or if curves of edges and faces lack it (auto).",
 )
 @click.option(
     "--pyramids",
     type=click.Choice(["exact", "native"]),
     default="exact",
     show_default=True,
-    help="Pyramids in the smallest form that holds them, or projected onto the native one.",
+    help="Write pyramids in the smallest form that contains them, or projected onto the native form.",
 )
 @click.option(
     "--format",
@@ -143,14 +143,14 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     type=click.Choice(["compressed", "text", "hdf5"]),
     default="compressed",
     show_default=True,
-    help="How to write; hdf5 writes a .nekg file next to the .xml.",
+    help="File format; hdf5 writes a .nekg file next to the .xml.",
 )
 @click.option(
-    "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
+    "--max-error", type=float, help="Fail without output if a relative error beyond rounding exceeds this value."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, numbers with all their digits.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, with all digits of the numbers.")
 @click.option(
-    "--overwrite", is_flag=True, help="Also write over the inputs, and over or away with the files of another mesh."
+    "--overwrite", is_flag=True, help="Allow outputs to replace inputs, and to replace or remove files of another mesh."
 )
 @click.option(
     "--reader",
@@ -158,16 +158,16 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     multiple=True,
     metavar="NAME=VALUE",
     callback=_pairs,
-    help="An option of the converter; from=NAME names it.  Repeatable.",
+    help="Option of the converter; from=NAME chooses the converter.  Repeatable.",
 )
 def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **options: Any) -> None:
-    """Convert FILES, a solver's mesh and solution, and report what that cost.
+    """Convert FILES, a solver's mesh and solution, and report the errors.
 
-    Every converted quantity is compared with the solver's own at points that no fit has seen: the report says, for the
-    geometry and each field, whether it arrived exactly, to rounding, or with which error and where.
+    Every converted quantity is compared with the solver's own at points that were not used for fitting: the report
+    states, for the geometry and each field, whether it is exact, exact to rounding, or its error and where it occurs.
 
-    With --add the report tells the same of quantities: exact where a quantity is a polynomial on each element, else
-    projected within --tolerance.  Fields and meshes of native FILES stay as they are then.
+    With --add the report also covers the added quantities: exact if a quantity is a polynomial on each element, else
+    projected within --tolerance.  Meshes and fields of native FILES then remain unchanged.
     """
     if show_list:
         _print_list()

@@ -38,15 +38,19 @@ _ROUNDING = 1e-11
 
 @click.command("export", epilog=EPILOG, short_help="Write data as VTK or Gmsh files, for other programs.")
 @click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
-@click.option("--output", "-o", type=FILE, required=True, help="The file to write: .vtu for VTK, .msh for Gmsh.")
+@click.option("--output", "-o", type=FILE, required=True, help="File to write: .vtu for VTK, .msh for Gmsh.")
 @click.option("--order", type=click.IntRange(1, 10), help="Order of all cells.  [default: that of map and fields]")
 @click.option(
-    "--max-error", type=float, help="Fail, writing nothing, where a relative error beyond rounding is greater."
+    "--max-error", type=float, help="Fail without output if a relative error beyond rounding exceeds this value."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the losses as JSON, numbers with all their digits.")
+@click.option("--json", "as_json", is_flag=True, help="Print the errors as JSON, with all digits of the numbers.")
 @field_options
 @click.option(
-    "--tolerance", type=float, default=1e-6, show_default=True, help="Error of added quantities that no order holds."
+    "--tolerance",
+    type=float,
+    default=1e-6,
+    show_default=True,
+    help="Error tolerance for added quantities that are not polynomials.",
 )
 @other_option
 @set_option
@@ -74,11 +78,11 @@ def export(
     no_cache: bool,
     overwrite: bool,
 ) -> None:
-    """Write DATA, files of any format, as cells with values at nodes, and tell what that cost.
+    """Write DATA, files of any format, as cells with values at nodes, and report the errors.
 
-    An element becomes one cell, of the lowest order that holds its map and its fields, up to order 10 in VTK and 9 in
-    Gmsh.  Pyramids become hexahedra whose upper face is the apex: there their functions are polynomials.  Notes name
-    boundaries, regions and metadata that the format can't hold.
+    Each element becomes one cell of the lowest order that contains its map and its fields, up to order 10 in VTK and 9
+    in Gmsh.  Pyramids become hexahedra whose upper face is the apex, on which their functions are polynomials.  Notes
+    list boundaries, regions and metadata that the format can't store.
     """
     from functools import partial
 

@@ -45,35 +45,35 @@ _MESHES = (".xml", ".vtu", ".msh")
     "-o",
     type=FILE,
     required=True,
-    help="The file to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary also with its own elements, as "
-    ".xml (fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml.",
+    help="File to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary with its own elements also as .xml "
+    "(fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml.",
 )
-@click.option("--boundary", metavar="NAME", help="A boundary by name, or all outer faces: all.")
-@click.option("--plane", metavar="P:N|z=V", help="The plane through P with the normal N, as 0,0,0.5:0,0,1, or z=0.5.")
-@click.option("--cut", metavar="SURFACE", help="Such as sphere:C:R, cylinder:P:A:R or a quantity, x*y=0.1.")
-@click.option("--isosurface", metavar="Q=V", help="Where the quantity Q has the value V.")
+@click.option("--boundary", metavar="NAME", help="Name of a boundary, or all for all outer faces.")
+@click.option("--plane", metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5.")
+@click.option("--cut", metavar="SURFACE", help="Surface such as sphere:C:R, cylinder:P:A:R, or an equation, x*y=0.1.")
+@click.option("--isosurface", metavar="Q=V", help="Isosurface of quantity Q at value V.")
 @click.option(
     "--field",
     "-f",
     "quantities",
     multiple=True,
     metavar="[NAME=]EXPR",
-    help="A field or quantity that goes with the surface.  Repeatable.  [default: all fields]",
+    help="Field or quantity to write on the surface.  Repeatable.  [default: all fields]",
 )
 @click.option(
     "--tolerance",
     type=float,
-    help="Distance of triangles from the exact surface.  [default: 1/1000 of the size of the data]",
+    help="Maximum distance of triangles from the exact surface.  [default: 1/1000 of the size of the data]",
 )
 @click.option(
     "--clip",
     "clips",
     multiple=True,
     metavar="SURFACE",
-    help="Leave out of triangles what is inside of plane:P:N, sphere:C:R or cylinder:P:A:R; with outside: before it "
-    "what is outside.  Repeatable.",
+    help="Remove the parts of triangles inside plane:P:N, sphere:C:R or cylinder:P:A:R; outside:SURFACE removes those "
+    "outside.  Repeatable.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, numbers with all their digits.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, with all digits of the numbers.")
 @reader_option
 @step_option
 @time_option
@@ -95,13 +95,13 @@ def extract(
     overwrite: bool,
     **options: Any,
 ) -> None:
-    """Write a surface of DATA: a boundary, a cut, or where a quantity has a value.
+    """Write a surface of DATA: a boundary, a cut or an isosurface.
 
-    Triangles have their corners on the exact surface, and lie within --tolerance of it: by bounds of second derivatives
-    where the quantity is a polynomial on each element, else by an estimate.  They meet without gaps inside elements and
-    across elements on which the quantity is continuous.  A boundary with its own elements is exact: curved faces and
-    fields are those of the volume.  Quantities of the volume behind a boundary, such as wall_shear, are projected onto
-    it, and their errors printed.
+    Triangles have their corners on the exact surface and lie within --tolerance of it, by bounds on second derivatives
+    if the quantity is a polynomial on each element, else by an estimate.  They meet without gaps inside elements and
+    across elements on which the quantity is continuous.  A boundary with its own elements is exact: its curved faces
+    and fields are those of the volume.  Quantities of the volume behind a boundary, such as wall_shear, are projected
+    onto it, and the errors are printed.
     """
     from elvis.core.files.output import check_places
     from elvis.core.moments import Moment

@@ -12,15 +12,15 @@ _add_option = click.option(
     "added",
     multiple=True,
     metavar="NAME=EXPR",
-    help='A quantity to write as a field, as "Cp=2*(p-1)", or a predefined one, as vorticity; exact where it is a '
-    "polynomial on an element.  Repeatable.",
+    help='Quantity to write as a field, such as "Cp=2*(p-1)" or the predefined vorticity; exact if it is a polynomial '
+    "on each element.  Repeatable.",
 )
 _rename_option = click.option(
     "--rename",
     "renames",
     multiple=True,
     metavar="OLD=NEW",
-    help="Another name for a field in what is written.  Repeatable.",
+    help="Write a field under another name.  Repeatable.",
 )
 
 

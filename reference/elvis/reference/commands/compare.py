@@ -25,7 +25,7 @@ Examples:
   elvis compare exact.npz other.npz --json
   elvis compare exact.npz other.npz -o difference/
 
-Exit status 1 where --require pixel-exact is not met; the report is written all the same.
+The exit status is 1 if --require pixel-exact is not met; the report is still written.
 """
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "": 1}
 
@@ -67,25 +67,25 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
     cls=SceneCommand,
     leaving=("outputs", "stats", "plain", "samples", *FIGURE),
     epilog=EPILOG,
-    short_help="Report how accurate pictures are, and what linear ones would show.",
+    short_help="Report how exact a picture is, and how linear elements differ.",
 )
 @click.argument(
     "data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE]... DATA...|A.npz B.npz"
 )
-@click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="The report; opens from disk.")
+@click.option("--output", "-o", type=click.Path(path_type=Path), metavar="FOLDER", help="Folder of the report.")
 @click.option(
-    "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Linear pictures to compare with."
+    "--refinements", default="0,1,2,3", show_default=True, callback=_levels, help="Levels of linear pictures."
 )
 @click.option(
     "--memory-limit",
     metavar="BYTES",
     callback=_bytes,
-    help="Of a linear mesh, such as 4G.  [default: half of the free]",
+    help="Memory limit of a linear mesh, such as 4G.  [default: half of the free memory]",
 )
 @click.option("--judge", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
-              help="Longest side of the picture that the reference checks; 0: none.")  # fmt: skip
+              help="Longest side of the picture that the reference checks; 0 for no check.")  # fmt: skip
 @click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
-@click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail where a tolerance is exceeded.")
+@click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail if a tolerance is exceeded.")
 @click.option("--json", "as_json", is_flag=True, help="Print the numbers of summary.json.")
 @workers_option
 @scheduler_option
@@ -99,11 +99,11 @@ def compare(
     scheduler: str,
     **options: Any,
 ) -> None:
-    """Report how exact the picture of a scene is, and what linear elements would have shown of it.
+    """Report how exact the picture of a scene is, and what linear elements would have shown instead.
 
-    A scene is given as for elvis render: by a scene file, or DATA and options; of several scene files each has a report
-    in a folder of its name in that of -o, and --workers make them at the same time.  Two records that elvis render has
-    written as .npz are compared with one another, the first held for true.
+    The scene is given as for elvis render: a scene file, or DATA and options.  With several scene files each gets a
+    report in a folder of its name below that of -o, and --workers write them in parallel.  Two records (.npz) of elvis
+    render are compared with each other, with the first as the reference.
     """
     from elvis.core.terminal import note, print_json, say, stage
     from elvis.plugins.workers import Workers

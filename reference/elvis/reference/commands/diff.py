@@ -37,7 +37,7 @@ Examples:
   elvis diff wing.xml,wing.fld fine.xml,fine.fld --scene wing.toml -o report/
   elvis diff 'coarse.xml,coarse_*.chk' 'fine.xml,fine_*.chk' --time 0.6 --between cubic
 
-Exit status 1 where --max is exceeded; what was asked for is written all the same.
+The exit status is 1 if --max is exceeded; the requested output is still written.
 """
 
 
@@ -51,36 +51,36 @@ def _files(text: str) -> tuple[Path, ...]:
 
 @click.command("diff", epilog=EPILOG, short_help="Compare two solutions on any meshes: norms of their difference.")
 @click.argument("data", nargs=-1, required=True, type=TextType(_files), metavar="A [A2 ...] B")
-@names_option("Fields to compare, commas between them.  [default: all of both]")
+@names_option("Fields to compare, separated by commas.  [default: all fields that both have]")
 @click.option(
     "--error",
     type=float,
     default=1e-3,
     show_default=True,
-    help="Error asked for where meshes differ, of squares of norms, in parts of them.",
+    help="Requested relative error of squared norms if the meshes differ.",
 )
 @click.option(
     "--max",
     "limit",
     type=click.FloatRange(min=0),
     metavar="VALUE",
-    help="Fail where a difference is greater anywhere.",
+    help="Fail if a difference exceeds this value anywhere.",
 )
 @json_option
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="Table to write, .csv, .npz or .parquet, or the folder of a report, which opens from disk.",
+    help="Table to write, .csv, .npz or .parquet, or folder of a report, which opens from disk.",
 )
 @click.option(
     "--scene",
     "scene_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Scene file (.toml, .yaml, .json) of the maps in a report: what is drawn, from where.  [default: outer faces; "
+    help="Scene file (.toml, .yaml, .json) for the maps in a report, with objects and camera.  [default: outer faces; "
     "2D data in their plane]",
 )
-@click.option("--maps/--no-maps", "has_maps", default=True, show_default=True, help="Whether a report has maps.")
+@click.option("--maps/--no-maps", "has_maps", default=True, show_default=True, help="Draw maps in the report.")
 @step_option
 @time_option
 @between_option
@@ -103,13 +103,13 @@ def diff(
 ) -> None:
     """Compare solutions A with a reference B: norms of the difference of each field that both have.
 
-    The files of one dataset stand together, with commas between them, of any format. On elements that both have,
-    whatever their numbers and orientation, differences are taken by coefficients, exactly, and their maximum is
-    proved. On others B is located exactly at every point of quadrature on the elements of A, which are halved where
-    borders of B's elements make kinks; every norm has an error in --json, and the maximum a bound from Bernstein
-    coefficients that is proved, rounding included. What B doesn't cover is left out, and told. With several A, from
-    coarse to fine, the order of convergence to B is told, too. A report shows the fields of the last A, of B and their
-    difference in one scene. --step and --time choose a moment of those that are series.
+    Write the files of one dataset together, separated by commas; any format works. On elements that both have, for
+    every numbering and orientation, differences are computed exactly from coefficients, with a proved maximum. On other
+    elements B is located exactly at every quadrature point on the elements of A, which are subdivided where borders of
+    B's elements make kinks; every norm has an error in --json, and the maximum a proved bound from Bernstein
+    coefficients, including rounding. Parts that B doesn't cover are excluded and reported. With several A, from coarse
+    to fine, the order of convergence to B is also printed. A report shows the fields of the last A, of B and their
+    difference in one scene. --step and --time choose a time of datasets that are series.
     """
     from elvis.core.differences import family
     from elvis.core.moments import Moment

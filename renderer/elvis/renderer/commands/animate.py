@@ -45,7 +45,7 @@ Examples:
     cls=SceneCommand,
     leaving=("outputs", "stats", "panels", "scenes", "time", "step"),
     epilog=EPILOG,
-    short_help="Draw a film: over the steps of a series, over keys of a scene, around the data.",
+    short_help="Draw an animation over the steps of a series, keys of a scene or a camera path.",
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @click.option(
@@ -55,15 +55,15 @@ Examples:
     multiple=True,
     required=True,
     type=click.Path(path_type=Path),
-    help="A film, .webp, .mp4 or .gif, or a folder for its frames; repeatable.  Frames of a film without a folder are "
-    "in one of its name that ends in -frames.",
+    help="Animation to write, .webp, .mp4 or .gif, or a folder for its frames; without a folder the frames go into one "
+    "named after the animation, ending in -frames.  Repeatable.",
 )
 @click.option("--times", metavar="A:B:N", type=TextType(evenly), help="N times from A to B.  [default: every step]")
 @click.option(
     "--frames",
     type=click.IntRange(1, 100_000),
-    help="Frames, without --times: of a series at times from its first to its last, else "
-    f"of what --key and --orbit move.  [default: every step; else {FRAMES}]",
+    help="Number of frames, without --times: at even times from the first step of a series to the last, or along the "
+    f"motion of --key, --path and --orbit.  [default: every step of a series, else {FRAMES}]",
 )
 @click.option(
     "--key",
@@ -71,17 +71,19 @@ Examples:
     multiple=True,
     metavar="KEY=V:V...",
     type=text_type("setting"),
-    help="A key of the scene, as for --set, and its values at equal parts of the film, linear between.  Repeatable.",
+    help="Key of the scene, as for --set, with its values at equal intervals of the animation, linear in between.  "
+    "Repeatable.",
 )
-@click.option("--orbit", type=float, metavar="DEGREES", help="Turn the camera about what is upwards, so far in all.")
+@click.option("--orbit", type=float, metavar="DEGREES", help="Total angle by which the camera turns about its up axis.")
 @click.option(
     "--path",
     multiple=True,
     metavar="CAMERA",
     type=text_type("camera"),
-    help="A camera that the view goes through, as for --camera; two or more, at equal parts of the film.",
+    help="Camera that the view passes through, as for --camera; two or more, at equal intervals of the animation.  "
+    "Repeatable.",
 )
-@click.option("--rate", type=click.FloatRange(0.1, 240), default=25.0, show_default=True, help="Frames a second.")
+@click.option("--rate", type=click.FloatRange(0.1, 240), default=25.0, show_default=True, help="Frames per second.")
 @workers_option
 @scheduler_option
 @setting_option
@@ -105,10 +107,11 @@ def animate(
     no_cache: bool,
     **options: Any,
 ) -> None:
-    """Draw a film of DATA: each frame is what elvis render draws of that time, byte for byte.
+    """Draw an animation of DATA; each frame equals the picture of elvis render at that time, byte for byte.
 
-    Frames follow the steps of a series, or --times; with --orbit, --path and --key alone the data stand still. Frames
-    that are there, newer than the data and of the same scene are kept: a run that was killed goes on where it was.
+    Frames follow the steps of a series, or --times; --orbit, --path and --key also animate data of a single time.
+    Existing frames of the same scene that are newer than the data are kept, so that an interrupted run continues where
+    it stopped.
     """
     from contextlib import ExitStack
 

@@ -23,20 +23,23 @@ _LISTED = 10
 def core_options(function: F) -> F:
     """The options of vortex cores."""
     options = [
-        click.option("--cores", is_flag=True, help="The cores of all vortices instead, by parallel vectors: no seeds."),
+        click.option(
+            "--cores", is_flag=True, help="Find the cores of all vortices (parallel vectors) instead of using seeds."
+        ),
         click.option(
             "--criterion",
             type=click.Choice(["acceleration", "vorticity"]),
-            help="With --cores: what the velocity is parallel to, (grad v) v or rot v.  [default: acceleration]",
+            help="With --cores: vector parallel to the velocity, (grad v) v or curl v.  [default: acceleration]",
         ),
         click.option(
             "--least-swirl",
             type=float,
             metavar="RATE",
-            help="With --cores: imaginary part of the eigenvalues of grad v at least, radians by time.  [default: 0]",
+            help="With --cores: minimum imaginary part of the eigenvalues of grad v, in radians per unit of time.  "
+            "[default: 0]",
         ),
-        click.option("--least-length", type=float, help="With --cores: length of lines at least.  [default: 0]"),
-        click.option("--only-q", is_flag=True, help="With --cores: only where Q = -tr((grad v)^2)/2 is positive, too."),
+        click.option("--least-length", type=float, help="With --cores: minimum length of lines.  [default: 0]"),
+        click.option("--only-q", is_flag=True, help="With --cores: only where Q = -tr((grad v)^2)/2 is also positive."),
     ]
     for option in reversed(options):
         function = option(function)

@@ -15,7 +15,7 @@ Examples:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--caches", "is_of_caches", is_flag=True, help="List the caches instead: folders, files and bytes.")
 def devices(as_json: bool, is_of_caches: bool) -> None:
-    """List the devices that can draw, and the one that --device auto takes."""
+    """List the devices that can draw, and the one that --device auto chooses."""
     if is_of_caches:
         _list_caches(as_json)
         return

@@ -44,26 +44,32 @@ Examples:
 """
 
 
-@click.command("info", epilog=EPILOG, short_help="Tell what is in a dataset: shapes, orders, fields, ranges, validity.")
+@click.command("info", epilog=EPILOG, short_help="Describe a dataset: shapes, orders, fields, ranges, validity.")
 @field_option
 @json_option
-@click.option("--all", "everything", is_flag=True, help="List everything, however long the tables.")
+@click.option("--all", "everything", is_flag=True, help="Print tables in full, whatever their length.")
 @click.option(
     "--strict",
     is_flag=True,
-    help="Check the rules for other programs of the format; fail where a required one is broken.",
+    help="Check the rules that other programs impose on the format; fail if a required rule is broken.",
 )
-@click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive all over; fail if it isn't.")
+@click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive everywhere; fail if it isn't.")
 @click.option(
-    "--quantities", "predefined", is_flag=True, help="List the predefined quantities, and what the data lack for them."
+    "--quantities",
+    "predefined",
+    is_flag=True,
+    help="List the predefined quantities, and what each lacks in these data.",
 )
-@click.option("--extrema", "extremes", is_flag=True, help="Find extremes of quantities, with places, certified.")
+@click.option(
+    "--extrema", "extremes", is_flag=True, help="Find certified minima and maxima of quantities, with positions."
+)
 @click.option(
     "--critical",
     is_flag=True,
-    help="Find all points inside where the velocity is zero, with their kinds; --field, repeated, gives components.",
+    help="Find and classify all critical points (zeros of the velocity) in the interior; --field, repeated, gives the "
+    "components of another vector.",
 )
-@click.option("--wall", metavar="NAME", help="With --critical: points of this boundary where the wall shear is zero.")
+@click.option("--wall", metavar="NAME", help="With --critical: zeros of the wall shear on this boundary.")
 @data_options
 @shared
 def info(
@@ -79,15 +85,16 @@ def info(
     critical: bool,
     wall: str | None,
 ) -> None:
-    """Tell what is in a dataset: shapes, orders, fields with their ranges, the box around it, and whether it is valid.
+    """Describe a dataset: shapes, orders, fields with their ranges, bounding box, and validity.
 
-    Ranges and the box are certified bounds from Bernstein coefficients: no value lies outside, and as a rule they are
-    tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature points;
-    with --jacobian it is proved everywhere, and the elements where it is not positive are listed, each with a place.
-    --critical misses no point, but for elements that it lists as undecided; with --wall it tells attachment from
-    separation.
-    --field adds the certified range of any quantity. What runtime plugins open is sampled where they give no bounds.
-    Of a series all steps are listed with their times, and the last is told of, or that of --step or --time.
+    Ranges and the bounding box are certified bounds from Bernstein coefficients: no value lies outside, and they are
+    usually tight to nine digits (wider with Fourier directions). The sign of the Jacobian is sampled at quadrature
+    points; --jacobian proves it everywhere and lists the elements in which it is not positive, each with a position.
+    --critical finds every point except in elements that it lists as undecided; with --wall it distinguishes attachment
+    from separation.
+    --field adds the certified range of any quantity. Data opened by runtime plugins without bounds are sampled.
+    For a series, all steps are listed with their times; the details describe the last step, or that of --step or
+    --time.
     """
     from elvis.core.terminal import stage
 

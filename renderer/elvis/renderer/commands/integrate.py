@@ -42,57 +42,55 @@ Examples:
     multiple=True,
     metavar="WHAT",
     default=("domain",),
-    help="domain, region:NAME, a boundary by name or number, all (outer faces, a row for each boundary), element:ID "
-    "(its faces), plane:POINT:NORMAL, sphere:CENTRE:RADIUS, cylinder:POINT:AXIS:RADIUS, QUANTITY=VALUE, an isosurface, "
-    "or a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, normal:BOUNDARY:POINT:LENGTH, "
-    "section:BOUNDARY:plane:POINT:NORMAL, on which forces, moments and coefficients are per unit of span.  "
-    "Repeatable.  [default: domain]",
+    help="Where to integrate: domain, region:NAME, a boundary by name or number, all (outer faces, one row per "
+    "boundary), element:ID (its faces), a plane, sphere, cylinder, isosurface QUANTITY=VALUE or curve (see elvis help "
+    "geometry).  On section:BOUNDARY:plane:P:N forces, moments and coefficients are per unit of span.  Repeatable.  "
+    "[default: domain]",
 )
 @click.option(
     "--error",
     type=float,
     default=1e-6,
     show_default=True,
-    help="Error requested if no rule is exact, relative to the integral of the absolute value.",
+    help="Requested error if no rule is exact, relative to the integral of the absolute value.",
 )
 @click.option(
     "--best-effort",
     is_flag=True,
-    help="Let Ctrl-C end the computation with what is known, marked unfinished; the exit status is 130.",
+    help="On Ctrl-C, stop and write the results so far, marked as unfinished; the exit status is 130.",
 )
 @click.option(
     "--coefficients",
     metavar="[RHO,U,AREA,]AXIS[,LENGTH[,X,Y,Z]]",
-    help="Also drag, lift and moment coefficients of walls: density, speed, area and, for moments, length of "
-    "reference and the point that they are about; AXIS is that of the flow, as x, with that of lift, as xy, or an "
-    "angle of attack in degrees, as xy:4.  AXIS alone takes rho_ref, u_ref, area, length, x_ref, y_ref and z_ref.",
+    help="Also compute drag, lift and moment coefficients of walls, from a reference density, speed and area and, for "
+    "moments, a reference length and point.  AXIS is the flow axis (x), flow and lift axes (xy), or both with an angle "
+    "of attack in degrees (xy:4).  With only AXIS, the values are rho_ref, u_ref, area, length, x_ref, y_ref, z_ref.",
 )
 @click.option(
     "--clip",
     metavar="SURFACE",
-    help="Leave out what is inside (outside:…) of plane:POINT:NORMAL, sphere:CENTRE:RADIUS, "
-    "cylinder:POINT:AXIS:RADIUS or QUANTITY=VALUE, where the quantity is less, of the domain or of regions.",
+    help="Exclude from the domain or regions the inside of a plane, sphere or cylinder (see elvis help geometry), or "
+    "the part where QUANTITY=VALUE is below the value; outside:SURFACE excludes the outside.",
 )
 @click.option(
     "--jacobian",
     type=click.Choice(["absolute", "signed"]),
     default="absolute",
     show_default=True,
-    help="Count elements with |J|, or with J, negative where elements are inverted or folded, as MFEM and VTK do.",
+    help="Weight with |J|, or with J, which is negative where elements are inverted or folded (as in MFEM and VTK).",
 )
 @click.option(
     "--histogram",
     "bins",
     type=click.IntRange(1, 100_000),
     metavar="BINS",
-    help="How much of the domain has values of each quantity in even bins, by volume at points of quadrature.",
+    help="Histogram of each quantity in even bins, weighted by volume at quadrature points.",
 )
 @times_option
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
-    help="Draw the values over --times, or the --histogram, .png, .svg or .pdf; the table is left out where -o names "
-    "none.",
+    help="Plot the values over --times, or the --histogram, as .png, .svg or .pdf; without -o no table is printed.",
 )
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .parquet.")
@@ -116,14 +114,14 @@ def integrate(
     output: Path | None,
     overwrite: bool,
 ) -> None:
-    """Integrate quantities over the domain, regions, boundaries, surfaces and curves, on the elements' own map.
+    """Integrate quantities over the domain, regions, boundaries, surfaces and curves, with the elements' own map.
 
-    Where a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx does on
-    curved faces and a divergence in curved elements, the rule is exact. Otherwise elements are halved until a bound
-    of the error is below --error. Each value comes with its error, or with an estimate where nothing bounds it. nx,
-    ny, nz are the normal: of boundaries outwards, of planes as given, of isosurfaces towards greater values. In
-    addition to quantities there are area, volume, length, average(EXPR), and the vectors force, pressure_force,
-    viscous_force and moment, of all of which 2D data have those of a unit span.
+    The rule is exact if a quantity is a polynomial on the elements, or becomes one with the map's derivatives, as p*nx
+    does on curved faces and a divergence in curved elements. Otherwise elements are subdivided until a bound of the
+    error is below --error. Each value has an error bound, or an estimate where no bound exists. nx, ny, nz are the
+    normal: outward on boundaries, as given on planes, towards greater values on isosurfaces. Further quantities are
+    area, volume, length, average(EXPR), and the vectors force, pressure_force, viscous_force and moment; for 2D data
+    they are per unit of span.
     """
     if not quantities and coefficients is None:
         raise click.UsageError(

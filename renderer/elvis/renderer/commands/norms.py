@@ -33,11 +33,11 @@ Examples:
 def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) -> None:
     """Print the L2 and maximum norm of each coordinate and each field over the domain.
 
-    The quadrature is that of the solver, so that the numbers can be laid beside those of FieldConvert. Linf is the
-    greatest magnitude at the quadrature points; maximum, which FieldConvert calls L inf, is the greatest value there.
-    With --field just those quantities are integrated, by the rule of the field with most modes in them: the root of the
-    integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are integrated by rules that
-    are refined until they agree.
+    The quadrature is that of the solver, so that the values can be compared with those of FieldConvert. Linf is the
+    maximum magnitude at the quadrature points; maximum, which FieldConvert calls L inf, is the maximum value there.
+    With --field only those quantities are integrated, with the rule of the field in them that has most modes; the L2
+    norm is the root of the integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are
+    integrated with rules that are refined until they agree.
     """
     from elvis.core.quantities import Expression
     from elvis.core.terminal import stage

@@ -73,65 +73,64 @@ Examples:
 """
 
 
-@click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, along a line or over a plane.")
-@click.option("--points", metavar="FILE", help="Points from a table, - for standard input: columns x, y, z.")
+@click.command("probe", epilog=EPILOG, short_help="Evaluate fields exactly at points, on lines and planes.")
+@click.option("--points", metavar="FILE", help="Table of points with columns x, y, z; - for standard input.")
 @click.option(
     "--point",
     "single",
     metavar="P",
     multiple=True,
     type=TextType(partial(triples, count=1)),
-    help="A point, as 0,0,0.  Repeatable.",
+    help="Point, such as 0,0,0.  Repeatable.",
 )
-@click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, as 0,0,0:1,0,0.")
+@click.option("--line", metavar="P:Q", type=_PAIR, help="Points from P to Q, such as 0,0,0:1,0,0.")
 @curve_options
 @click.option(
     "--plane",
     metavar="P:U:V|z=V",
     type=TextType(spanned),
-    help="Points P + s U + t V, s and t from 0 to 1; or, as z=0.2, points across the box of the data.",
+    help="Points P + s U + t V with s and t from 0 to 1; z=V covers the bounding box of the data.",
 )
 @click.option("--grid", metavar="NXxNYxNZ", type=TextType(grid_counts), help="Points of a regular grid, x fastest.")
-@click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Ends of the grid.  [default: those of the data]")
+@click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Corners of the grid.  [default: those of the data]")
 @click.option(
     "-n",
     "counts",
     metavar="N[xM]",
     type=TextType(counts_of),
-    help="Points along the line or the plane.  [default: 101]",
+    help="Number of points along the line, or along both sides of the plane.  [default: 101]",
 )
 @field_option
 @click.option(
     "--clip",
     metavar="SURFACE",
-    help="Leave out what is inside of plane:P:N, sphere:C:R, cylinder:P:A:R or QUANTITY=VALUE, where the quantity is "
-    "less; with outside: before it what is outside.",
+    help="Exclude the inside of plane:P:N, sphere:C:R or cylinder:P:A:R, or the part where QUANTITY=VALUE is below the "
+    "value; outside:SURFACE excludes the outside.",
 )
 @click.option(
     "--snap",
     metavar="NAME",
-    help="Take the places of a boundary that are nearest to the points, as the element behind has them; a column says "
-    "how far they are.",
+    help="Move points to the nearest positions on a boundary, in the element behind it; a column gives the distance.",
 )
-@click.option("--all", "every", is_flag=True, help="A row for each element that holds the point, not just one.")
+@click.option("--all", "every", is_flag=True, help="Print a row for each element that contains the point.")
 @times_option
 @click.option(
     "--spectrum",
     metavar="all|N",
     type=TextType(segment_of),
-    help="Power spectral densities over --times in place of values, by Welch's method with segments of N times, or one "
-    "of all.",
+    help="Power spectral densities over --times instead of values, by Welch's method with segments of N times, or with "
+    "a single segment (all).",
 )
 @click.option(
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="File to write, .csv, .npz or .parquet, of a grid also .nrrd.  [default: CSV on standard output]",
+    help="File to write, .csv, .npz or .parquet; for a grid also .nrrd.  [default: CSV on standard output]",
 )
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
-    help="Draw the values over --times, --along or --line, .png, .svg or .pdf; without -o no table is printed.",
+    help="Plot the values over --times, --along or --line as .png, .svg or .pdf; without -o no table is printed.",
 )
 @json_option
 @overwrite_option
@@ -159,16 +158,16 @@ def probe(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Evaluate fields exactly at points: the solver's own polynomials on the element that holds the point.
+    """Evaluate fields exactly at points, with the solver's own polynomials on the element that contains each point.
 
-    Columns are point (row of the input), x, y, z, element, status, then one a field. Outside the domain, and where
-    --clip leaves nothing, element is -1 and fields are nan; status is 0 outside, 1 inside, 3 where the search failed.
-    Where a field jumps between elements, --all shows the value of each. A .nrrd file holds the values of a grid alone,
-    of one field or the components of a vector. With --times the first column is the time, and all points follow for
-    each; with --along it is the length of the curve up to the point; --plot draws them. On boundaries (--along
+    Columns are point (row of the input), x, y, z, element, status, then one per field. Outside the domain, and in parts
+    excluded by --clip, element is -1 and fields are nan; status is 0 outside, 1 inside, 3 if the search failed.
+    If a field jumps between elements, --all prints the value of each. A .nrrd file contains only the values of a grid,
+    of one field or of the components of a vector. With --times the first column is the time, with all points for each
+    time; with --along it is the arc length of the curve up to the point; --plot draws both. On boundaries (--along
     boundary:NAME or section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the
-    number of the curve where there are several, x/c and the normal. Several curves go into one table and one plot, with
-    a legend.
+    number of the curve if there are several, x/c and the normal. Several curves share one table and one plot, with a
+    legend.
     """
     if box is not None and grid is None:
         raise click.UsageError("expected --box with --grid", click.get_current_context())

@@ -87,33 +87,31 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         "--along",
         metavar="CURVE",
         multiple=True,
-        help="Points at even steps of a curve: line:P:Q, polyline:P:Q:R, circle:CENTRE:NORMAL:RADIUS, spline:P:Q:R, or "
-        "normal:BOUNDARY:POINT:LENGTH, from the place of a boundary that is nearest to a point, towards it, with a "
-        "table of points in place of one: a curve for each; boundary:NAME, a boundary of 2D data; "
-        "section:NAME:plane:P:N, where a plane cuts a boundary of 3D data.  With the name of --other before it, as "
-        "ref:boundary:wing, a curve in those data.  Repeatable.",
+        help="Points at even steps along a curve (see elvis help geometry); normal:BOUNDARY:FILE:LENGTH gives a curve "
+        "for each point of a table.  A name of --other in front, as in ref:boundary:wing, chooses those data.  "
+        "Repeatable.",
     )
     @click.option(
         "--chord",
         metavar="P:Q",
         type=TextType(partial(triples, count=2)),
-        help="Where x/c is 0 and 1, for --along boundary: and section:.  [default: the ends of the curve, or those of "
-        "its points that are farthest apart]",
+        help="Points at which x/c is 0 and 1, for --along boundary: and section:.  [default: the ends of the curve, or "
+        "its two points that are farthest apart]",
     )
     @click.option(
         "--layers",
         "speed",
         metavar="EXPR",
-        help="With --along normal:… a table of boundary layers in place of values: their foot, the speed EXPR at the "
-        "end of the curve, delta99, displacement and momentum thickness, and the shape factor.",
+        help="With --along normal:…, print a table of boundary layers instead of values: foot point, speed EXPR at the "
+        "end of the curve, delta99, displacement and momentum thickness, and shape factor.",
     )
-    @click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along to plot over.  [default: length]")
-    @click.option("--reverse", is_flag=True, help="Plot values downwards, as is usual for Cp.")
+    @click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along on the x axis.  [default: length]")
+    @click.option("--reverse", is_flag=True, help="Reverse the y axis of the plot, as is usual for Cp.")
     @click.option(
         "--overlay",
         metavar="FILE.csv[:X,Y]",
         multiple=True,
-        help="Measured points to draw into the plot: a table and two of its columns, by name or number.  "
+        help="Measured points to add to the plot: a table and two of its columns, by name or number.  "
         "[default: 1,2]  Repeatable.",
     )
     @wraps(command)

@@ -70,7 +70,7 @@ Examples:
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
-@click.option("--save-scene", type=OUTPUT, help="Write the scene as it was drawn: .toml, .yaml, .json.")
+@click.option("--save-scene", type=OUTPUT, help="Write the scene that was drawn as .toml, .yaml or .json.")
 @overwrite_option
 @cache_option
 @shared
@@ -83,10 +83,10 @@ def render(
     no_cache: bool,
     **options: Any,
 ) -> None:
-    """Draw DATA (mesh and field files, in any order): every pixel from the solver's own functions.
+    """Draw DATA (mesh and field files, in any order); every pixel comes from the solver's own functions.
 
-    Without --output the picture takes the name of the scene or of the first file, in the current folder, and a number
-    where that is taken.  A scene file (.toml, .yaml, .json) may say all that the options say, and name the data.
+    Without --output the picture is named after the scene or the first file, in the current folder, with a number if
+    that name is taken.  A scene file (.toml, .yaml, .json) can contain all settings of the options and name the data.
     """
     from elvis.core.terminal import note, say
     from elvis.renderer.bricks import peak_note

@@ -41,23 +41,26 @@ KINDS = ("streamlines", "pathlines", "streaklines")
     "trace",
     params=course_options(),
     epilog=EPILOG,
-    short_help="Follow streamlines and vortex cores through curved elements, exactly.",
+    short_help="Trace streamlines and vortex cores through curved elements.",
 )
 @click.option(
     "--kind",
     type=click.Choice(KINDS),
     default=KINDS[0],
     show_default=True,
-    help="Lines along the velocity of one moment; paths of particles over a series, released at --time; or streaks of "
-    "all that a seed has released since --time.",
+    help="Streamlines along the velocity of one time; pathlines of particles released at --time in a series; or "
+    "streaklines of all particles that a seed has released since --time.",
 )
-@click.option("--releases", type=int, help="Particles of a streakline, at even steps of time.  [default: 101]")
-@click.option("--spacing", type=float, help="Greatest distance of points along a line.  [default: 1/200 diagonal]")
+@click.option("--releases", type=int, help="Number of particles of a streakline, at even time steps.  [default: 101]")
+@click.option("--spacing", type=float, help="Maximum spacing of points along a line.  [default: 1/200 diagonal]")
 @click.option(
-    "--device", default="auto", show_default=True, help="What follows many lines, see elvis devices; reference: NumPy."
+    "--device",
+    default="auto",
+    show_default=True,
+    help="Device that traces large numbers of lines (see elvis devices); reference computes in NumPy.",
 )
 @core_options
-@click.option("--ftle", is_flag=True, help="Also each line's finite-time Lyapunov exponent, by the exact gradient.")
+@click.option("--ftle", is_flag=True, help="Also compute finite-time Lyapunov exponents with the exact gradient.")
 @field_option
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .vtp (ParaView).")
@@ -81,16 +84,16 @@ def trace(
     only_q: bool,
     **course: Any,
 ) -> None:
-    """Follow streamlines from seeds, and print how they end.
+    """Trace streamlines from seeds, and print how they end.
 
-    Lines are integrated in the elements' own coordinates by a method of order 8, one element at a time, so that curved
-    elements, high orders and jumps cost no accuracy. Each line ends in a way that has a name: left or the name of the
-    boundary it left through, length, duration, speed, steps, stagnation, jump, outside, nan, inverted, failed. With
-    --direction both, lines against the stream follow the others. With --wall they stay on a boundary, along the wall
-    shear. For paths and streaks coefficients are interpolated between steps (--between linear, of order 2 in their
-    distance, or cubic, of order 4); the device takes no part. A file has the points of all lines with time, length,
-    element, velocity and the quantities of --field.
-    With --cores no seeds are needed: the cores of all vortices are found and followed, in 3D data.
+    Lines are integrated in the elements' own coordinates with a method of order 8, one element at a time, so that
+    curved elements, high orders and jumps cost no accuracy. The end of each line has a name: left or the name of the
+    boundary through which the line left, length, duration, speed, steps, stagnation, jump, outside, nan, inverted,
+    failed. With --direction both, upstream lines are listed after the others. With --wall, lines stay on a boundary
+    and follow the wall shear. For pathlines and streaklines, coefficients are interpolated between steps (--between
+    linear, of order 2 in the step size, or cubic, of order 4), without the device. The output file contains the points
+    of all lines with time, length, element, velocity and the quantities of --field.
+    --cores needs no seeds: it finds and traces the cores of all vortices in 3D data.
     """
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places

@@ -27,14 +27,19 @@ Examples:
     cls=SceneCommand,
     leaving=("stats", "panels", "scenes", "time", "step", "between", "plugin"),
     epilog=EPILOG,
-    short_help="Follow a run: a picture of its newest step, again and again.",
+    short_help="Follow a run and draw each new step.",
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
 @click.option(
-    "--every", type=click.FloatRange(0.05), default=2.0, show_default=True, metavar="SECONDS", help="Between looks."
+    "--every",
+    type=click.FloatRange(0.05),
+    default=2.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time between checks for a new step.",
 )
-@click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="End once nothing new has come for so long.")
+@click.option("--idle", type=click.FloatRange(0), metavar="SECONDS", help="Exit if no new step appears for this time.")
 @overwrite_option
 @cache_option
 def watch(
@@ -46,11 +51,11 @@ def watch(
     no_cache: bool,
     **options: Any,
 ) -> None:
-    """Draw the newest step of DATA whenever there is one: a folder in which a solver writes, or names with * in them.
+    """Draw each new step of DATA, which is a folder in which a solver writes, or file names with * in them.
 
-    A step counts once its files are whole and no longer change; a picture takes the place of the one before in one
-    move, or its own where the name has {step}, the number that --step counts, or {time}.  The folder may be empty at
-    first.  Ctrl-C ends it.
+    A step is drawn when its files are complete and no longer change.  Each picture replaces the previous one
+    atomically; a name with {step} (the number that --step counts) or {time} keeps a picture for each step.  The folder
+    may be empty at first.  Ctrl-C ends the command.
     """
     from time import monotonic, sleep
 

@@ -26,6 +26,15 @@ OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 #: what streamlines follow, as pictures and `elvis trace` have it
 COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance", "wall")
 
+#: keys of the options that the short help explains; it only names the others
+COMMON = {
+    *("field", "others", "step", "time", "device"),
+    *("plane", *OBJECTS, "clip"),
+    *("palette", "range", "contours", "mesh_lines", "opacity", "bar"),
+    *("camera", "size", "samples"),
+    *("title", "axes", "plain", "outputs"),
+}
+
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
     "Data": ("field", "plugin", "reader", "fields", "others", "step", "time", "between", "device", "memory"),
