@@ -1,20 +1,20 @@
 """Integrals over elements, boundaries and surfaces: exact for polynomials on curved elements, else with a stated error.
 
-reference_cells  elements and their sides as pieces of reference elements: points, measures, what is constant on them
-degrees          of what polynomial an integrand is, with the map's derivatives
-refinement       sums over the pieces: one rule where that is exact, else rules with bounded errors, and halved boxes
-groups           boxes with what rules say on them, and by how much that may be off
+reference_cells  elements and their sides as pieces of reference elements: points, measures, constant factors
+degrees          the degree of an integrand as a polynomial, with the map's derivatives
+refinement       sums over the pieces: one exact rule, or else rules with bounded errors on bisected boxes
+groups           boxes with the results of rules on them and their errors
 eta_boxes        boxes in elements and their sides, with Gauss points
-box_discs        what expressions attain on complex neighbourhoods of boxes; analytic_error: bounds of rules from it
+box_discs        ranges of expressions on complex neighbourhoods of boxes; analytic_error: bounds of rules from these
 levels_of_elements  planes and isosurfaces in elements; level_boxes, graph_orders, graphs, subcells: rules on them
-touching         where surfaces lie so near sides of elements that rounding decides between these
-targets          what is integrated over, from its name
-integrands       what is integrated, from its text: forces, fluxes, averages
-line_targets     the curves among these names
-curves           lines, circles, splines, normals of walls; along_curves: rules on them, halved at borders
-boundary_layers  thicknesses of layers along these
+touching         surfaces so close to sides of elements that rounding decides between the elements
+targets          the integration domain, from its name
+integrands       integrands from their text: forces, fluxes, averages
+line_targets     the curves among the domains
+curves           lines, circles, splines, normals of walls; along_curves: rules on them, bisected at borders
+boundary_layers  thicknesses of boundary layers along these
 coefficients     of drag, lift and moment
-integration      all of it in one call
+integration      all of this in one call
 """
 
 from __future__ import annotations

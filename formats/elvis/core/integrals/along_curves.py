@@ -24,7 +24,7 @@ from elvis.core.quantities.expression import Expression
 
 #: Gauss points of the rules that are compared, and halvings of intervals
 _COUNTS, _DEPTH = (7, 8, 10), 40
-#: how much more than differences the error is, and rounding in parts of the sum of magnitudes
+#: factor from differences of rules to the error, and rounding relative to the sum of magnitudes
 _SAFETY, _ROUNDING = 8.0, 64 * float(np.finfo(np.float64).eps)
 
 
@@ -44,7 +44,7 @@ class CurvePiece:
 
     @property
     def patch(self) -> Patch:
-        """One of those that it may go through."""
+        """One of the patches that it may cross."""
         return self.patches[0]
 
     @property
@@ -124,7 +124,7 @@ class _Rules:
 
 
 def along_curve(piece: CurvePiece, evaluator: Evaluator, expressions: Sequence[Expression], error: float) -> AlongCurve:
-    """The integrals of expressions; ``error`` asked for in parts of the integrals of magnitudes."""
+    """The integrals of expressions; ``error`` is the requested error, relative to the integrals of magnitudes."""
     rules = _Rules(piece.curve, piece.values(evaluator, expressions))
     ends = np.linspace(0.0, piece.curve.parts, piece.curve.parts * piece.intervals + 1)
     low, high = ends[:-1], ends[1:]

@@ -1,14 +1,14 @@
-"""Bounds of the error of Gauss rules on boxes of eta, from what integrands attain on complex neighbourhoods.
+"""Bounds of the error of Gauss rules on boxes of eta, from ranges of integrands on complex neighbourhoods.
 
-An analytic F with |F| <= M inside the Bernstein ellipse of parameter rho, whose foci are -1 and 1 and whose half axes
-add up to rho, has Chebyshev coefficients |a_k| <= 2 M rho^-k.  A Gauss rule of n points is exact to degree 2 n - 1, its
-error of an odd T_k is 0, of an even one 2 + 2/(k^2 - 1) at most.  So it is off by at most
+An analytic F with |F| <= M inside the Bernstein ellipse of parameter rho (foci -1 and 1, sum of the half axes rho) has
+Chebyshev coefficients |a_k| <= 2 M rho^-k.  A Gauss rule of n points is exact up to degree 2 n - 1.  Its error is 0 for
+an odd T_k, and at most 2 + 2/(k^2 - 1) for an even one.  The error is therefore at most
 
     4 (1 + 1/(4 n^2 - 1)) M rho^-2n / (1 - rho^-2)
 
 (Petras 2002, Self-validating integration and approximation of piecewise analytic functions; Trefethen 2008, Is Gauss
 quadrature better than Clenshaw-Curtis?).  A polynomial of degree 2 n - 1 may be subtracted from F first.  The product
-of rules in d directions is off by at most the sum of the errors in each direction, with real values in all others.
+of rules in d directions has at most the sum of the errors in each direction, with real values in all others.
 
 M comes from discs (`box_discs`).
 """
@@ -26,7 +26,7 @@ from elvis.core.quantities import discs
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node
 
-#: points that a rule may have more than at first in a direction, of which bounds are known
+#: additional points of rules in a direction for which bounds are computed
 FURTHER = (0, 1, 2, 3, 5, 7, 9, 13)
 
 
@@ -38,11 +38,12 @@ def gauss_factors(counts: Sequence[int], rhos: Floats = RHOS) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What is known of the integrals of e expressions over n boxes, whatever rules say.
+    """Bounds for the integrals of e expressions over n boxes, independent of rules.
 
-    errors     (n, e, d, s) the part of a direction in the error of rules with FURTHER[s] points more; inf: unknown
-    low, high  (n, e) what the integrals lie between
-    moved      (n, e) by how much rounding may change the integrals because it moves surfaces
+    errors     (n, e, d, s) contribution of a direction to the error of rules with FURTHER[s] additional points; inf:
+               unknown
+    low, high  (n, e) bounds of the integrals
+    moved      (n, e) maximum change of the integrals by rounding that moves surfaces
     """
 
     errors: Floats
@@ -51,12 +52,12 @@ class Bounds:
     moved: Floats
 
     def part(self, chosen: Ints | Bools | slice) -> Bounds:
-        """Those of some boxes."""
+        """The bounds of some boxes."""
         return Bounds(self.errors[chosen], self.low[chosen], self.high[chosen], self.moved[chosen])
 
     @staticmethod
     def joined(several: Sequence[Bounds]) -> Bounds:
-        """Those of several sets of boxes together."""
+        """The bounds of several sets of boxes, concatenated."""
         columns = [(own.errors, own.low, own.high, own.moved) for own in several]
         return Bounds(*(np.concatenate(parts) for parts in zip(*columns, strict=True)))
 
@@ -79,10 +80,10 @@ def bounds(found: BoxDiscs, roots: Sequence[Node], measures: Floats) -> Bounds:
 
 
 def _analytic(found: BoxDiscs, root: Node, is_exact: bool, factors: Floats, volumes: Floats) -> Floats:
-    """(n, d, s) what each direction has in the error of f D, with D the measure.
+    """(n, d, s) contribution of each direction to the error of f D, with D the measure.
 
-    Where rules integrate D exactly they do so for c D too, so that |f - c| |D| bounds what is left.  If f differs
-    from an analytic function on the box, that is added.
+    If rules integrate D exactly, they also integrate c D exactly, so |f - c| |D| bounds the rest.  If f differs from an
+    analytic function on the box, the difference is added.
     """
     d, (own, slack), measure = len(found.counts), found.disc(root), found.measure
     most = own[1] * (np.abs(measure[0]) + measure[1]) if is_exact else discs.times(own, measure)[1]
@@ -96,7 +97,7 @@ def _analytic(found: BoxDiscs, root: Node, is_exact: bool, factors: Floats, volu
 
 
 def _enclosure(found: BoxDiscs, root: Node, is_exact: bool, volumes: Floats, measures: Floats) -> Interval:
-    """Least and greatest value (n,) of integrals, from those of the integrand on real boxes."""
+    """Bounds (n,) of integrals, from the bounds of the integrand on real boxes."""
     low, high = found.interval(root)
     if is_exact:
         least, most = measures, measures

@@ -27,9 +27,9 @@ from elvis.core.quantities.expression import Expression
 
 #: part of the speed at the end that is reached at the edge of a layer
 EDGE = 0.99
-#: even points between which the first crossing is looked for, points of each refinement, and refinements
+#: equidistant points between which the first crossing is sought, points of each refinement, and refinements
 _POINTS, _REFINED, _ROUNDS = 2001, 65, 6
-#: error requested of the integrals, in parts of that of the absolute value
+#: requested error of the integrals, relative to the integral of the absolute value
 _ERROR = 1e-10
 
 
@@ -37,12 +37,12 @@ _ERROR = 1e-10
 class Layer:
     """The layer along one curve.
 
-    foot          (3,) where the curve begins
+    foot          (3,) start of the curve
     edge          speed at its end
-    thickness     delta99, NaN where the speed on the wall is that of the edge already
+    thickness     delta99, NaN if the speed on the wall already reaches the edge value
     displacement  delta*
     momentum      theta
-    remarks       sentences on what is less precise than requested, or has no value
+    remarks       messages about undefined values, or values less precise than requested
     """
 
     foot: Floats
@@ -73,7 +73,7 @@ def boundary_layer(dataset: Dataset, curve: str, speed: str) -> Layer:
     Raises
     ------
     ElvisError
-        If the text is no curve, or the speed is zero or unknown at its end.
+        If the text is not a curve, or the speed is zero or unknown at its end.
 
     Notes
     -----

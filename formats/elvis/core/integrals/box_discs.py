@@ -31,7 +31,7 @@ from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent
 from elvis.core.shapes import Shape
 
-#: parameters of the ellipses of which the best is taken: singularities from 0.02 to 10 half lengths of a box away
+#: parameters of the ellipses; the best one is used: for singularities from 0.02 to 10 half lengths of a box away
 RHOS = frozen_floats(1.25 * 1.6 ** np.arange(7))
 _NORMALS = SIDES[:3]
 
@@ -59,8 +59,8 @@ class BoxDiscs:
 
     rules   of the piece that the boxes are in
     names   of the patch's fields
-    places  Gauss points of the boxes, so many as determine leaves
-    counts  of these in each direction
+    places  Gauss points of the boxes, as many as determine the leaves
+    counts  number of these in each direction
     """
 
     boxes: EtaBoxes
@@ -153,7 +153,7 @@ class BoxDiscs:
         return Ball(middles, radii, middles - radii, np.concatenate([0 * rounding, imaginary], axis=1) + rounding)
 
     def _cofactor(self, node: Node) -> tuple[Ints, Ball] | None:
-        """What is left of a polynomial leaf without its zeros on faces of boxes, and their powers (n, 2 k)."""
+        """The cofactor of a polynomial leaf without its zeros on faces of boxes, and these zeros' powers (n, 2 k)."""
         self._leaf(node)
         if node not in self._values:
             return None
@@ -167,7 +167,7 @@ class BoxDiscs:
         return self._divided[node]
 
     def _leaf(self, node: Node) -> Ball:
-        """What is known of a leaf."""
+        """The ball of a leaf."""
         if node.op == "number":
             return Ball.around(discs.number(node.value))
         if node not in self._known:
@@ -238,7 +238,7 @@ class BoxDiscs:
 
     @cached_property
     def _determinant(self) -> Disc:
-        """That of 1 + R, of which most is on the diagonal, times det J0."""
+        """The determinant of 1 + R, a nearly diagonal matrix, times det J0."""
         _, mean, rest = self._frame
         one = discs.number(1.0)
         near = [[discs.plus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(rest)]
@@ -316,7 +316,7 @@ def _factors(d: int) -> Floats:
 
 
 def without_roots(root: Node) -> Node:
-    """An expression with a in place of the squares of sqrt(a), and a^2 in place of those of abs(a)."""
+    """An expression with squares of sqrt(a) replaced by a, and squares of abs(a) by a^2."""
 
     def inner(node: Node, parts: list[Node]) -> Node:
         base, exponent = parts[0], whole_exponent(node)

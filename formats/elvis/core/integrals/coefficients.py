@@ -22,15 +22,15 @@ _BEFORE = ("rho_ref", "u_ref", "area")
 
 @dataclass(frozen=True)
 class Coefficients:
-    """What forces are divided by, and along what they are taken.
+    """The divisors of forces, and the axes of drag and lift.
 
     pressure  dynamic pressure of the flow far away, rho u^2 / 2
     area      of reference, in 2D a length
     length    of reference of moments
-    drag      axis of the flow at no angle of attack, "x", "y" or "z"
-    lift      axis of lift then; None for y in 2D and z in 3D, x where the flow goes along these
+    drag      axis of the flow at zero angle of attack, "x", "y" or "z"
+    lift      axis of lift at zero angle; None for y in 2D and z in 3D, or x if the flow is along these
     angle     of attack, degrees, which turns drag towards lift
-    about     (x, y, z) of the point that moments are about; None for that of the data, the origin where they tell none
+    about     (x, y, z) of the reference point of moments; None for the point given in the data, or else the origin
     """
 
     pressure: float
@@ -43,8 +43,9 @@ class Coefficients:
 
     @staticmethod
     def parse(text: str, names: Names) -> Coefficients:
-        """``RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]``, where AXIS is x, xy or xy:4, or AXIS alone, where reference values of
-        the data are the numbers; ElvisError for others, and for values that are not known.
+        """Parse ``RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]]``, where AXIS is x, xy or xy:4, or only AXIS for reference values.
+
+        Raises ElvisError for other texts, and for unknown values.
         """
         parts = [part.strip() for part in text.split(",")]
         if len(parts) == 1:
@@ -69,15 +70,15 @@ class Coefficients:
         return Coefficients(0.5 * density * speed**2, area, length, axes[0], axes[1:] or None, attack, point)
 
     def integrands(self, names: Names) -> Iterator[Integrand]:
-        """Drag, lift and moments, whole, by pressure and by friction; by pressure alone where no viscosity is known.
+        """Drag, lift and moments: total, by pressure and by friction; only by pressure if the viscosity is unknown.
 
-        ElvisError where forces are not known, and for axes that the data lack.
+        Raises ElvisError if forces are unknown, and for axes that the data lack.
         """
         axes = "xyz"[: names.dimension]
         lift = self.lift or next(axis for axis in axes[::-1] if axis != self.drag)
         if self.drag not in axes or lift not in axes:
             raise ElvisError(f"--coefficients: expected axes among {', '.join(axes)}, found {self.drag}{lift}")
-        Expression.parse(f"pressure_force_{self.drag}", names)  # tells what is lacking
+        Expression.parse(f"pressure_force_{self.drag}", names)  # raises an error that names missing inputs
         along, across = cos(radians(self.angle)), sin(radians(self.angle))
         for part, suffix in self._parts(names):
             for name, (a, b) in {"drag": (along, across), "lift": (-across, along)}.items():
@@ -96,14 +97,14 @@ class Coefficients:
 
     @staticmethod
     def _parts(names: Names) -> list[tuple[str, str]]:
-        """Forces and what is said after their coefficients."""
+        """Forces, and the suffixes of their coefficients' names."""
         if "viscous_force_x" in names.flow.available:
             return [("force", ""), ("pressure_force", " (pressure)"), ("viscous_force", " (friction)")]
         return [("pressure_force", " (pressure)")]
 
 
 def _with_reference(axis: str, names: Names) -> list[str]:
-    """The parts of coefficients of reference values; ElvisError that names those that are not known."""
+    """The parts of coefficients taken from reference values; raises ElvisError with the names of unknown ones."""
     known = names.parameters
     if "rho_ref" not in known and "density" in known:
         known = {**known, "rho_ref": known["density"]}

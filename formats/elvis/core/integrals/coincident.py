@@ -1,8 +1,8 @@
 """Sides of elements on which a polynomial g is zero throughout: there the surface g = 0 is the side itself.
 
-Levels are moved up a little, so that such a surface lies in the element beside it in which g < 0.  If there is none, as
-on an outer boundary and where g > 0 on both sides, the level is moved down in one of the elements.  A zero of higher
-order is moved too far by that: it is in doubt.
+Levels are moved up slightly, so that such a surface lies in the adjacent element with g < 0.  If there is none, as on
+an outer boundary or with g > 0 on both sides, the level is moved down in one of the elements.  If the zero has a higher
+order, this moves the surface too far: it is in doubt.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from elvis.core.mapping.tangents import determinants
 from elvis.core.patch import Patch
 from elvis.core.quantities.element_points import Lattice
 
-#: how far from a side, in parts of the way to the middle of the element, the sign of g next to it is taken
+#: distance from a side, relative to the distance to the centre of the element, at which the sign of g is evaluated
 _INWARDS = 2.0**-8
 
 #: by how much g grows at least where the distance is doubled, if it has no simple zero
@@ -26,7 +26,7 @@ _NOT_SIMPLE = 3.0
 
 #: values (n, q) of g at reference points (q, d) of rows (n,) of a patch
 Values = Callable[[Patch, Ints, Floats], Floats]
-#: values (n,) of g that are taken for zero in rows (n,) of a patch
+#: tolerance (n,) within which g counts as zero in rows (n,) of a patch
 Within = Callable[[Patch, Ints], Floats]
 
 
@@ -82,8 +82,8 @@ def turned(
 ) -> tuple[Turned, ...]:
     """The elements of each patch in which the level is moved down.
 
-    degrees  of g in each patch, None for none
-    far      a value that is none of those within which g is taken for zero
+    degrees  degrees of g in each patch, None if it is not a polynomial there
+    far      a value that is certainly not zero
     """
     found = tuple(Turned(np.zeros(len(patch), bool), np.zeros(len(patch))) for patch in patches)
     zero = [
@@ -105,7 +105,7 @@ def _held(zero: Sequence[_ZeroSide], sides: Sides, found: Sequence[Turned]) -> I
         is_held[own.side[own.sign < 0]] = True
     holders = np.full((len(is_held), 2), -1)
     for own in zero:
-        # the first element beside each side that no element holds yet
+        # the first element at each side that has no element yet
         side, first = np.unique(own.side, return_index=True)
         first = first[~is_held[side] & (own.sign[first] > 0)]
         is_held[own.side[first]] = True

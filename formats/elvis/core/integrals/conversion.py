@@ -1,8 +1,8 @@
-"""What the errors of a conversion do to integrals: a term of their error.
+"""Effect of the errors of a conversion on integrals: a term of their error.
 
-The radius of the integrand is that of `quantities.conversion_radius`.  Where the map's error e has the derivative
-|grad e| <= s, lengths are wrong by the share s at most, and measures of k dimensions by (1 + s)^k - 1.  The term is the
-integral of both, by a Gauss rule of a few points:
+The radius of the integrand comes from `quantities.conversion_radius`.  If the map's error e has the derivative |grad e|
+<= s, lengths have a relative error of at most s, and measures of k dimensions of at most (1 + s)^k - 1.  The term
+combines both, by a Gauss rule of a few points:
 
     integral of radius(q) + |q| ((1 + s)^k - 1)
 """

@@ -1,10 +1,10 @@
-"""What polynomial an integrand is on a piece, so that a rule can be chosen that integrates it exactly.
+"""The degree of an integrand as a polynomial on a piece, from which an exact rule is chosen.
 
-On an element an expression of fields, coordinates and first derivatives is P / det^k, with P a polynomial and det the
-determinant of the map's derivative J: du/dx = (cof J grad u) / det.  Times the measure |det| that is a polynomial where
-k is 1 at most.  On a side the outward unit normal is N / |N| with a polynomial N, and the measure is |N|; so what is
-linear in the normal is a polynomial there, however the side is curved.  Where J, or the direction of N, is constant, so
-is det, or the normal.
+On an element, an expression of fields, coordinates and first derivatives is P / det^k, with P a polynomial and det the
+determinant of the map's derivative J, since du/dx = (cof J grad u) / det.  Multiplied by the measure |det|, it is a
+polynomial if k is at most 1.  On a side, the outward unit normal is N / |N| with a polynomial N, and the measure is
+|N|; an expression linear in the normal is therefore a polynomial there, even on a curved side.  If J is constant, so is
+det; if the direction of N is constant, so is the normal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import Node, fold, whole_exponent
 from elvis.core.shapes import Shape
 
-#: the highest power of a polynomial that is taken for a polynomial
+#: the highest power that is treated as a polynomial
 _MOST_POWER = 64
 _NORMALS = ("nx", "ny", "nz")
 
@@ -40,12 +40,12 @@ class Form(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DegreeRules:
-    """What is known of the polynomials on a piece whose elements are alike.
+    """The degrees of polynomials on a piece with uniform elements.
 
     names      of the patch's fields
     is_affine  whether J is constant
     is_flat    whether the direction of N is constant
-    is_valid   whether det is proved to keep its sign, or counts with its sign
+    is_valid   whether det is proved to keep its sign, or enters with its sign
     """
 
     piece: Piece
@@ -55,7 +55,7 @@ class DegreeRules:
     is_valid: bool
 
     def counts(self, expression: Expression) -> tuple[int, ...] | None:
-        """Gauss points in each direction of eta that integrate an expression exactly; None: there is no such rule."""
+        """Gauss points in each direction of eta that integrate an expression exactly; None without an exact rule."""
         if self.piece.patch.homogeneous is not None or not self.is_valid:
             return None
         form = fold(expression.root, self._leaf, self._inner)
@@ -66,7 +66,7 @@ class DegreeRules:
         return tuple((degree + power) // 2 + 1 for degree, power in zip(total, powers, strict=True))
 
     def measure_is_exact(self, counts: Sequence[int]) -> bool:
-        """Whether the measure is a polynomial, which Gauss rules of so many points integrate exactly."""
+        """Whether the measure is a polynomial that Gauss rules with ``counts`` points integrate exactly."""
         total = self._with_measure(Form(self._none)) if self.is_valid else None
         if total is None:
             return False
@@ -74,7 +74,7 @@ class DegreeRules:
         return all(degree < 2 * count for degree, count in zip(degrees, counts, strict=True))
 
     def _with_measure(self, form: Form) -> Degrees | None:
-        """Degrees of an integrand times the measure; None where that is no polynomial."""
+        """Degrees of an integrand times the measure; None if the product is not a polynomial."""
         if not self.piece.is_side:
             if self.is_affine:
                 return form.degrees
@@ -90,12 +90,12 @@ class DegreeRules:
         return (0,) * self.piece.shape.dimension
 
     def _degrees(self, expansion: Expansion) -> Degrees:
-        """Of an expansion on the piece: on a side as high each way as in any direction of the element."""
+        """Degrees of an expansion on the piece; on a side, each is the maximum over the element's directions."""
         own = box_degrees(bernstein_space(expansion))
         return (max(own),) * self.piece.shape.dimension if self.piece.is_side else own
 
     def _gradient(self, expansion: Expansion) -> list[Degrees]:
-        """Of the derivatives of an expansion in each direction of xi."""
+        """Degrees of the derivatives of an expansion in each direction of xi."""
         degrees = self._degrees(expansion)
         if self.piece.patch.shape is Shape.PYRAMID:
             return [degrees] * self.piece.shape.dimension
@@ -111,7 +111,7 @@ class DegreeRules:
 
     @property
     def _normal(self) -> Degrees:
-        """Of N, from the tangents of the side."""
+        """Degrees of N, from the tangents of the side."""
         return self._none if self.is_affine else _plus(*self._columns)
 
     def _derivative(self, expansion: Expansion) -> Form | None:
@@ -164,7 +164,7 @@ class DegreeRules:
         return first if all(form == Form(self._none) for form in known) else None
 
     def _sum(self, node: Node, first: Form, last: Form) -> Form | None:
-        """Over a common denominator; -f is 0 - f."""
+        """Degrees of a sum over a common denominator; -f is represented as 0 - f."""
         if node.operands[0].op == "number" and node.operands[0].value == 0:
             return last
         if first.normals != last.normals:
@@ -174,7 +174,8 @@ class DegreeRules:
         return Form(_greatest(*raised), below, first.normals)
 
 
-#: for each direction of xi those of eta in which a derivative's degree is less by one: totals sink on simplices
+#: for each direction of xi, the directions of eta in which a derivative lowers the degree by one (total degrees on
+#: simplices)
 _LOWERED: dict[Shape, tuple[tuple[int, ...], ...]] = {
     Shape.SEGMENT: ((0,),),
     Shape.TRIANGLE: ((0, 1), (0, 1)),

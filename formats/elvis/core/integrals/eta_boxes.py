@@ -22,7 +22,7 @@ from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 
-#: parts of the side of an element below which boxes are not halved: points in them are not told apart
+#: boxes smaller than this share of the element are not bisected, since points in them could not be distinguished
 _LEAST_SIDE = 2.0**-43
 
 
@@ -75,7 +75,7 @@ class EtaBoxes:
 
     @property
     def volumes(self) -> Floats:
-        """(n,) in parts of that of [-1, 1]^k."""
+        """(n,) volumes relative to the volume of [-1, 1]^k."""
         return np.asarray(((self.high - self.low) / 2).prod(axis=1))
 
     def quadrature(self, counts: tuple[int, ...]) -> tuple[ElementPoints, Floats, Ints]:
@@ -118,7 +118,7 @@ class EtaBoxes:
         return EtaBoxes(self.piece, self.rows[chosen], self.rounding[chosen], self.low[chosen], self.high[chosen])
 
     def halved(self, directions: Bools) -> EtaBoxes:
-        """Halves of all boxes in each direction (n, k) where that is wanted; others stay as they are there."""
+        """Halves of all boxes in the requested directions (n, k); in other directions they are unchanged."""
         boxes, wanted = self, directions
         for axis in range(directions.shape[1]):
             upper = np.flatnonzero(wanted[:, axis])
@@ -131,7 +131,7 @@ class EtaBoxes:
 
     @property
     def can_be_halved(self) -> Bools:
-        """(n, k) whether points in halves are told apart."""
+        """(n, k) whether points in halves can be distinguished."""
         return np.asarray(self.high - self.low > 2 * _LEAST_SIDE)
 
     def halves(self) -> EtaBoxes:
@@ -185,9 +185,9 @@ class BoxPoints(ElementPoints):
         return self._inside(self._whole.reference_gradients(field))
 
     def _inside(self, known: Floats) -> Floats:
-        """(n, ...) values at the points, from those at the lattices of the elements.
+        """(n, ...) values at the points, from values at the lattices of the elements.
 
-        The first direction of the lattice becomes that of the points, and goes behind the others.
+        The first direction of the lattice becomes a direction of the points, and moves behind the others.
         """
         rest = known.shape[1:]
         found = known.reshape(-1, *self._known_at, int(np.prod(rest)))[self._element]

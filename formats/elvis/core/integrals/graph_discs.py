@@ -1,15 +1,15 @@
 """Complex neighbourhoods of parts of boxes that a graph g = 0 cuts: discs of their three coordinates.
 
-Between breaks (see `graphs`) a part is the image of a cube [-1, 1]^3,
+A part between breaks (see `graphs`) is the image of a cube [-1, 1]^3,
 
     i = i_0 + h v_1,   j = (s + e)/2 + v_2 (e - s)/2,   k = (l + u)/2 + v_3 (u - l)/2
 
-Here s and e are 0, 1 or roots of g on a face across k, functions of i.  And l and u are 0, 1 or the root of g, a
-function of i and j.  With a = i - i_0 and b = j - j_0 a root is k = k_0 + P(a, b) + t, where P has the slopes and the
-second derivatives that it has at the centre.  Then h(a, b, t) = (1 + p a + q b) g has the same zeros; p and q are such
-that h_t is stationary at the centre.  If |h - c t| < |c| w for |a| <= r, |b| <= s and |t| = w, h has one zero t in the
-disc |t| < w for all a and b (Rouché).  So it is simple and an analytic function of a and b (implicit function theorem).
-On the surface the derivatives of g in a, b and t have the ratios of those of h.
+Here s and e are 0, 1 or roots of g on a face across k, as functions of i.  The ends l and u are 0, 1 or the root of g,
+as functions of i and j.  With a = i - i_0 and b = j - j_0, a root is k = k_0 + P(a, b) + t, where P has the root's
+first and second derivatives at the centre.  Then h(a, b, t) = (1 + p a + q b) g has the same zeros; p and q are chosen
+such that h_t is stationary at the centre.  If |h - c t| < |c| w for |a| <= r, |b| <= s and |t| = w, then h has one zero
+t in the disc |t| < w for all a and b (Rouché).  It is simple and an analytic function of a and b (implicit function
+theorem).  On the surface, the derivatives of g in a, b and t have the same ratios as the derivatives of h.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
 
-#: parameters of Bernstein ellipses of which the best is taken
+#: parameters of Bernstein ellipses; the best one is used
 RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])
 #: steps in which the disc of a root is enlarged, and by how much each
 _STEPS, _ENLARGED = 8, 1.05
@@ -44,9 +44,9 @@ class GraphParts:
     box         (n,)    number of the box
     low, high   (n,)    ends in i
     ends        (n, 2)  ends in j in the middle of these
-    kinds       (n, 2)  what they are
-    root        (n,)    k of the surface in the middle of both; 1 where there is none
-    has_root    (n,)    whether the surface is there
+    kinds       (n, 2) kinds of these ends
+    root        (n,) k of the surface in the middle of both; 1 without a surface
+    has_root    (n,) whether there is a surface
     is_below    (n,)    whether g is negative at k = 0
     """
 
@@ -123,13 +123,13 @@ def root_radii(coefficients: Floats, first: Floats, second: Floats) -> Floats:
 class PartDiscs:
     """Discs of i, j and k on neighbourhoods of parts (n,).
 
-    Columns are the real part, the ellipses of each direction that is integrated over, and the real part moved along k.
+    Columns are the real part, the ellipses of each direction of integration, and the real part moved along k.
     centres    (n, 3)
-    radii      of i, j and k, (n, columns) each; of surfaces of t in place of k
-    bends      (n, 5) coefficients of P, by which k exceeds t, on surfaces
+    radii      radii of i, j and k, (n, columns) each; on surfaces, of t instead of k
+    bends      (n, 5) coefficients of P on surfaces, the difference of k and t
     tilts      discs of g_a/g_t and g_b/g_t on surfaces, derivatives in a, b and t
-    is_rising  (n,) whether g grows along k
-    stretches  discs of (e - s)/2 and (u - l)/2, by which the measure is multiplied
+    is_rising  (n,) whether g increases along k
+    stretches  discs of (e - s)/2 and (u - l)/2, factors of the measure
     is_proved  (n, columns) whether all roots are analytic there
     """
 
@@ -143,7 +143,7 @@ class PartDiscs:
 
     @staticmethod
     def of(nets: Floats, parts: GraphParts, directions: tuple[int, ...], is_filled: bool) -> PartDiscs:
-        """Those of parts of boxes, each with its net (n, Di, Dj, Dk)."""
+        """The discs of parts of boxes, each with its net (n, Di, Dj, Dk)."""
         factors = _factors(directions)
         middle = (parts.low + parts.high) / 2
         first = ((parts.high - parts.low) / 2)[:, None] * factors[0]
@@ -214,7 +214,7 @@ def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, fir
 
 
 def _straight(coefficients: Floats, has_root: Bools) -> tuple[Floats, Floats]:
-    """Coefficients of h in t, and those of P (n, 5), which is 0 where there is no surface."""
+    """Coefficients of h in t, and the coefficients of P (n, 5), which is 0 without a surface."""
     bends = _bends(coefficients)
     bends = np.where(has_root[:, None] & np.isfinite(bends), bends, 0.0)
     level = straightened(coefficients, bends)
@@ -262,7 +262,7 @@ def _tilts(level: Floats, radii: tuple[Floats, Floats, Floats]) -> tuple[Disc, D
 
 
 def _factors(directions: tuple[int, ...]) -> Floats:
-    """(3, columns) by which the coordinates v exceed [-1, 1]: those of a direction on its ellipses."""
+    """(3, columns) factors by which the coordinates v exceed [-1, 1] on the ellipse of each direction."""
     found = np.ones((3, 2 + len(directions) * len(RHOS)))
     for number, axis in enumerate(directions):
         first = 1 + number * len(RHOS)

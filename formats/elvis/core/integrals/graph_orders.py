@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 
-#: derivatives along the height of a graph, in parts of others
+#: minimum derivative along the height of a graph, relative to the others
 _STEEP = 0.1
 
 
@@ -31,9 +31,11 @@ def _candidates(nets: Floats) -> Iterator[tuple[int, ...]]:
 
 
 def _steepness(nets: Floats) -> Floats:
-    """(n,) lower bounds of the derivative along the last axis, in parts of the greatest of all; at most 0 for none.
+    """(n,) lower bounds of the derivative along the last axis, relative to the largest of all.
 
-    Where it is small the surface is steep, and rules converge slowly.
+    At most 0 if its sign is unknown.
+
+    If it is small, the surface is steep and rules converge slowly.
     """
     axes = tuple(range(1, nets.ndim))
     slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes if nets.shape[axis] > 1]
@@ -93,7 +95,7 @@ def greatest(nets: Floats) -> Floats:
 
 
 def turned(nets: Floats, orders: Ints) -> Floats:
-    """Nets (n, D, D, D), of two dimensions (n, 1, D, D), whose axes are those of the given orders (n, 3)."""
+    """Nets (n, D, D, D), in two dimensions (n, 1, D, D), with axes in the given orders (n, 3)."""
     found = np.empty_like(nets)
     codes = orders @ (1, 3, 9)
     for code in np.unique(codes).tolist():

@@ -30,7 +30,7 @@ _BOUNDS_ON_LEVELS = 64
 _NEW_LEVEL_BOX = 512
 #: further points that take as long as one call of a rule, on elements and on boxes that a surface cuts
 CALL, CALL_ON_LEVELS = 4096, 1500
-#: the greatest score of a box, of which many add up to a number
+#: the largest score of a box; sums of such scores stay finite
 _HOPELESS = 1e200
 
 Counts = tuple[int, ...]
@@ -40,18 +40,19 @@ Boxes = EtaBoxes | LevelBoxes
 
 @dataclass
 class Sums:
-    """Integrals of k expressions, and what is known of them.
+    """Integrals of k expressions, with their errors.
 
     value      (k,)
-    error      (k,)  by which they may differ from the truth
-    rounding   (k,)  the part of it that is rounding
+    error      (k,) error bounds or estimates
+    rounding   (k,) contribution of rounding to the error
     magnitude  (k,)  integrals of the absolute values
     measure    (k,)  length, area or volume of the elements that have all fields of the expression
-    beyond     (k,)  that of where another dataset, which the expression names, has nothing: not part of ``measure``
-    is_exact   (k,)  whether all rules are exact, so that the error is that of rounding alone
-    is_bound   (k,)  whether the error is a bound, derived over whole boxes; else it is an estimate
-    places     where an expression has no value, or another dataset has nothing, by the expression's number
-    converted  (k,)  by which they may differ from those of the source of converted data, not part of ``error``
+    beyond     (k,) measure of the region where another dataset used by the expression is undefined: not part of
+               ``measure``
+    is_exact   (k,) whether all rules are exact, so that the error consists only of rounding
+    is_bound   (k,) whether the error is a bound, derived over whole boxes; otherwise it is an estimate
+    places     a point where an expression, or another dataset, is undefined, by the expression's number
+    converted  (k,) estimated deviation from the source of converted data, not part of ``error``
     """
 
     value: Floats
@@ -89,7 +90,7 @@ class Sums:
 
 
 def gathered(sums: Sums, owners: Ints) -> Sums:
-    """Integrals of expressions from those of their parts, each of which has the number of its owner."""
+    """Integrals of expressions from the integrals of their parts, each with the number of its owner."""
     columns = {each.name: getattr(sums, each.name) for each in fields(sums) if each.name not in ("places", "converted")}
     first = np.flatnonzero(owners == np.arange(len(owners)))
     found = {}
@@ -120,12 +121,12 @@ class BoxIntegrals(NamedTuple):
     beyond: Floats
 
     def part(self, chosen: Bools) -> BoxIntegrals:
-        """Those over some boxes."""
+        """The integrals over some boxes."""
         return BoxIntegrals(*(column[chosen] for column in self))
 
     @staticmethod
     def joined(several: Sequence[BoxIntegrals]) -> BoxIntegrals:
-        """Those over several sets of boxes together."""
+        """The integrals over several sets of boxes, concatenated."""
         return BoxIntegrals(*(np.concatenate(columns) for columns in zip(*several, strict=True)))
 
 
@@ -185,9 +186,9 @@ class Group:
         return np.asarray(self.integrals.measure * self.boxes.rounding + self.moved)
 
     def scores(self, goals: Floats) -> Floats:
-        """(n,) the errors of boxes in parts of what all together may have, the greatest of the expressions.
+        """(n,) errors of boxes relative to the permitted total, the maximum over the expressions.
 
-        What is less than rounding can't be improved.
+        An error below rounding can't be improved and counts as zero.
         """
         error = np.where(self.error > self._rounding, self.error, 0.0)
         with np.errstate(all="ignore"):
@@ -212,7 +213,7 @@ class Compared(Group):
 
 
 def compared_counts(counts: Counts) -> list[Counts]:
-    """Points in each direction of the rules that are compared, the least of which has ``counts``."""
+    """Points per direction of the rules to be compared; the smallest rule has ``counts``."""
     return [tuple(count + further for count in counts) for further in (0, *COMPARED)]
 
 
@@ -220,11 +221,11 @@ def compared_counts(counts: Counts) -> list[Counts]:
 class Bounded(Group):
     """Boxes on which the error is a bound.
 
-    rules      from which the bounds are made
-    steps      numbers of FURTHER in each direction: by how many points ``counts`` exceed those of the least rule
+    rules      source of the bounds
+    steps      index into FURTHER for each direction: additional points of ``counts`` compared with the smallest rule
     bounds     of all rules that are considered
-    gains      (n, d) by how much halving each direction reduces what intervals leave open, as points tell
-    is_final   whether boxes are too small to be halved
+    gains      (n, d) reduction of the uncertainty of intervals by halving in each direction, estimated from points
+    is_final   whether boxes are too small to be bisected
     is_guess   whether integrals are guesses, since no rule has been applied yet
     """
 
@@ -317,9 +318,9 @@ def _together(several: Sequence[Boxes]) -> Boxes:
 
 
 def with_fewer_rules(steps: Ints, least: Counts, call: int = CALL) -> Ints:
-    """Steps (n, d) of rules, of which those with few boxes are replaced by steps that are no smaller.
+    """Steps (n, d) of rules, where rules with few boxes are replaced by rules with at least the same steps.
 
-    Each rule takes a call, whatever the number of boxes: rules are joined where the points that are added take less.
+    Each rule costs a call, for any number of boxes: rules are merged if the additional points cost less.
     """
     rules, number, boxes = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
     joined: list[tuple[Ints, int, list[int]]] = []

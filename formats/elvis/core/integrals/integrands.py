@@ -1,8 +1,8 @@
-"""What is integrated, from its text: expressions, and words that stand for one or several of them.
+"""Integrands from text: expressions, and words that represent one or several of them.
 
-area, volume, length  1, over what has such a measure; in 2D data faces and volumes are those of a unit span
-displacement_thickness(u), momentum_thickness(u)  of a boundary layer, along a curve that leads out of it
-average(f)            the integral of f over that of 1
+area, volume, length  1, on domains with such a measure; in 2D data, faces and volumes have unit span
+displacement_thickness(u), momentum_thickness(u)  thicknesses of a boundary layer, along a curve that leads out of it
+average(f)            the integral of f divided by the integral of 1
 force, moment, …      the components of the predefined quantities of these names (`elvis.core.quantities.predefined`)
 """
 
@@ -22,7 +22,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import call, number
 
-#: dimensions of what has these measures, and of those that count by unit span in 2D data
+#: dimensions of domains with these measures, and of domains that have them per unit span in 2D data
 _MEASURES: Mapping[str, tuple[int, int]] = {"length": (1, -1), "area": (2, 1), "volume": (3, 2)}
 #: vectors among the predefined quantities
 VECTORS = ("force", "pressure_force", "viscous_force", "moment")
@@ -53,7 +53,10 @@ class Integrand:
             self.check_on(over, piece.dimension, in_plane, piece.has_normals)
 
     def check_on(self, over: str, dimension: int, in_plane: bool, has_normals: bool) -> None:
-        """The same for what has a dimension; ``in_plane``: of 2D data, where it counts by unit span, too."""
+        """Check the integrand on a domain of a dimension.
+
+        ``in_plane``: the data are 2D, so measures per unit span also apply.
+        """
         needed = sorted(set(SIDES) & set(self.expression.attributes))
         if needed and not has_normals:
             raise ElvisError(
@@ -69,9 +72,9 @@ _OF_DIMENSION = {1: "a length", 2: "an area", 3: "a volume"}
 
 
 def integrands(dataset: Dataset, texts: Sequence[str], end: Floats | None = None) -> list[Integrand]:
-    """What some texts ask for, components of vectors apart; ElvisError where one says nothing.
+    """The integrands of some texts, with components of vectors separate; raises ElvisError for an invalid text.
 
-    end  (3,) of the curve that they are integrated along, None where it isn't one alone
+    end  (3,) end of the curve of integration, None unless the domain is a single curve
     """
     names = Names.of(dataset)
     layers = [_THICKNESS.fullmatch(text) for text in texts]
@@ -83,7 +86,7 @@ def integrands(dataset: Dataset, texts: Sequence[str], end: Floats | None = None
 
 
 def integrands_of(names: Names, texts: Sequence[str]) -> list[Integrand]:
-    """What some texts ask for that is no thickness of a layer, of data whose names are known."""
+    """The integrands of texts other than layer thicknesses, for data with known names."""
     return [found for text in texts for found in _integrands(text, names)]
 
 
@@ -118,6 +121,6 @@ def _integrands(text: str, names: Names) -> Iterator[Integrand]:
 
 
 def _components(name: str, names: Names) -> list[str]:
-    """Those of a vector in flows of a dimension: a moment in a plane is that about z alone."""
+    """The components of a vector in flows of a dimension; in a plane, a moment has only the z component."""
     axes = "xyz"[: names.dimension] if name != "moment" else {2: "z", 3: "xyz"}.get(names.dimension, "x")
     return [f"{name}_{axis}" for axis in axes]

@@ -25,9 +25,9 @@ from elvis.core.quantities.names import Names
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress
 
-#: error that is asked for where nothing else is, in parts of the integral of the absolute value
+#: default of the requested error, relative to the integral of the absolute value
 ERROR = 1e-6
-#: what the error of an integral is: that of rounding, a bound derived over whole elements, or an estimate
+#: kinds of errors: rounding, a bound derived over whole elements, or an estimate
 EXACT = "exact"
 #: by what elements count: |J| or J
 ABSOLUTE, SIGNED = JACOBIANS = ("absolute", "signed")
@@ -39,12 +39,12 @@ ESTIMATE = "estimate"
 class Integral:
     """One integral.
 
-    over       what it goes over
-    integrand  what is integrated
-    value      NaN where the integrand has none somewhere
-    error      by which the value may differ from the truth, errors of a conversion included
-    measure    length, area or volume of what it goes over, as far as all fields are there
-    exact      whether the rule is exact for the integrand, so that the error is that of rounding
+    over       the domain of integration
+    integrand  the integrand
+    value      NaN if the integrand is undefined somewhere
+    error      bound or estimate of the error, errors of a conversion included
+    measure    length, area or volume of the part of the domain where all fields exist
+    exact      whether the rule is exact for the integrand, so that the error is only rounding
     kind       of the error: ``exact`` for rounding, ``bound`` if derived over whole elements, ``estimate`` if rules are
                compared
     finished   False for a refinement that was interrupted, whose error is larger than requested
@@ -134,7 +134,7 @@ HEADERS = ("over", "integrand", "value", "error", "measure")
 
 
 def _error(row: Integral) -> str:
-    """The error with a word where it isn't a bound that was worked down to what was asked for."""
+    """The error, with a note unless it is a bound below the requested error."""
     words = {EXACT: ["rounding"], BOUND: [], ESTIMATE: ["estimate"]}[row.kind]
     words = words if row.finished else [*words, "unfinished"]
     return f"{row.error:.2g}" + (f" ({', '.join(words)})" if words else "")
@@ -148,11 +148,12 @@ def comes_apart(
     clip: str | None = None,
     ranks: Ranks = ALONE,
 ) -> bool:
-    """Whether integrals are sums of those over the parts of a dataset that ranks have.
+    """Whether integrals are sums of integrals over the ranks' parts of a dataset.
 
-    They aren't where quantities look farther than parts borrow, as isosurfaces do, which are moved by as much as fields
-    jump, along curves, and where one of two elements stands for a side of both: on boundaries inside of the data.
-    dataset  what a rank has; the answer is that of all together.  All else as in `integrate`
+    This is not the case for quantities that depend on elements farther away than parts borrow; for isosurfaces, which
+    are moved according to jumps of fields; along curves; and on boundaries inside the data, where one of two elements
+    represents a side.
+    dataset  data of a rank; the result covers all ranks.  All else as in `integrate`
     """
     if any(is_line(name) or name.startswith(ELEMENT) for name in over):
         return False
@@ -166,7 +167,7 @@ def comes_apart(
 
 
 def evaluated(dataset: Dataset, field: Sequence[str], coefficients: str | None = None) -> list[Expression]:
-    """What is integrated but for curves; all as in `integrate`."""
+    """The integrands, except along curves; arguments as in `integrate`."""
     wanted = integrands(dataset, field)
     wanted += _coefficients(dataset, coefficients)
     return [each.expression for each in wanted]
@@ -197,26 +198,25 @@ def integrate(
 
     field  quantities: fields, expressions (on boundaries with the outward normal ``nx``, ``ny``, ``nz``), predefined
            ones, ``area``, ``volume``, ``length``, ``force``, ``moment``, ``average(f)``
-    over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces,
-           ``element:ID``, the faces of an element,
-           ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``, ``EXPRESSION=VALUE`` (an
-           isosurface), with normals towards greater values, and curves (see `curves`), as ``line:0,0,0:1,0,0``;
-           ``section:NAME:plane:POINT:NORMAL``, where a plane cuts a boundary, on which forces, moments and coefficients
-           are those per unit of length along the plane's normal
+    over   targets: ``domain``, ``region:NAME``, a boundary by name or number, ``all`` outer faces, ``element:ID`` (the
+           faces of an element), ``plane:POINT:NORMAL``, ``sphere:CENTRE:RADIUS``, ``cylinder:POINT:AXIS:RADIUS``,
+           ``EXPRESSION=VALUE`` (an isosurface), with normals towards larger values, and curves (see `curves`), such as
+           ``line:0,0,0:1,0,0``; ``section:NAME:plane:POINT:NORMAL``, the cut of a plane with a boundary, on which
+           forces, moments and coefficients are per unit of length along the plane's normal
     error  requested if no rule is exact for an integrand, relative to the integral of its absolute value
-    coefficients  ``"rho,u,area,axis"``, or ``"axis"`` where reference values tell the others: drag, lift and moment
-                  coefficients in addition (see `Coefficients`)
-    clip   one of these surfaces, whose inside is left out of the domain or of regions; with ``outside:`` before it its
+    coefficients  ``"rho,u,area,axis"``, or ``"axis"`` if reference values provide the others: adds drag, lift and
+                  moment coefficients (see `Coefficients`)
+    clip   one of these surfaces, whose inside is cut out of the domain or of regions; with the prefix ``outside:`` its
            outside
-    progress  is told how many points have been taken, and how many are planned
-    ranks  share the elements, or have parts of them, of which `comes_apart` is true; so sums differ by rounding, and
-           errors asked for are those of each share; all ranks but the first have no rows in the end
+    progress  receives the number of points evaluated, and the number planned
+    ranks  share the elements, or have parts of them for which `comes_apart` is true.  Sums then differ by rounding, and
+           requested errors apply to each share; all ranks but the first return no rows
     reached  receives the largest relative error while boxes are refined
-    best_effort  whether an interrupt ends the refinement and returns what is known, with ``finished`` False
+    best_effort  whether an interrupt ends the refinement and returns the current result, with ``finished`` False
     jacobian  ``absolute``: elements count with |J|; ``signed``: with J, as in MFEM and VTK, so that inverted parts are
            negative volumes, and rules are exact on elements that fold as well
-    Rows go by target, then by quantity; where a name stands for several boundaries, or there are several, the total
-    comes last.  ElvisError for what names nothing, and where no element has the fields.
+    Rows go by target, then by quantity; if a name matches several boundaries, or there are several names, the total
+    comes last.  Raises ElvisError for unknown names, and if no element has the fields.
     """
     names = [over] if isinstance(over, str) else list(dict.fromkeys(over))
     lines = LineTargets.of(dataset, names)
@@ -251,7 +251,7 @@ def integrate(
 
 
 def _check_jacobian(jacobian: str, is_cut: bool, wanted: Sequence[Integrand]) -> None:
-    """ElvisError for what is no measure, and for what is integrated over parts of elements, or divided by volumes."""
+    """Raise ElvisError for an unknown measure, and if a signed one is used for parts of elements or averages."""
     if jacobian not in JACOBIANS:
         raise ElvisError(f"expected a Jacobian that is {' or '.join(JACOBIANS)}, found {jacobian!r}")
     if jacobian == SIGNED and is_cut:
@@ -310,14 +310,14 @@ def _rows(name: str, wanted: Sequence[Integrand], sums: Sums, is_finished: bool)
 
 
 def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
-    """A sentence on forces of which a part is not known."""
+    """A message about forces with an unknown contribution."""
     forces = [each.text for each in wanted if each.text.startswith(("force_", "moment_")) and not each.expression.order]
     if forces:
         yield f"no viscosity is known, so {', '.join(forces)} are of the pressure alone; write force(mu=…)"
 
 
 def _lost(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], terms: ConversionTerms) -> Iterator[str]:
-    """A sentence on integrals whose errors don't include those of the conversion of the data."""
+    """A message about integrals whose errors don't include the errors of the data's conversion."""
     numbers = [number for _, sums in rows for number in np.flatnonzero(np.isinf(sums.converted)).tolist()]
     if numbers:
         texts = ", ".join(dict.fromkeys(wanted[number].text for number in numbers))
@@ -325,7 +325,7 @@ def _lost(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], terms: 
 
 
 def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], error: float) -> Iterator[str]:
-    """Sentences on integrals that are not what was asked for."""
+    """Messages about integrals that miss the request."""
     for name, sums in rows:
         for number, each in enumerate(wanted):
             place = sums.places.get(number)
@@ -341,6 +341,6 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
 
 
 def _precision(sums: Sums, number: int) -> str:
-    """How well an integral is known: in parts of the integral of the absolute value, unless that may be zero."""
+    """Precision of an integral: relative to the integral of the absolute value, unless that may be zero."""
     own, magnitude = sums.error[number], sums.magnitude[number]
     return f"to {own / magnitude:.2g} of its size" if magnitude > own else f"within {own:.2g}"

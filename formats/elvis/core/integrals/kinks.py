@@ -46,7 +46,10 @@ class Branch:
 
 
 def branches(root: Node) -> list[Branch]:
-    """The smooth expressions that an expression with kinks consists of; itself alone where no region is known."""
+    """The smooth expressions that an expression with kinks consists of.
+
+    Only the expression itself if a region is unknown.
+    """
     found = [Branch(EVERYWHERE, root)]
     left: set[Node] = set()
     while len(found) < _MOST:
@@ -79,7 +82,7 @@ def _first_switch(root: Node, left: set[Node]) -> Node | None:
 
 
 def _with(root: Node, part: Node, value: Node) -> Node:
-    """An expression with a value in place of a part."""
+    """An expression with a part replaced by a value."""
 
     def inner(node: Node, operands: list[Node]) -> Node:
         return value if node is part else call(node.op, *operands)
@@ -91,9 +94,9 @@ def _with(root: Node, part: Node, value: Node) -> Node:
 class Cut:
     """An expression with kinks, cut along them.
 
-    numbers  of the branches' expressions, and that of the expression itself
+    numbers  numbers of the branches' expressions, and the number of the expression itself
     regions  of the branches
-    zeros    the polynomials that bound them
+    zeros    the polynomials on the borders of the regions
     """
 
     numbers: tuple[int, ...]
@@ -103,7 +106,7 @@ class Cut:
 
     @staticmethod
     def of(expression: Expression, whole: int, first: int, found: Sequence[Branch]) -> Cut:
-        """That of branches whose expressions have the numbers from ``first``."""
+        """The cut of branches whose expressions have the numbers from ``first``."""
         regions = tuple(branch.region for branch in found)
         nodes = dict.fromkeys(node for region in regions for node in region.every_polynomial)
         zeros = tuple(ZeroSet(expression.text, Expression(expression.text, node)) for node in nodes)

@@ -1,11 +1,11 @@
 """Surfaces g = 0 inside elements as graphs over boxes, with all roots isolated, and rules on them.
 
-After Saye 2015, High-order quadrature methods for implicitly defined surfaces and volumes in hyperrectangles (SIAM
-J. Sci. Comput. 37, A993).  On a box with coordinates (i, j, k) in [0, 1]^3 the surface is a graph k(i, j) where dg/dk
-keeps its sign.  It ends where g vanishes on the faces k = 0 and k = 1; these ends are graphs j(i) where dg/dj keeps its
-sign there, and begin where g vanishes on edges, whose roots are single where coefficients change their sign once.  So
-Gauss rules between such breaks, in i, then in j, meet smooth functions.  All signs are proved from Bernstein nets, and
-boxes halved where one isn't.  In two dimensions i is left out: an axis of degree 0.
+After Saye 2015, High-order quadrature methods for implicitly defined surfaces and volumes in hyperrectangles (SIAM J.
+Sci.  Comput. 37, A993).  On a box with coordinates (i, j, k) in [0, 1]^3, the surface is a graph k(i, j) if dg/dk keeps
+its sign.  It ends at zeros of g on the faces k = 0 and k = 1; these ends are graphs j(i) if dg/dj keeps its sign there,
+and begin at zeros of g on edges, which are single if coefficients change their sign once.  Gauss rules between such
+breaks, in i, then in j, thus have smooth integrands.  All signs are proved from Bernstein nets; boxes with an unproved
+sign are bisected.  The axis i has degree 0 in two dimensions.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _DEPTH, _MANY, _MANY_OF_ONE = 24, 1 << 13, 8
 FIRST, _FURTHER = 3, 2
 #: halvings of a graph after which its ends need not be proved, as where it touches a border
 _LOOSE = 5
-#: an estimate of what moving a surface by a part of the cell's size does to integrals over it, in parts of these, where
-#: nothing is known of integrands
+#: estimated relative change of integrals over a surface when it is moved by the cell's size, if nothing is known about
+#: integrands
 _MOVED = 10.0
-#: changes of g in a direction in which boxes needn't be halved, in parts of the greatest
+#: relative change of g in a direction below which boxes are not bisected
 _FLAT = 0.05
-#: values of lost boxes, in units of the band, below which halving them tells nothing
+#: values of lost boxes, in units of the band, below which bisection gives no information
 _DOUBTFUL = 4.0
-#: what there is for each box
+#: attributes of each box
 _COLUMNS = (
     *("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order"),
     *("is_proved", "is_lost", "several", "further", "shift", "change", "share"),
@@ -52,27 +52,27 @@ _LEAST_SIDE = 2.0**-43
 
 @dataclass(frozen=True, eq=False)
 class LevelBoxes:
-    """Boxes in elements of a patch, in each of which g = 0 is a graph.
+    """Boxes in elements of a patch; in each, g = 0 is a graph.
 
     rows        (n,)          of the patch
     cell        (n,)          the part of the reference element, see `subcells`
     low, high   (n, 3)        corners in the part's coordinates in [0, 1]^3
-    nets        (n, D, D, D)  Bernstein nets of g on the boxes; the first axis has one coefficient in two dimensions
+    nets        (n, D, D, D) Bernstein nets of g on the boxes; in two dimensions, the first axis has one coefficient
     band        (n,)          magnitudes of g below which a point may be on either side of the surface
-    age         (n,)          halvings for which g = 0 has been a graph with ends that aren't proved
+    age         (n,) number of bisections for which g = 0 has been a graph with unproved ends
     rounding    (n, e)        of e expressions
     sizes       (n, e)        of their values
     order       (n, 3)        the axes that are i, j, k
     is_proved   (n,)          whether g = 0 is a graph whose ends are graphs
-    is_lost     (n,)          whether boxes are given up: rules have no points there
-    several     (n,)          how many polynomials may be zero in lost boxes
-    further     (n,)          area of surfaces that may be lost besides
-    shift       (n,)          how far along k rounding may move the surface, in parts of the box
-    change      (n,)          by how much, in parts, that changes its area
-    share       (n,)          share of i and j over which it moves ends of the surface
-    is_filled   whether the rule is one for the part where g < 0, not for the surface
-    zero        the polynomial that g is, but for its sign; None where it may be another one
-    enough      points on a line along k that integrate exactly what is integrated, where these are known
+    is_lost     (n,) whether boxes are given up: rules have no points there
+    several     (n,) number of polynomials that may be zero in lost boxes
+    further     (n,) additional area of surfaces that may be lost
+    shift       (n,) maximum movement of the surface along k by rounding, relative to the box
+    change      (n,) relative change of its area by this movement
+    share       (n,) share of i and j in which the movement affects ends of the surface
+    is_filled   whether the rule is for the part with g < 0, not for the surface
+    zero        the polynomial g up to its sign; None if it may be another one
+    enough      number of points on a line along k for an exact rule, if known
     """
 
     patch: Patch
@@ -108,7 +108,7 @@ class LevelBoxes:
         is_filled: bool,
         zero: Node | None = None,
     ) -> LevelBoxes:
-        """Boxes of which nothing is known yet: rows and cells, low and high corners, rounding and sizes."""
+        """Boxes before any analysis: rows and cells, low and high corners, rounding and sizes."""
         count = len(nets)
         order, zeros, ones = np.tile(np.arange(3), (count, 1)), np.zeros(count), np.ones(count, np.int64)
         first = patch, *element, *corners, nets, band, 0 * ones, *sizes, order
@@ -124,7 +124,7 @@ class LevelBoxes:
 
     @property
     def dimension(self) -> int:
-        """That of what rules go over."""
+        """Dimension of the domain of the rules."""
         return self.patch.shape.dimension - (not self.is_filled)
 
     @property
@@ -134,7 +134,7 @@ class LevelBoxes:
 
     @property
     def can_be_halved(self) -> Bools:
-        """(n, 1) whether halves tell more."""
+        """(n, 1) whether bisection may give more information."""
         is_above_rounding = greatest(self.nets) > _DOUBTFUL * self.band
         is_single = ~self.is_lost | ((self.several == 1) & (self.further == 0) & is_above_rounding)
         return np.asarray(is_single & ((self.high - self.low).min(axis=1) > 2 * _LEAST_SIDE))[:, None]
@@ -182,7 +182,7 @@ class LevelBoxes:
 
     @property
     def _is_flat(self) -> Bools:
-        """(n, 3) directions in which g changes little in comparison with the others, so that halving tells nothing."""
+        """(n, 3) directions in which g changes little compared with the others; bisection there is useless."""
         changes = np.stack([greatest(np.diff(self.nets, axis=axis)) for axis in (1, 2, 3)], axis=1)
         return np.asarray(changes < _FLAT * changes.max(axis=1, keepdims=True))
 
@@ -253,7 +253,7 @@ class LevelBoxes:
         return replace(self, shift=shift, change=change, share=shares_of_ends(nets, self.band))
 
     def given_up(self, several: int = 1) -> LevelBoxes:
-        """The boxes as lost ones, in which so many polynomials may be zero."""
+        """The boxes as lost ones, in which ``several`` polynomials may be zero."""
         count = len(self)
         no, zeros = np.zeros(count, bool), np.zeros(count)
         many = np.full(count, several)
@@ -276,11 +276,11 @@ class LevelBoxes:
         return np.asarray((self._extent() * np.minimum(moved, 1.0))[:, None] * self.sizes)
 
     def _extent(self) -> Floats:
-        """(n,) how large the surface, or the part, in each box may be.
+        """(n,) maximum size of the surface, or the part, in each box.
 
-        A line along direction k meets g = 0 at most as often as its degree D_k, unless it lies in it.  So the integral
-        of |n_k| over the surface is at most D_k in the unit cube, and its image no larger than the sum of these times
-        the greatest areas of faces.  Tangents that are linear in each coordinate are longest at corners.
+        A line along direction k meets g = 0 at most as often as its degree D_k, unless it lies in it.  The integral of
+        |n_k| over the surface is therefore at most D_k in the unit cube, and the image is not larger than the sum of
+        these times the largest areas of faces.  Tangents that are linear in each coordinate are longest at corners.
         """
         d = self.patch.shape.dimension
         longest = np.zeros((len(self), d))

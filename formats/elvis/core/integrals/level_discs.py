@@ -1,14 +1,14 @@
 """Discs of expressions and measures on neighbourhoods of parts of boxes that a graph cuts.
 
-On a cell of an element, fields and map are polynomials of the cell's coordinates, so that Taylor expansions about the
-centres of parts bound them and their derivatives.  With t the coordinates of a box, on surfaces a, b and t of
-`graph_discs`, and X = dx/dt = X_0 Y, where X_0 is the derivative at the centre, Y is near the identity, which keeps
-discs of determinants and solutions narrow.
+On a cell of an element, fields and map are polynomials of the cell's coordinates, so Taylor expansions about the
+centres of parts bound them and their derivatives.  Let t be the coordinates of a box, or on surfaces a, b and t of
+`graph_discs`, and X = dx/dt = X_0 Y, where X_0 is the derivative at the centre.  Then Y is close to the identity, which
+keeps discs of determinants and solutions narrow.
 
-The area of a surface for each unit of i and j is |N| with N = cof(X) (g_a/g_t, g_b/g_t, 1), and N/|N| its normal.  So
-the integral of an expression that is linear in the normal is that of the same expression of N.  With a normal in place
-of dx/dt in X_0, N is n = cof(Y) (g_a/g_t, g_b/g_t, 1) in the basis det(X_0) X_0^-T, whose last vector is at right
-angles to the others.
+The area of a surface per unit of i and j is |N| with N = cof(X) (g_a/g_t, g_b/g_t, 1), and N/|N| is its normal.  The
+integral of an expression linear in the normal is therefore the integral of the same expression of N. With a normal
+instead of dx/dt in X_0, N is n = cof(Y) (g_a/g_t, g_b/g_t, 1) in the basis det(X_0) X_0^-T, whose last vector is
+orthogonal to the others.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class CellNets:
         return found.reshape(len(found), *(1,) * (3 - d), *found.shape[1:])
 
     def _lattice(self, cell: int, degree: int) -> Lattice:
-        """Points whose values tell polynomials of a degree, in each element that has boxes in a cell of its shape."""
+        """Points whose values determine polynomials of a degree, in each element with boxes in a cell of its shape."""
         if (cell, degree) not in self._lattices:
             own, rows = np.divmod(self._codes, len(self._patch))
             lattice = lattice_of(places_of(degree), self._patch.shape.dimension)
@@ -246,7 +246,7 @@ class LevelDiscs:
 
     @cached_property
     def _ratios(self) -> list[Disc]:
-        """r_i: those of the derivatives of g along the frame, or of n if the gradient isn't known."""
+        """The ratios r_i of the derivatives of g along the frame, or of n if the gradient is unknown."""
         if not self.gradient:
             own = [self._across(axis) for axis in range(len(self._axes))]
         else:
@@ -331,7 +331,7 @@ class LevelDiscs:
 
     @property
     def _axes(self) -> range:
-        """Those of i, j, k that there are."""
+        """The axes i, j, k that exist in this dimension."""
         return range(3 - self.rules.piece.patch.shape.dimension, 3)
 
     def _on_discs(self, coefficients: Floats) -> Disc:
@@ -412,7 +412,7 @@ def _product(matrices: Floats, vector: Sequence[Disc]) -> list[Disc]:
 
 
 def _interval(root: Node, leaf: Callable[[Node], Interval], count: int) -> Interval:
-    """Least and greatest value (count,) of an expression from those of its leaves; infinite where nothing is known."""
+    """Bounds (count,) of an expression from the bounds of its leaves; infinite if unknown."""
     low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
     low, high = (np.broadcast_to(end, count) for end in (low, high))
     is_known = ~np.isnan(low) & ~np.isnan(high)

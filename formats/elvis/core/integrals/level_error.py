@@ -1,15 +1,16 @@
 """Bounds of the errors of rules on level sets and on the parts that they cut out of boxes.
 
-On each part between breaks the integrand times the measure is an analytic function of three coordinates, of two on
-surfaces, so that `analytic_error` holds: discs (`level_discs`) bound it on Bernstein ellipses.  If that isn't proved,
-the greatest value on the box times the greatest volume or area bounds the integral and what a rule says of it.
+On each part between breaks, the integrand times the measure is an analytic function of three coordinates (two on
+surfaces).  The theorem of `analytic_error` then applies: discs (`level_discs`) bound the function on Bernstein
+ellipses.  If analyticity isn't proved, the largest value on the box times the largest volume or area bounds the
+integral and the result of a rule.
 
-A line along direction k meets g = 0 at most as often as its degree D_k, unless it lies in it.  So the integral of |n_k|
-over the surface is at most D_k in the unit cube, and its image no larger than the sum of these times the greatest areas
-of faces.
+A line along direction k meets g = 0 at most as often as its degree D_k, unless it lies in it.  The integral of |n_k|
+over the surface is therefore at most D_k in the unit cube, and the image is not larger than the sum of these times the
+largest areas of faces.
 
-Rounding decides where g is zero.  The volume between is at most band / |dg/dk| of a box.  A point of a surface moves so
-far along k: an analytic G with |G - c| <= M for |t| <= r changes by 2 M |t| / r at most (lemma of Schwarz).
+Rounding determines the zeros of g.  The volume in doubt is at most band / |dg/dk| of a box.  A point of a surface moves
+by this distance along k: an analytic G with |G - c| <= M for |t| <= r changes by at most 2 M |t| / r (Schwarz lemma).
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, world_derivative
 
-#: changes by moving g, in parts of the integral over a box, for which values on whole cells are too coarse
+#: relative change by moving g, above which bounds on whole cells are too coarse
 _COARSE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class LevelRules:
-    """What bounds of integrals over levels are made from.
+    """The sources of bounds of integrals over levels.
 
     rules       of the piece that the elements are in
     attributes  of elements
-    cells       nets of leaves on the cells that boxes are in
-    exact       Gauss points along k that integrate all expressions exactly; None where there is no such rule
+    cells       nets of leaves on the cells that contain the boxes
+    exact       Gauss points along k that integrate all expressions exactly; None without an exact rule
     """
 
     rules: DegreeRules
@@ -93,7 +94,7 @@ class _Boxes:
         return known, about
 
     def _of_moves(self, known: Bounds, roots: Sequence[Node], nets: Floats, about: Floats) -> Floats:
-        """(n, e) what moving g changes; boxes for which more is to be known get the ends of their integrals, too."""
+        """(n, e) changes by moving g; boxes that need a closer look also get bounds of their integrals."""
         boxes, cells = self.boxes, self.level.cells
         largest = np.stack([_largest(cells.interval(root))[self.cell] for root in roots], axis=1)
         longest = cells.longest[self.cell] * (boxes.high - boxes.low)
@@ -158,7 +159,7 @@ def _largest(interval: Interval) -> Floats:
 
 
 def _measure(found: LevelDiscs, near: PartDiscs, parts: GraphParts) -> Disc:
-    """What the volume or area for each unit of i, j and k is multiplied by to be that for each unit of [-1, 1]^d."""
+    """The factor from volume or area per unit of i, j and k to volume or area per unit of [-1, 1]^d."""
     d = found.rules.piece.patch.shape.dimension
     along_i = (parts.high - parts.low)[:, None] / 2 if d == 3 else np.ones((len(parts), 1))
     across = discs.times((along_i, np.float64(0.0)), near.stretches[0])
@@ -214,12 +215,12 @@ def _faces(longest: Floats) -> list[Floats]:
 
 
 def _changes(boxes: LevelBoxes, nets: Floats, longest: Floats, largest: Floats) -> Floats:
-    """(n, e) what moving g changes of integrals of integrands up to (n, e), for surfaces at their ends alone.
+    """(n, e) changes of integrals of integrands up to (n, e) by moving g; for surfaces, only at their ends.
 
-    The area for each unit of i and j is |cof(X) grad g| / |g_k|.
+    The area per unit of i and j is |cof(X) grad g| / |g_k|.
 
     nets     (n, Di, Dj, Dk) of g
-    longest  (n, 3) or (n, d) lengths of dx/di, dx/dj and dx/dk at most
+    longest  (n, 3) or (n, d) maximum lengths of dx/di, dx/dj and dx/dk
     """
     d = boxes.patch.shape.dimension
     lengths = longest[:, -d:]

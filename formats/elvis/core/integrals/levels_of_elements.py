@@ -30,14 +30,14 @@ from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
 _OUTSIDE = "outside:"
-#: by how much of the size of its values a level is moved, so that surfaces along borders of elements count once: at
-#: least and at most, and of how far values of two elements differ
+#: relative shift of a level, so that surfaces along borders of elements count once: minimum, maximum, and factor of the
+#: jump between two elements
 _AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
-#: elements that the surface doesn't meet, whatever is rounding: values so far from it, in parts of the greatest size
+#: relative value beyond which an element certainly doesn't meet the surface, whatever the rounding
 _FAR = 1e-9
-#: the size of what is zero throughout an element: less than zero nowhere once it is moved
+#: the size of a function that is zero throughout an element: nowhere negative after the shift
 _NOTHING = 1e-280
-#: rounding of values on borders, and jumps there that are still taken for rounding, in parts of the size of values
+#: rounding of values on borders, and jumps there that still count as rounding, relative to the values
 _ROUNDING, _MOST_JUMP = 2e-15, 1e-10
 #: the same within which they are 0 at the apex of a pyramid
 _AT_APEX = 4.0
@@ -45,7 +45,7 @@ _AT_APEX = 4.0
 
 @dataclass(frozen=True, eq=False)
 class LevelPiece:
-    """Where an expression is zero inside the elements of a piece, or, where ``is_filled``, less than that."""
+    """The zeros of an expression inside the elements of a piece or, with ``is_filled``, its negative part."""
 
     piece: Piece
     level: Level
@@ -56,7 +56,7 @@ class LevelPiece:
 
     @property
     def patch(self) -> Patch:
-        """That of the piece."""
+        """The patch of the piece."""
         return self.piece.patch
 
     @property
@@ -66,7 +66,7 @@ class LevelPiece:
 
     @property
     def dimension(self) -> int:
-        """That of the elements, of surfaces one less."""
+        """Dimension of the elements, for surfaces one less."""
         return self.piece.dimension - (not self.is_filled)
 
     def part(self, chosen: Ints | Bools) -> LevelPiece:
@@ -99,9 +99,11 @@ class Level:
 
     @staticmethod
     def clip(dataset: Dataset, text: str) -> Level:
-        """What ``SURFACE``, or ``outside:SURFACE``, leaves as a level; ElvisError for other texts.
+        """The rest after clipping with ``SURFACE``, or ``outside:SURFACE``, as a level.
 
-        Surfaces are those of `parse`; inside is where their expression is less.
+        Raises ElvisError for other texts.
+
+        Surfaces are as in `parse`; their expression is negative inside.
         """
         is_outside = text.startswith(_OUTSIDE)
         known = _surface(dataset, text.removeprefix(_OUTSIDE))
@@ -122,7 +124,7 @@ class Level:
 
     @property
     def expressions(self) -> tuple[Expression, ...]:
-        """What is evaluated for it."""
+        """The expressions to be evaluated."""
         return (self.expression, *(zero.expression for zero in self.zeros))
 
     def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> Level:
@@ -132,12 +134,12 @@ class Level:
     def boxes(
         self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
     ) -> tuple[list[LevelBoxes], Ints]:
-        """The surface in some elements, or the part below it; which of them (m,) are whole below it.
+        """The surface in some elements, or the part below it; and the elements (m,) that are entirely below it.
 
         sizes      (n, e) of e expressions on them
-        parts      (n,) of the sizes in which they are rounded
-        is_filled  whether the part below is wanted
-        ElvisError where it is not that of polynomials.
+        parts      (n,) rounding relative to the sizes
+        is_filled  whether the part below is requested
+        Raises ElvisError if the surface is not a level of polynomials.
         """
         seen = {zero.expression.root: zero.seen(piece, evaluator) for zero in self.zeros}
         signs = {node: own.signs for node, own in seen.items()}
@@ -159,11 +161,11 @@ def boxes_in_cells(
     sizes: tuple[Floats, Floats],
     is_filled: bool,
 ) -> Iterator[tuple[int | None, LevelBoxes]]:
-    """The number of a region with its part of elements, or, of one region, the surface that bounds it.
+    """Numbers of regions, each with its part of elements or, for a single region, the surface that bounds it.
 
-    None stands for what is in doubt between several regions; of one region it is lost.
+    None marks boxes in doubt between several regions; for a single region such boxes are lost.
     seen   the polynomials of the regions on the elements
-    sizes  (n, e) by how much expressions are rounded, and of these
+    sizes  (n, e) rounding of expressions, and their sizes
     """
     for cell in range(len(corners(piece.patch.shape))) if len(piece) else ():
         nets = {node: own.nets(cell) for node, own in seen.items()}
@@ -229,10 +231,10 @@ def _surface(dataset: Dataset, name: str) -> tuple[Node, float] | None:
 
 @dataclass(frozen=True, eq=False)
 class ZeroSet:
-    """Where a polynomial is zero.
+    """The zeros of a polynomial.
 
-    size    what it is added up from, at most, in all elements; None where it isn't known yet
-    turned  for each patch the elements in which the level is moved down; empty where no sides are known
+    size    maximum magnitude of its terms in all elements; None if not yet known
+    turned  for each patch, the elements in which the level is moved down; empty if no sides are known
     """
 
     name: str
@@ -254,7 +256,7 @@ class ZeroSet:
             parts = np.divide(found, own, out=np.zeros(len(rows)), where=is_rounding & (own > 0))
             jump = np.maximum(jump, parts)
 
-        # fields are known in parts of their own values, coordinates in parts of the greatest
+        # rounding of fields is relative to their own values, of coordinates to the largest
         if self._has_coordinates:
             return _Doubt(np.full(len(rows), self._size(evaluator)), jump)
         (sizes,) = evaluator.sizes_at([self.expression], places)
@@ -286,7 +288,7 @@ class ZeroSet:
         return turned(evaluator.patches, sides, degrees, values, _FAR * self._size(evaluator), within)
 
     def _size(self, evaluator: Evaluator) -> float:
-        """What the expression is added up from, at most: in the middles of all elements."""
+        """Maximum magnitude of the expression's terms, at the centres of all elements."""
         if self.size is not None:
             return self.size
         sizes = [0.0]
@@ -299,7 +301,7 @@ class ZeroSet:
         return max(sizes)
 
     def seen(self, piece: Piece, evaluator: Evaluator) -> Seen:
-        """What is known of the polynomial on elements of a piece; ElvisError where it is none."""
+        """The polynomial on elements of a piece; raises ElvisError if it is not a polynomial."""
         patch, degree = piece.patch, self._degree(piece, evaluator)
         t = places_of(degree)
         lattice = lattice_of(t, patch.shape.dimension)
@@ -308,7 +310,7 @@ class ZeroSet:
         axes = tuple(range(1, nets.ndim))
         least, most = nets.min(axis=axes), nets.max(axis=axes)
 
-        # how well values are known matters near the surface alone
+        # the precision of values matters only near the surface
         far = degree * _FAR * self._size(evaluator)
         signs = (least > far).astype(np.int64) - (most < -far)
         near = np.flatnonzero(signs == 0)
@@ -329,7 +331,7 @@ class ZeroSet:
         return np.zeros(len(piece), bool), np.zeros(len(piece))
 
     def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
-        """Of the expression in each direction."""
+        """Degree of the expression in each direction."""
         patch = piece.patch
         if patch.homogeneous is not None or patch.shape.dimension < 2:
             raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
@@ -366,10 +368,10 @@ def without_apex(nets: Floats, nothing: Floats | float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Doubt:
-    """How well values of an expression are known on borders of elements (n,).
+    """Precision of values of an expression on borders of elements (n,).
 
-    size  (n,) of what it is added up from, at most
-    jump  (n,) by how much two elements differ there, in parts of it
+    size  (n,) maximum magnitude of its terms
+    jump  (n,) relative difference between two elements there
     """
 
     size: Floats
@@ -385,22 +387,22 @@ class _Doubt:
         return degree * self.jump * self.size
 
     def moves(self, rows: Ints, is_turned: Bools, count: int) -> Floats:
-        """(count,) by how much the level is moved in elements of a patch, of which rows (n,) are these."""
+        """(count,) shift of the level in elements of a patch, given for rows (n,)."""
         found = np.zeros(count)
         found[rows] = np.where(is_turned, -1.0, 1.0) * self.away * self.size
         return found
 
     def part(self, chosen: Ints) -> _Doubt:
-        """That of some elements."""
+        """The precision in some elements."""
         return _Doubt(self.size[chosen], self.jump[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What is known of a polynomial on elements of a piece.
+    """A polynomial on elements of a piece.
 
     degree  of the polynomial in each direction
-    signs   (n,) where it has one, else 0
+    signs   (n,) its sign if constant, else 0
     is_turned, sides  (n,) whether the level is moved down, and areas of sides on which the surface is in doubt
     """
 
@@ -414,7 +416,7 @@ class Seen:
     sides: Floats
 
     def of(self, chosen: Ints) -> Seen:
-        """That of some of the elements."""
+        """The polynomial on some of the elements."""
         return replace(
             self,
             piece=self.piece.part(chosen),

@@ -1,4 +1,4 @@
-"""Planes, spheres and cylinders, told in a text, as expressions that are zero on them and less inside."""
+"""Planes, spheres and cylinders, given as text, as expressions that are zero on them and negative inside."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from elvis.core.quantities.tree import Node, call, coordinate, number
 
 
 def quadric(name: str) -> Node | None:
-    """What is zero on ``KIND:PARTS``, one of `_KINDS`; None for other kinds, ElvisError for parts that are wrong.
+    """The expression that is zero on ``KIND:PARTS``, one of `_KINDS`.
 
-    Of a plane it is the height above it, whatever its normal's length; of a sphere and a cylinder the squared distance
-    from the centre, or the axis, less the squared radius.
+    None for other kinds; raises ElvisError for invalid parts.
+
+    A plane gives the height above it, for any length of its normal; a sphere or cylinder gives the squared distance
+    from the centre or axis, minus the squared radius.
     """
     kind, _, rest = with_normals(name).partition(":")
     if kind not in _KINDS:

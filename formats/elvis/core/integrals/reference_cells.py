@@ -1,7 +1,8 @@
 """Pieces of reference elements that integrals go over: elements themselves, or one of their sides.
 
 A piece has coordinates eta in [-1, 1]^k: the collapsed ones of its shape, then zeta of homogeneous directions.  On
-boxes of eta rules are products of Gauss rules; with the map x(xi(eta)) an integral is that of f |dx/dxi| |dxi/deta|.
+boxes of eta rules are products of Gauss rules; with the map x(xi(eta)), an integral has the integrand f |dx/dxi|
+|dxi/deta|.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from elvis.core.shapes import Shape
 from elvis.core.validity.validity import are_never_negative
 
 _EPS = float(np.finfo(np.float64).eps)
-#: rounding of what a map's derivatives are made of, in units of the last place
+#: rounding of the terms of a map's derivatives, in units of the last place
 _ROUNDING = 64
 #: a length that is positive, whatever the coordinates
 _SMALLEST = 1e-300
@@ -37,12 +38,12 @@ _SMALLEST = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The same part of some elements of a patch.
+    """The corresponding part of some elements of a patch.
 
     rows    (n,)    of the patch
     shape   of the part
-    number  of the side among those of the element's shape; None for the whole element
-    is_signed  whether its measure is J in place of |J|, negative where the element is inverted
+    number  number of the side among the sides of the element's shape; None for the whole element
+    is_signed  whether its measure is J instead of |J|, which is negative in inverted elements
     """
 
     patch: Patch
@@ -179,7 +180,7 @@ def side_shape(shape: Shape, number: int) -> Shape:
 
 
 def side_numbers(shape: Shape) -> range:
-    """Those of the sides of a shape."""
+    """The numbers of the sides of a shape."""
     return range(len(_sides(shape)))
 
 

@@ -1,13 +1,13 @@
-"""Sums over pieces: one rule where that is exact, else rules whose errors are bounded, on halved boxes.
+"""Sums over pieces: one exact rule, or rules with bounded errors on bisected boxes.
 
-If an integrand is not a polynomial, each box of eta has one Gauss rule.  Its error is bounded from what the integrand
-attains on complex neighbourhoods of the box (`analytic_error`).  At poles the least and the greatest value on the box
-bound it.  Elements are cut along kinks and jumps that are level sets (`kinks`).  Boxes with the largest bounds get
-better rules, or are halved in the directions with the largest share, until the sum of all bounds is below the requested
-error, or the points are used up.
+If an integrand is not a polynomial, each box of eta has one Gauss rule.  Its error is bounded by the integrand's range
+on complex neighbourhoods of the box (`analytic_error`).  If that fails, as at a pole, the minimum and maximum on the
+box bound it.  Elements are cut along kinks and jumps that are level sets (`kinks`).  Boxes with the largest bounds get
+better rules, or are bisected in the directions with the largest share.  This ends when the sum of all bounds is below
+the requested error, or the points are used up.
 
-Some integrands have no bounds, such as distances and fields with Fourier directions.  There three rules are compared,
-and their differences make an estimate of the error.
+Some integrands have no bounds, such as distances and fields with Fourier directions.  For these, three rules are
+compared, and their differences give an estimate of the error.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from elvis.core.quantities.tree import LEAVES, Node, ordered, other_of
 from elvis.core.terminal import Progress
 from elvis.core.threads import results
 
-#: points at once, and boxes of which bounds are made at once
+#: points evaluated at once, and boxes whose bounds are computed at once
 _BATCH = 1 << 16
 _BOUNDED_AT_ONCE = 1 << 11
 #: points that may be taken to bring errors down
@@ -66,10 +66,10 @@ _MOST_COUNTS = 12
 _RAISED = 3
 #: how much more than the differences of rules an estimate is
 _SAFETY = 8.0
-#: an estimate of the error on boxes where nothing is bounded, in parts of the integral of the absolute value there
+#: estimated error on boxes without bounds, relative to the integral of the absolute value there
 _UNBOUNDED = 8.0
 _EPS = float(np.finfo(np.float64).eps)
-#: rounding of a sum, in parts of its magnitude, and of measures for each unit of a map's condition
+#: rounding of a sum, relative to its magnitude, and of measures per unit of a map's condition
 _ROUNDING, _LENGTHS = 8 * _EPS, _EPS
 #: how much more values of another dataset, whose places are roots, are rounded
 _LOCATED = 16.0
@@ -89,12 +89,12 @@ class _Batch(NamedTuple):
 class Summation:
     """Integrals of expressions, which an evaluator knows, over pieces of its dataset.
 
-    error      asked for, in parts of the integral of the absolute value
-    precision  by how much less than the terms that they are added up from expressions are rounded, 1 where not given
-    most       points that may be taken to bring errors down
-    progress   is told how many points have been taken, and how many are planned
-    reached    is told the greatest error reached, in parts of the integral of the absolute value
-    best_effort  whether an interrupt ends the refinement with what is known
+    error      requested error, relative to the integral of the absolute value
+    precision  factor by which the rounding of expressions is below the rounding of their terms, 1 if not given
+    most       maximum number of points for reducing errors
+    progress   receives the number of points evaluated, and the number planned
+    reached    receives the largest error reached, relative to the integral of the absolute value
+    best_effort  whether an interrupt ends the refinement with the current result
     is_signed  whether elements count with the sign of their Jacobian
     """
 
@@ -165,7 +165,10 @@ class Summation:
         return np.array([*range(count), *(cut.whole for cut in self._cuts.values() for _ in cut.numbers)], np.int64)
 
     def _on_piece(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> tuple[list[Group], Sums]:
-        """What rules say of expressions on a piece, and what is known of them; those with kinks are cut along these."""
+        """Groups with the results of rules for expressions on a piece, and sums by exact rules.
+
+        Expressions with kinks are cut along these.
+        """
         rough, total = list[Group](), Sums.none(len(self._expressions))
         if not len(piece):
             return rough, total
@@ -204,7 +207,10 @@ class Summation:
         return total
 
     def _on_level(self, whole: LevelPiece, rules: DegreeRules, numbers: list[int]) -> tuple[list[Group], Ints]:
-        """What rules say of expressions on a surface in elements, or below; elements of the piece that are below."""
+        """Groups with the results of rules for expressions on a surface in elements, or below it.
+
+        And the elements of the piece that are below.
+        """
         sizes, parts = self._sizes(whole.piece, numbers)
         every, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
         found: list[Group] = []
@@ -213,7 +219,10 @@ class Summation:
         return found, below
 
     def _on_boxes(self, boxes: LevelBoxes, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
-        """What rules say of expressions on boxes; what is a polynomial on elements is one on boxes that are whole."""
+        """Groups with the results of rules for expressions on boxes.
+
+        Exact rules for polynomials on elements also apply to whole boxes.
+        """
         counts = (_ON_SURFACES,) * boxes.dimension
         roots = [self._expressions[number].root for number in numbers]
         enough = self._enough(rules, numbers) if boxes.is_filled else None
@@ -283,14 +292,14 @@ class Summation:
         return total
 
     def _known(self, boxes: Boxes, numbers: list[int], counts: Counts) -> Group:
-        """What a rule says that is exact."""
+        """The result of an exact rule."""
         self._planned += _points(boxes, [counts])
         found = self._integrate(boxes, numbers, counts)
         nothing = np.zeros_like(found.value)
         return Group(boxes, numbers, counts, found, nothing, nothing == 0, nothing)
 
     def _rough(self, piece: Piece, rules: DegreeRules, numbers: list[int]) -> Iterator[Group]:
-        """What is known of expressions without an exact rule on a piece, apart those whose error can be bounded."""
+        """Groups for expressions without an exact rule on a piece, with bounded errors and others separate."""
         roots = [self._expressions[number].root for number in numbers]
         # bounds take the measure for positive
         are_bounded = [not piece.is_signed and is_bounded(root, rules) for root in roots]
@@ -318,7 +327,7 @@ class Summation:
         every = Bounded(
             boxes, numbers, counts, guess, error, is_bound, known.moved, rules, steps, known, gains, is_guess=True
         )
-        # where nothing is known, points tell whether there are values at all
+        # without bounds, points show whether there are values at all
         is_known = np.isfinite(known.errors).all(axis=(1, 2, 3)) | all(map(_has_values, roots))
         if is_known.any():
             yield every.part(is_known)
@@ -326,7 +335,7 @@ class Summation:
             yield self._raised(every.part(~is_known), steps)
 
     def _bounded(self, boxes: EtaBoxes, rules: DegreeRules, numbers: list[int]) -> Bounded:
-        """What one rule says of expressions on boxes, with bounds of its error and of those of better rules."""
+        """The result of one rule for expressions on boxes, with bounds of its error and of better rules' errors."""
         counts = lattice_counts(boxes.piece)
         self._planned += _points(boxes, [counts])
         size = min(_BOUNDED_AT_ONCE, max(1, _BATCH // int(np.prod(counts))))
@@ -349,7 +358,7 @@ class Summation:
         )
 
     def _compared(self, boxes: Boxes, numbers: list[int], counts: Counts, is_raised: bool) -> Compared:
-        """What several rules say of expressions on boxes."""
+        """The results of several rules for expressions on boxes."""
         every = compared_counts(counts)
         self._planned += _points(boxes, every)
         *lesser, best = (self._integrate(boxes, numbers, own) for own in every)
@@ -385,7 +394,7 @@ class Summation:
             yield replace(stuck, is_final=True)
 
     def _of_halves(self, halves: Boxes, old: Bounded) -> Iterator[Bounded]:
-        """What is known of halves of the boxes of a group."""
+        """The groups of halves of the boxes of a group."""
         if isinstance(halves, LevelBoxes):
             assert isinstance(old.rules, LevelRules)
             yield from self._enclosed(halves, old.rules, old.numbers)
@@ -394,9 +403,9 @@ class Summation:
             yield self._bounded(halves, old.rules, old.numbers)
 
     def _refined(self, groups: list[Group], magnitude: Floats) -> Sums:
-        """The integrals over boxes where expressions have no exact rule, of which some are halved again and again.
+        """The integrals over boxes of expressions without an exact rule; some boxes are bisected repeatedly.
 
-        magnitude  (k,) of what is integrated besides
+        magnitude  (k,) magnitude of the remaining integrals
         """
         count, taken = len(self._expressions), 0
         total = sum((group.sums(count) for group in groups), Sums.none(count))
@@ -439,7 +448,7 @@ class Summation:
         return [*(own for own in found if not isinstance(own, Bounded)), *_joined(found)]
 
     def _tell(self, total: Sums, sizes: Floats) -> None:
-        """Tell the greatest error reached, in parts of the sizes of integrals."""
+        """Report the largest error reached, relative to the sizes of integrals."""
         if self._reached is None:
             return
         with np.errstate(all="ignore"):
@@ -459,7 +468,7 @@ class Summation:
         counts: Counts,
         rules: DegreeRules | None = None,
     ) -> Iterator[_Batch]:
-        """What a rule says of some boxes at a time; with bounds where the rules of a piece are given."""
+        """The results of a rule, batch by batch; with bounds if the rules of a piece are given."""
         parts = [boxes.part(slice(first, first + size)) for first in range(0, max(len(boxes), 1), size)]
         jobs = (partial(self._batch, part, numbers, counts, rules) for part in parts)
         for part, own in zip(parts, results(jobs), strict=True):
@@ -471,7 +480,7 @@ class Summation:
             yield own
 
     def _batch(self, boxes: Boxes, numbers: Sequence[int], counts: Counts, rules: DegreeRules | None) -> _Batch:
-        """What a rule says of boxes at once."""
+        """The results of a rule on boxes that are evaluated together."""
         found, missing = BoxIntegrals(*np.zeros((4, len(boxes), len(numbers)))), dict[int, Floats]()
         if not len(boxes):
             return _Batch(found, missing)
@@ -493,7 +502,7 @@ class Summation:
         return _Batch(found, missing, bounds(discs, roots, found.measure[:, 0]), np.sum(gains, axis=0))
 
     def _values(self, numbers: Sequence[int], places: ElementPoints, noted: dict[int, Floats]) -> Iterator[Floats]:
-        """(n,) some expressions at points; NaN where they have no value, of which a place is noted."""
+        """(n,) some expressions at points; NaN if undefined, with one such point noted."""
         expressions = [self._expressions[number] for number in numbers]
         for number, found in zip(numbers, self._evaluator.values_at(expressions, places), strict=True):
             values = np.broadcast_to(found, len(places))
@@ -520,8 +529,8 @@ def _has_values(root: Node) -> bool:
 def _gains(values: Floats, counts: Counts) -> Floats:
     """(n, d) how much values (n q,) at points of boxes vary along each direction, on average over lines of points.
 
-    Halving a direction halves that, and with it what intervals leave open; also if both halves have the range of the
-    whole, as those of a parabola have.
+    Halving a direction halves this variation, and with it the uncertainty of intervals; this also holds if both halves
+    have the range of the whole, as for a parabola.
     """
     lattice = values.reshape(-1, *counts)
     found = [np.ptp(lattice, axis=1 + axis).reshape(len(lattice), -1).mean(axis=1) for axis in range(len(counts))]
@@ -553,7 +562,10 @@ def _rough_counts(piece: Piece) -> tuple[int, ...]:
 
 
 def _threshold(scores: Floats) -> float:
-    """The least score of boxes that may not stay, so that those that do sum up to a half at most; inf for none."""
+    """The lowest score of boxes to be refined, such that the remaining scores sum up to at most a half.
+
+    Inf if no box must be refined.
+    """
     if scores.sum() <= 1:
         return np.inf
     ascending = np.sort(scores)
@@ -562,7 +574,7 @@ def _threshold(scores: Floats) -> float:
 
 
 def _affordable(scores: Floats, costs: Ints, budget: int) -> float:
-    """The least score of boxes, such that all that have it or more cost no more than the budget."""
+    """The lowest score of boxes such that all boxes with this score or more fit the budget."""
     descending = np.argsort(-scores, kind="stable")
     first_left = int(np.searchsorted(np.cumsum(costs[descending]), budget, side="right"))
     if first_left == len(scores):

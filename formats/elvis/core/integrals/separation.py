@@ -78,7 +78,7 @@ class CellBoxes:
 class Separated:
     """Boxes inside of regions and at their borders.
 
-    single  number of a region, a polynomial, and boxes with its net alone, which is negative inside
+    single  number of a region, a polynomial, and boxes with only its net, which is negative inside
     whole   number of a region, and boxes inside
     left    boxes in which several polynomials may be zero
     """

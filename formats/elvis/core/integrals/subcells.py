@@ -1,8 +1,8 @@
 """Reference elements as unions of images of unit squares and cubes, on which polynomials are tensor polynomials.
 
-A simplex has one for each vertex, between the middles of its edges, faces and itself; a prism those of its triangle.
-Their maps are linear in each coordinate, so that degrees stay.  A pyramid is the image of the box of its collapsed
-coordinates, in which its functions are polynomials.
+A simplex has one image for each vertex, between the midpoints of its edges, faces and itself; a prism uses the images
+of its triangle.  Their maps are linear in each coordinate, so degrees are unchanged.  A pyramid is the image of the box
+of its collapsed coordinates, in which its functions are polynomials.
 """
 
 from __future__ import annotations

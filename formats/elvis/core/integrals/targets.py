@@ -1,4 +1,4 @@
-"""What is integrated over, from its name: the domain, a region of it, a boundary, all outer faces, surfaces, curves."""
+"""Domains of integration by name: the domain, a region of it, a boundary, all outer faces, surfaces, curves."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """The targets that one name stands for, with all of them together where they are several.
+    """The targets that match one name, with their union if there are several.
 
-    rows   none of which shares a piece with another where ``total`` is None
-    total  all together, where they are several
+    rows   disjoint pieces if ``total`` is None
+    total  the union, if there are several
     """
 
     rows: tuple[Target, ...]
@@ -55,9 +55,9 @@ class Targets:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The elements of a dataset and their sides, where integrals are asked for.
+    """The elements of a dataset and their sides, on which integrals are requested.
 
-    ranks  that have parts of it, of which this is one
+    ranks  the ranks that have parts of it, including this one
     """
 
     dataset: Dataset
@@ -71,7 +71,7 @@ class Places:
         return [any(own) for own in zip(*self.ranks.exchange(list(flags), "targets"), strict=True)]
 
     def shared(self, pieces: Sequence[Part], ranks: Ranks) -> list[Part]:
-        """What a rank takes of pieces: all of a part, else every so many elements, and as the first rank the curves."""
+        """A rank's share of pieces: all of a part, otherwise every n-th element; the first rank takes the curves."""
         if self.dataset.mesh.excerpt is not None or ranks.size == 1:
             return list(pieces)
         found: list[Part] = []
@@ -112,7 +112,7 @@ class Places:
         return boundaries(self._mesh)
 
     def clipped(self, name: str, clip: Level) -> Targets:
-        """What a level leaves of the domain or a region; ElvisError for others."""
+        """The rest of the domain or a region after clipping with a level; raises ElvisError for other targets."""
         targets = self.named(name)
         pieces = [piece for row in targets.rows for piece in row.pieces]
         elements = [piece for piece in pieces if isinstance(piece, Piece) and not piece.is_side]
@@ -121,7 +121,7 @@ class Places:
         return Targets((Target(name, tuple(LevelPiece(piece, clip, is_filled=True) for piece in elements)),))
 
     def named(self, name: str) -> Targets:
-        """What a name stands for; ElvisError, with near names, where it stands for nothing."""
+        """The targets of a name; raises ElvisError, with similar names, for an unknown one."""
         if name in self.levels:
             level, elements = self.levels[name], whole_elements(self.patches)
             return Targets((Target(name, tuple(LevelPiece(piece, level) for piece in elements)),))

@@ -1,4 +1,4 @@
-"""Taylor expansions of polynomials on boxes, and what they attain on discs of their three coordinates."""
+"""Taylor expansions of polynomials on boxes, and their ranges on discs of the three coordinates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from elvis.core.arrays import Floats
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.discs import Disc
 
-#: rounding of values on discs, in parts of the sum of the magnitudes of all terms
+#: rounding of values on discs, relative to the sum of the magnitudes of all terms
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
 #: powers of s and t in the terms of a bent surface, in the order of its coefficients
 BENDS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
@@ -49,7 +49,7 @@ def slope(coefficients: Floats, axis: int) -> Floats:
 def straightened(coefficients: Floats, bends: Floats) -> Floats:
     """Coefficients in s, t, u of a polynomial whose third coordinate is u + P(s, t), with P of coefficients (n, 5).
 
-    By Horner's method in that coordinate.  Without a first direction P must not depend on s.
+    Uses Horner's method in that coordinate.  P must not depend on s if the first direction is missing.
     """
     _, a, b, c = coefficients.shape
     planes = [coefficients[..., c - 1]]

@@ -1,9 +1,9 @@
-"""How much of the sides of elements lies so near a surface g = 0 that rounding decides in which element the surface is.
+"""Sides of elements so near a surface g = 0 that rounding decides which element contains the surface.
 
-Where a surface touches a side, the two elements there see it end at different lines: values that differ by delta move
-the end by the root of delta.  The strip between is counted twice or not at all.  It is a part of the set |g| <= delta
-on the side, whose share of a box is at most 2 delta / m where a derivative is m at least, and 4 sqrt(delta / c) where a
-second derivative is c at least (van der Corput's lemma on sets of small values).  Bernstein nets give m and c.
+If a surface touches a side, the two elements see its end at different lines: values that differ by delta move the end
+by the root of delta.  The strip between these lines is counted twice or not at all.  The strip is part of the set |g|
+<= delta on the side.  Its share of a box is at most 2 delta / m if a derivative is at least m, and 4 sqrt(delta / c) if
+a second derivative is at least c (van der Corput's lemma on sets of small values).  Bernstein nets give m and c.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.polynomials.boxnets import all_halves
 
-#: halvings of boxes on which no derivative keeps its sign, and so many boxes at once
+#: bisections of boxes on which no derivative keeps its sign, and the maximum number of boxes at once
 _DEPTH, _MANY = 14, 1 << 14
 #: shares that count: a surface that crosses a side leaves less, as much as moving it does elsewhere
 _LEAST = 1e-12

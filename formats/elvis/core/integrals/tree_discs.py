@@ -1,17 +1,17 @@
 """Discs of expressions on boxes, without the factors by which leaves vanish on faces of their boxes.
 
-A velocity is zero on a wall, so that the square of the speed has a double zero there: the root of a disc around 0 is
+A velocity is zero on a wall, so the square of the speed has a double zero there: the root of a disc around 0 is
 unknown.  On a box [-1, 1]^d a polynomial that vanishes on a face is u = (1 + t) g or (1 - t) g, with a polynomial g.
-These factors are not negative on the box.  So they come out of roots, absolute values, minima and maxima:
+These factors are not negative on the box.  They are factored out of roots, absolute values, minima and maxima:
 
     sqrt(u^2 + v^2) = (1 + t) sqrt(g^2 + h^2),  |u| = (1 + t) |g|
 
-The right sides are analytic beyond the face.  All values here have such factors apart: powers of 1 + t and 1 - t for
+The right sides are analytic beyond the face.  All values here have such factors separate: powers of 1 + t and 1 - t for
 each direction, and the disc of the cofactor.
 
-Data are rounded, so that u has a remainder of that size on the face.  Its bound is carried along as the slack of a
-value: by how much it may differ from the analytic function on the real box.  The length of a vector differs by no more
-than the length of the difference, so that a sum of squares has the slack of its root apart.
+Data are rounded, so u has a remainder of that size on the face.  Its bound is propagated as the slack of a value: the
+maximum difference from the analytic function on the real box.  The length of a vector changes by at most the length of
+the difference, so a sum of squares has the slack of its root separately.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import LEAVES, Node, fold, ordered, whole_exponent
 
-#: rounding of values of leaves, and of what follows from them, in parts of the greatest
+#: relative rounding of values of leaves, and of results from them
 ROUNDING = 64 * float(np.finfo(np.float64).eps)
-#: values on a face, in parts of the greatest in the box, below which a polynomial is divided by a factor
+#: value on a face, relative to the largest in the box, below which a polynomial is divided by a factor
 _SMALL = 2.0**-40
 #: the power of a factor in zero
 _ANY_POWER = 1 << 20
@@ -42,15 +42,15 @@ _ABOVE: Mapping[str, Callable[..., Disc]] = {
     "log": discs.logarithm_above,
     "/": discs.over_above,
 }
-#: functions of which factors make more known
+#: functions whose bounds improve by factoring
 _KINKED = frozenset({"sqrt", "abs", "min", "max"})
 
 
 class Ball(NamedTuple):
     """A disc with a lower bound of the real part, and a bound of the size of the imaginary part.
 
-    slack       by how much the value may differ from what is in the disc, at real points
-    root_slack  by how much the root of the value may
+    slack       maximum deviation of the value from the disc, at real points
+    root_slack  maximum deviation of the value's root
     """
 
     middle: Any
@@ -62,7 +62,7 @@ class Ball(NamedTuple):
 
     @staticmethod
     def around(disc: Disc) -> Ball:
-        """What is known of any disc."""
+        """The ball of any disc."""
         return Ball(*disc, disc[0] - disc[1], disc[1])
 
     @property
@@ -107,7 +107,7 @@ class Division(NamedTuple):
 def divided(values: Floats, counts: Sequence[int]) -> Division:
     """Polynomials with values (n, q) at Gauss points without their zeros on faces.
 
-    With g = u/(1 + t) at the points, u - (1 + t) g is 0 there, so it is P_n(t)/P_n(-1) times u at t = -1, no more.
+    With g = u/(1 + t) at the points, u - (1 + t) g is 0 there, so it equals P_n(t)/P_n(-1) times u at t = -1.
     """
     powers, growth = np.zeros((len(values), 2 * len(counts)), int), np.ones(len(values))
     slack = np.zeros(len(values))
@@ -155,7 +155,7 @@ class TreeDiscs:
         self._none = np.zeros((count, len(factors)), int)
 
     def of(self, root: Node) -> Ball:
-        """What is known of an expression."""
+        """The ball of an expression."""
         nodes = ordered(root)
         leaves = [node for node in nodes if node.op in LEAVES] if any(node.op in _KINKED for node in nodes) else []
         cofactors = {node: found for node in leaves if (found := self._cofactor(node)) is not None}
@@ -183,7 +183,7 @@ class TreeDiscs:
         return Value(whole, powers, cofactor)
 
     def _multiplied(self, own: Value, powers: Ints) -> Ball:
-        """What stands behind given powers, which are no greater than the value's own."""
+        """The factor behind given powers, which are at most the value's own."""
         further = np.where(_column(own.cofactor.is_zero), 0, own.powers - powers)
         if not further.any():
             return own.cofactor
@@ -220,7 +220,7 @@ def _applied(node: Node, parts: list[Ball]) -> Ball:
 
 
 def _slacks_of_product(node: Node, first: Ball, last: Ball) -> tuple[Any, Any]:
-    """The slack of a product or square, and that of its root: that of a square is the slack of what is squared."""
+    """The slack of a product or square, and of its root; the root of a square has the slack of the squared value."""
     a, b = node.operands
     if node.op == "^" or a is b:
         return first.slack * (2 * first.size + first.slack), first.slack
@@ -230,7 +230,7 @@ def _slacks_of_product(node: Node, first: Ball, last: Ball) -> tuple[Any, Any]:
 
 
 def _slacks(node: Node, parts: list[Ball]) -> tuple[Any, Any]:
-    """The slack of a function of balls, and that of its root; infinite where none is known."""
+    """The slack of a function of balls, and the slack of its root; infinite if unknown."""
     first, last, exponent = parts[0], parts[-1], whole_exponent(node)
     if not any(np.any(part.slack) for part in parts):
         return np.float64(0.0), np.float64(0.0)
@@ -252,7 +252,7 @@ def _slacks(node: Node, parts: list[Ball]) -> tuple[Any, Any]:
 
 
 def _low(node: Node, parts: list[Ball], found: Disc) -> Any:
-    """A lower bound of the real part, from those of operands: of squares and their sums more than the disc has."""
+    """A lower bound of the real part, from the operands' bounds; sharper than the disc for squares and their sums."""
     middle, radius = found
     low = middle - radius
     first, last = node.operands[0], node.operands[-1]

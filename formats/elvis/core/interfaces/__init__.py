@@ -2,6 +2,6 @@
 
 side_groups  sides of elements as polynomials, with normals that point into the element
 feet         the point of a side that is nearest to a given point
-hanging      which sides without a partner lie on sides of other elements
-interface_composites  the composites that hold such sides, and those that a periodic mesh identifies
+hanging      sides without a partner that lie on sides of other elements
+interface_composites  the composites that hold such sides, and the composites that a periodic mesh identifies
 """

@@ -15,12 +15,12 @@ from elvis.core.mapping.orientation import chunks
 ITERATIONS = 16
 #: coordinates beyond which no step goes, while the domain ends at 1
 FARTHEST = 1.3
-#: a step that changes nothing: distances are off by less than its square where the point lies beside the side, and by
-#: less than rounding where it lies on it
+#: a step that changes nothing: distances have an error below its square if the point lies off the side, and below
+#: rounding if it lies on it
 STILL = 1e-13
 #: part of its trace that is added to the matrix of a step, which is singular where a side is collapsed
 DAMPING = 1e-14
-#: pairs of a point and a side that are looked at together
+#: pairs of a point and a side that are evaluated together
 PAIRS = 1 << 15
 
 

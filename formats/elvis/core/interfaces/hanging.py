@@ -1,9 +1,9 @@
-"""Which sides without a partner lie on sides of other elements: hanging nodes, mortars, sides of other shapes.
+"""Sides without a partner that lie on sides of other elements: hanging nodes, mortars, sides of other shapes.
 
-A side is an inner one where every point of a lattice on it lies on sides of elements beyond it, within rounding.  The
-lattice has 2 d + 3 points along each direction, where d is the greatest degree of the map along a side.  A side that is
-a part of another, as in refined meshes, is the other's polynomial under an affine change of coordinates, so agreement
-at d + 1 points along each direction proves that both are equal.  In addition the sides of both elements must enclose
+A side is an inner one if every point of a lattice on it lies on sides of elements beyond it, within rounding.  The
+lattice has 2 d + 3 points along each direction, where d is the highest degree of the map along a side.  If a side is a
+part of another, as in refined meshes, it is the other's polynomial under an affine change of coordinates.  Agreement at
+d + 1 points along each direction then proves that both are equal.  The sides of both elements must also enclose
 nothing: the integrals of n and of x . n over all sides that touch one another are zero.
 """
 
@@ -19,13 +19,14 @@ from elvis.core.interfaces.side_groups import COLLAPSED, SideSet
 from elvis.core.mapping.boxes import BoxTree, outward
 from elvis.core.polynomials.quadrature import gauss
 
-#: distance, in parts of the box of all sides, up to which a point lies on a side
+#: distance, relative to the box of all sides, up to which a point lies on a side
 ROUNDING = 1e-11
-#: the same in parts of the greatest coordinate, in roundings of the source's numbers
+#: the same distance relative to the largest coordinate, in roundings of the source's numbers
 SOURCE_ROUNDINGS = 64
-#: distance, in parts of a side's size, up to which it is unclear whether a side lies on another
+#: distance, relative to a side's size, up to which it is unclear whether a side lies on another
 NEAR = 0.06
-#: cosines of the angle between normals into both elements: of sides that coincide, and at most of those that may
+#: cosines of the angle between normals into both elements: for coincident sides, and the maximum for sides that may
+#: coincide
 OPPOSITE = -0.9
 FACING = 0.5
 #: sides with whose boxes a point of a side is compared at most, in the mean
@@ -36,11 +37,11 @@ OPEN = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Hanging:
-    """What is known of sides without a partner.
+    """Sides without a partner, classified.
 
     inner      (n,) rows of sides in the mesh that lie on sides of other elements, or are collapsed
-    undecided  (m,) rows of sides of which it is unknown
-    gap        the greatest distance of an undecided side from the sides that it is near
+    undecided  (m,) rows of sides that could not be classified
+    gap        the largest distance of an undecided side from the sides that it is near
     """
 
     inner: Ints
@@ -130,7 +131,7 @@ def _are_collapsed(sides: SideSet) -> Bools:
 
 
 class _Search:
-    """Sides among which partners are looked for.
+    """Sides among which partners are sought.
 
     candidates  (n,) the sides that may be partners
     """
@@ -152,21 +153,23 @@ class _Search:
         self._normals = sides.normals(centres, np.arange(len(sides)))[0]
 
     def possible(self) -> Ints:
-        """The sides whose boxes meet that of another one which faces them, ascending."""
+        """Ascending sides whose boxes meet the box of another side that faces them."""
         side, other = (self._candidates[own] for own in self._tree.overlaps(self._low, self._high))
         return np.unique(side[(side != other) & self._may_face(side, other)])
 
     def _may_face(self, side: Ints, other: Ints) -> Bools:
-        """(n,) whether elements may lie on opposite sides of two sides, as far as the middles of these tell."""
+        """(n,) whether elements may lie on opposite sides of two sides, judged at the centres of these."""
         if not self.is_oriented:
             return np.ones(len(side), bool)
         return np.asarray(np.einsum("ni,ni->n", self._normals[side], self._normals[other]) < FACING)
 
     def contacts(self, chosen: Ints, count: int, pairs: Ints | None = None) -> tuple[_Contacts, Bools, Bools]:
-        """Where points of the sides ``chosen`` (k,) lie on or near others; see `_tally` for the rest.
+        """Contacts of points of the sides ``chosen`` (k,) that lie on or near others.
 
-        count  as of `SideSet.samples`
-        pairs  (m, 2) sides and others that may be touched; None where all may
+        The other results are as in `_tally`.
+
+        count  as in `SideSet.samples`
+        pairs  (m, 2) sides and others that may be touched; None for all
         """
         which, points = self.sides.samples(chosen, count)
         side = chosen[which]
@@ -192,8 +195,8 @@ class _Search:
         """Numbers of points ``world`` (p, 3), and the other sides in whose boxes they are.
 
         which       (p,) the place of each point's side among ``chosen`` (k,)
-        pairs       as of `contacts`
-        is_limited  whether sides with very many others are left out
+        pairs       as in `contacts`
+        is_limited  whether sides with very many others are skipped
         """
         side = chosen[which]
         point, other = self._tree.candidates(world)
@@ -220,7 +223,7 @@ class _Search:
         return np.asarray(np.einsum("ni,ni->n", here, there) < OPPOSITE)
 
     def _joined(self, side: Ints, other: Ints, is_on: Bools) -> Bools:
-        """(n,) whether pairs of sides count: faces of a slit don't, and near ones only where corners are near, too."""
+        """(n,) whether pairs of sides count: faces of a slit don't, and near ones only if corners are also near."""
         pairs, which = np.unique(np.stack([side, other], axis=1), axis=0, return_inverse=True)
         both_named = self.named[pairs].all(axis=1)
         one, two = self.sides.corners(pairs[:, 0]), self.sides.corners(pairs[:, 1])
@@ -232,9 +235,9 @@ class _Search:
         return np.asarray(~is_slit[which] & (is_on | touches[which]))
 
     def are_open(self, found: _Contacts, sure: Bools, undecided: Bools) -> Bools:
-        """(n,) inner sides that with the sides which they touch enclose something, or leave something open.
+        """(n,) inner sides that enclose something, or leave a gap, together with the sides which they touch.
 
-        By the divergence theorem the integrals of n and x . n over a closed surface without volume are zero.
+        The integrals of n and x . n over a closed surface without volume are zero (divergence theorem).
         """
         nothing = np.zeros(len(self.sides), bool)
         if not self.is_oriented or not sure.any():

@@ -21,10 +21,10 @@ _TAGS = {2: "E", 3: "F"}
 
 @dataclass(frozen=True, eq=False)
 class Interfaces:
-    """A dataset whose mesh tells non-conforming inner sides from outer ones.
+    """A dataset whose mesh distinguishes non-conforming inner sides from outer ones.
 
-    dataset   the data, with a composite `NON_CONFORMING` where there are such sides
-    warnings  sentences on sides of which it could not be decided, and on elements that lie on one another
+    dataset   the data, with a composite `NON_CONFORMING` if there are such sides
+    warnings  messages about undecided sides, and about elements that overlap
     """
 
     dataset: Dataset
@@ -57,9 +57,9 @@ def with_interfaces(dataset: Dataset, outline: str | None, precision: float, kno
 
 
 def has_closed_outline(dataset: Dataset) -> bool:
-    """Whether the outer sides of a dataset with non-conforming elements are closed, so that no gap is left.
+    """Whether the outer sides of a dataset with non-conforming elements are closed, so that no gap remains.
 
-    By the divergence theorem the integral of the normal over a closed surface is zero.
+    The integral of the normal over a closed surface is zero (divergence theorem).
     """
     mesh = dataset.mesh
     if NON_CONFORMING not in joined_sides(mesh):
@@ -97,9 +97,9 @@ def _with_inner(mesh: Mesh, inner: Ints, outline: str | None) -> Mesh:
 
 
 def _overlap(mesh: Mesh, owners: Ints) -> tuple[str, ...]:
-    """A sentence where elements lie on one another: none in a surface, whose parts may meet at one edge.
+    """A message if elements overlap; none in a surface, whose parts may meet at one edge.
 
-    owners  (n,) how many elements each side belongs to, two at most in a volume or a plane
+    owners  (n,) number of elements at each side, at most two in a volume or a plane
     """
     if mesh.space > mesh.dimension:
         return ()
@@ -114,7 +114,7 @@ def _overlap(mesh: Mesh, owners: Ints) -> tuple[str, ...]:
 
 
 def _warning(mesh: Mesh, count: int, gap: float) -> str:
-    """One sentence on sides of which it could not be decided whether they are inner ones."""
+    """A message about sides that could not be classified as inner ones."""
     kind = "edge" if mesh.dimension == 2 else "face"
     many = f"{count} {kind}{'s' if count > 1 else ''}"
     return (

@@ -59,8 +59,8 @@ class SideGroup:
     def normals(self, points: Floats, rows: Ints) -> tuple[Floats, Floats]:
         """(k, 3) unit normals into the element at points (k, 2) of the sides ``rows`` (k,), and (k,) area factors.
 
-        The normal is the part of an inward derivative of the map that is orthogonal to the side, which holds for
-        mirrored elements, too.  Zero where the side is singular.
+        The normal is the part of an inward derivative of the map that is orthogonal to the side, which also holds for
+        mirrored elements.  Zero where the side is singular.
         """
         direction = self._directions(points, rows)
         inward = self._inward(points, rows)
@@ -186,7 +186,7 @@ def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
 
 
 def _groups_of(dataset: Dataset, block: GeometryBlock | Assembly, wanted: Bools) -> Iterator[SideGroup]:
-    """The wanted sides of a block's elements, which then are wanted no more."""
+    """The requested sides of a block's elements, which are then removed from the request."""
     shape = block.expansion.shape
     members = sides_of(dataset.mesh, shape, block.element_ids)
     for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
