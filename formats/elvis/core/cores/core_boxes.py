@@ -1,4 +1,4 @@
-"""Boxes of elements with Bernstein nets of what tells vortex cores, which can be halved and widened."""
+"""Boxes of elements with the Bernstein nets that locate vortex cores; they can be bisected and widened."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from elvis.core.polynomials.boxnets import nets_through
 from elvis.core.polynomials.net_zeros import divided
 from elvis.core.polynomials.quadrature import gauss
 
-#: how far nets may be off, in parts of their greatest coefficients
+#: rounding of nets, relative to their largest coefficients
 _ROUNDING = 1e-13
-#: what counts as zero on a side, in parts of the greatest coefficient
+#: tolerance for zero on a side, relative to the largest coefficient
 _ZERO, _AT_REST = 1e-11, 1e-7
 #: how many floats of nets are worked on at once, about
 _AT_ONCE = 1 << 19
@@ -27,14 +27,14 @@ _AT_ONCE = 1 << 19
 class Boxes:
     """Boxes in [0, 1]^3 of one cell of elements: rows (k,), ends (k, 3), Bernstein nets on them.
 
-    above     (k, 3, …)  the velocity, or what it is above the denominator
+    above     (k, 3, …) the velocity, or its numerator if it is a quotient
     gradient  (k, 9, …)  of it
     crossed   (k, 3, …)  velocity x acceleration or rotation
-    turned    (k, 3, …)  gradient times velocity; nothing where that is not needed
+    turned    (k, 3, …) gradient times velocity; empty if not needed
     crossed_error, turned_error (k, 3)  rounding of both
     square, cubic (k, 1, …)  y and r of the gradient, as in `core_turning`
-    scale     (k,)       the gradient's greatest norm in its element
-    least     (k,)       turning that counts
+    scale     (k,) the largest norm of the gradient in its element
+    least     (k,) minimum turning that counts
     """
 
     rows: Ints
@@ -168,7 +168,7 @@ def flat(nets: Floats) -> Floats:
 def _without_walls(nets: Floats) -> Floats:
     """Nets of vectors divided by the heights over sides of boxes where these are zero, as on walls.
 
-    Their directions are the same, and so are those of their products with the gradient.
+    The directions are unchanged, and so are the directions of products with the gradient.
     """
     nets = nets.copy()
     sizes = np.abs(nets).max(axis=(1, 2, 3, 4), initial=0.0)

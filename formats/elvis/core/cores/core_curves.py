@@ -18,7 +18,7 @@ from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, Steps,
 from elvis.core.streamlines.velocity import Velocity
 from elvis.core.terminal import Progress
 
-#: (4, 8) from Bernstein coefficients of cubics to those of degree 7, from the right
+#: (4, 8) matrix from Bernstein coefficients of cubics to coefficients of degree 7; multiply from the right
 _ELEVATED = np.array([power_net(power, 3, DEGREE) for power in range(4)])
 
 
@@ -43,7 +43,7 @@ def core_curves(
 
 
 def _length(course: Course, found: CoreArcs) -> float:
-    """Of a line, along its points."""
+    """Length of a line along its points."""
     parts = [found.arcs[number].points[:: _step(is_turned)] for number, is_turned in _ways(course)]
     if course.closed:
         parts.append(parts[0][:1])
@@ -51,7 +51,7 @@ def _length(course: Course, found: CoreArcs) -> float:
 
 
 def _remarks(found: CoreArcs, lines: int) -> list[str]:
-    """Sentences on what is not there, and on what may be missing."""
+    """Remarks about missing lines, and about elements where lines may be missing."""
     left = len(found.undecided)
     none = [] if lines else ["vortex cores: none turns as fast and is as long as is asked for"]
     missed = [f"vortex cores: in {left} elements there may be more than were found"] if left else []

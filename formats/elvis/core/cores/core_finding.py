@@ -53,11 +53,11 @@ ANY_INTERFACE = -1
 class CoreArcs:
     """Cores as arcs within elements.
 
-    parallel   the velocity and what it is parallel to
+    parallel   the velocity and the vector it is parallel to
     vertices   of the mesh, (n, k) for the elements of each of its patches
     interfaces  (n,) which of these elements have sides that don't match
-    undecided  ids of elements in which it could not be decided whether there are more
-    beside     ids of elements where that is so only within 1/64 of a place at rest
+    undecided  ids of elements that may contain further cores
+    beside     ids of elements where this is the case only within 1/64 of a place at rest
     """
 
     parallel: ParallelVectors

@@ -1,13 +1,13 @@
-"""Two functions on boxes that are zero where vortex cores are, so combined that cores are seen to be graphs.
+"""Two functions on boxes that are zero on vortex cores, combined such that cores are graphs.
 
-What is zero on cores has three components, of which two across a vector tell all where that vector is nowhere normal to
-what all three are normal to.  There are three such:
+The vector that vanishes on cores is normal to a known vector a.  Two of its components across a vector b therefore
+determine it, provided that b is nowhere normal to a.  There are three such pairs:
 
 - velocity x w is normal to the velocity, and to w;
 - (gradient - eigenvalue) velocity is normal to the left eigenvector, also where the velocity is zero.
 
-Two are combined so that their derivatives across one coordinate are the unit matrix at the centre of the box.  Where
-they stay near it all over the box, a core is a graph over that coordinate.
+Two are combined so that their derivatives across one coordinate are the unit matrix at the centre of the box.  If they
+stay close to it on the whole box, a core is a graph over that coordinate.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ _CENTRE = np.array([0.5])
 class Graphs:
     """Two functions on each box.
 
-    is_known   (k,)        whether they are zero just where cores are
-    combining  (k, 2, 3)   of the components of what is zero
-    axis       (k,)        across which their derivatives are near the unit matrix
+    is_known   (k,) whether their zeros are exactly the cores
+    combining  (k, 2, 3) coefficients of the components of the vector that vanishes
+    axis       (k,) coordinate across which their derivatives are close to the unit matrix
     nets       (k, 2, …)
     errors     (k, 2)      of their values
     slope_errors (k, 2, 3) of their derivatives
-    vectors    (k, 2, 3)   left and right, between which the gradient is near its eigenvalue; nothing where unused
+    vectors    (k, 2, 3) left and right vectors between which the gradient is close to its eigenvalue; empty if unused
     """
 
     is_known: Bools
@@ -75,9 +75,9 @@ class Graphs:
         return np.asarray(self.is_known & (near <= _NEAR) & (along <= _SLOPE * (1 - near)))
 
     def at(self, boxes: Boxes, along: float) -> tuple[Floats, Bools]:
-        """(k, 3) places of boxes on the core where the last coordinate is ``along``, and whether there are any.
+        """(k, 3) places of boxes on the core with the last coordinate ``along``, and whether they exist.
 
-        What `is_graph` holds for is a contraction, and cutting steps off at the border of the box keeps it one.
+        If `is_graph` holds, the iteration is a contraction, also when steps are cut off at the border of the box.
         """
         places = np.full((len(boxes), 3), 0.5)
         places[:, 2] = along
@@ -97,7 +97,7 @@ class Graphs:
 
 
 def by_velocity(boxes: Boxes, axis: int | None) -> Graphs:
-    """From two components across the velocity of its product with the acceleration."""
+    """Graphs from the product of velocity and acceleration: two components across the velocity."""
     normal = values_of(boxes.above, np.full((len(boxes), 3), 0.5))
     normal, is_known = _units(normal)
     is_known &= flat(np.einsum("ni,ni...->n...", normal, boxes.above)[:, None]).min(axis=(1, 2), initial=np.inf) > 0
@@ -105,7 +105,7 @@ def by_velocity(boxes: Boxes, axis: int | None) -> Graphs:
 
 
 def by_rotation(boxes: Boxes, axis: int | None) -> Graphs:
-    """From two components across the rotation of its product with the velocity."""
+    """Graphs from the product of velocity and rotation: two components across the rotation."""
     ranges = MatrixRange.of_nets(boxes.gradient)
     normal, is_known = _units(rotations(ranges.middle))
     spread = [ranges.radius[:, (i + 2) % 3, (i + 1) % 3] + ranges.radius[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)]
@@ -115,9 +115,10 @@ def by_rotation(boxes: Boxes, axis: int | None) -> Graphs:
 
 
 def by_eigenvalue(boxes: Boxes, axis: int | None) -> Graphs:
-    """From two components across the left eigenvector of (gradient - eigenvalue) velocity.
+    """Graphs from (gradient - eigenvalue) velocity: two components across the left eigenvector.
 
-    In bases of eigenvectors the eigenvalue is the first entry of the gradient to second order in the box's size.
+    In bases of eigenvectors, the eigenvalue equals the first entry of the gradient up to second order in the box's
+    size.
     """
     bases, inverse = eigenbases(MatrixRange.of_nets(boxes.gradient).middle)
     matrices = boxes.gradient.reshape(len(boxes), 3, 3, *boxes.gradient.shape[2:])

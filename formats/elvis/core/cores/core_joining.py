@@ -1,8 +1,8 @@
-"""Arcs of vortex cores in elements, put together to lines across the elements' borders.
+"""Arcs of vortex cores in elements, joined to lines across the elements' borders.
 
-Where the velocity is continuous its gradient still jumps at borders, and so do cores.  Ends on sides are joined to the
-nearest one of an element that shares a vertex, no farther than a part of the element's size, if both go on in about the
-same direction.
+The gradient of a continuous velocity still jumps at borders, and so do cores.  Ends on sides are joined to the nearest
+end in an element that shares a vertex, within a fraction of the element's size, if both continue in about the same
+direction.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from elvis.core.mapping import pointwise
 from elvis.core.mapping.margins import heights
 from elvis.core.patch import Patch
 
-#: how far ends may be apart, in parts of the size of the smaller element, and how much directions may differ (cosine)
+#: maximum distance of ends, relative to the size of the smaller element, and minimum cosine between their directions
 APART, _ALIKE = 0.1, 0.5
-#: what is on a side of an element, and arcs that are nothing but a point, in parts of its size
+#: tolerance for lying on a side of an element, and for arcs that are only a point, relative to the element's size
 _ON_SIDE, _SHORT = 2e-6, 1e-5
-#: how far apart the same places are as elements see them, in parts of their size
+#: maximum distance of the same place as seen from two elements, relative to their size
 _SAME = 1e-7
 
 
@@ -77,7 +77,7 @@ class Course:
 
 
 def distinct_arcs(arcs: Sequence[WorldArc]) -> list[WorldArc]:
-    """But for points, and those along borders that another element has, too."""
+    """The arcs without points, and without copies of arcs along borders that another element also has."""
     kept: list[WorldArc] = []
     borders: list[tuple[Floats, float]] = []
     for arc in arcs:
@@ -118,7 +118,7 @@ def joined(arcs: Sequence[WorldArc], vertices: Sequence[Ints]) -> Iterator[Cours
 
 
 def _links(arcs: Sequence[WorldArc], vertices: Sequence[Ints]) -> dict[tuple[int, int], tuple[int, int]]:
-    """For ends of arcs, as number and 0 or 1, those that they are joined to: the nearest ones first."""
+    """Pairs of joined ends of arcs, each end as number and 0 or 1; the nearest pairs are joined first."""
     ends = [(i, end) for i, own in enumerate(arcs) for end in (0, 1) if own.on_side[end] and not own.arc.closed]
     if not ends:
         return {}

@@ -1,10 +1,10 @@
 """Places of elements through which vortex cores pass: a point of every arc, by exclusion with Bernstein nets on boxes.
 
-Elements are images of boxes (`subcells`).  A box is left out where the flow has no complex eigenvalues, or where what
-is zero on cores has one sign.  In another box two combinations of it are taken that are zero where all of it is; where
-their derivatives across one coordinate stay near the unit matrix, in a box three times as wide, the core is a graph
-over that coordinate: it has one point at the middle of it, which is found by iteration, or does not pass the box.
-Other boxes are halved.
+Elements are images of boxes (`subcells`).  A box is dropped if the flow has no complex eigenvalues there, or if a
+component of the vector that vanishes on cores has one sign.  For each other box, two combinations of this vector are
+formed that vanish where the vector does.  If their derivatives across one coordinate stay close to the unit matrix, in
+a box three times as wide, the core is a graph over that coordinate.  It then has one point at the middle of this
+coordinate, found by iteration, or does not pass the box.  Other boxes are bisected.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from elvis.core.quantities.element_points import ElementPoints, Lattice
 
 #: halvings at most, and boxes of an element
 _DEPTH, _MOST_BOXES = 12, 30_000
-#: halvings beside places at rest, such as edges and vertices of walls
+#: bisections near places at rest, such as edges and vertices of walls
 _DEPTH_AT_REST = 6
-#: turning that does not count: in parts of an element's greatest gradient, and of what rounding makes of a velocity
+#: turning that is ignored: relative to an element's largest gradient, and to the rounding of a velocity
 LEAST, _NOISE = 1e-4, 1e-9
-#: a velocity that counts as zero on a side, in parts of the element's greatest, and how near to such sides cores end
+#: relative velocity that counts as zero on a side, and the distance from such sides at which cores end
 _AT_REST, BEFORE_WALLS = 1e-11, 1e-6
-#: places along an arc at which a point is looked for that is in the element
+#: positions along an arc where a point inside the element is sought
 _PLACES = np.linspace(0, 1, 17)
 
 
@@ -203,20 +203,20 @@ class CoreSearch:
 
 
 def _parts(boxes: Boxes) -> list[Boxes]:
-    """So many at once that their halves fit in memory."""
+    """Parts of boxes whose halves fit in memory together."""
     count, step = len(boxes), boxes.at_once
     return [boxes.part(np.arange(first, min(first + step, count))) for first in range(0, count, step)]
 
 
 def _halved(boxes: Boxes) -> Boxes:
-    """The halves in every direction in which what is zero on cores may be zero."""
+    """The halves in every direction, restricted to boxes where cores may be."""
     for axis in range(3):
         boxes = _crossed(boxes.halved(axis))
     return boxes
 
 
 def _crossed(boxes: Boxes) -> Boxes:
-    """Those in which what is zero on cores may be zero."""
+    """The boxes where the vector that vanishes on cores may be zero."""
     return boxes.part(~has_no_zero(boxes.crossed, boxes.crossed_error))
 
 

@@ -1,8 +1,8 @@
 """Cores followed through elements, from points of them to the elements' borders: predictor and corrector.
 
-On the core the derivatives of what is zero have rank two, and its direction is what they take to zero.  From a point
-one goes a step along it, and back to the core in the plane across.  Derivatives come from differences, which only
-costs steps of the corrector: points are on the core to rounding.
+On the core, the derivatives of the vanishing vector have rank two, and the direction of the core is their kernel.  The
+predictor takes a step along this direction, and the corrector returns to the core in the plane across it.  Derivatives
+come from differences, which only costs corrector steps: points are on the core up to rounding.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from elvis.core.quantities.element_points import ElementPoints
 _DIFFERENCE, _STEPS, _SHORT = 1e-5, 8, 1e-12
 #: steps along the core in reference coordinates: the first, the greatest, the least
 _FIRST, _GREATEST, _LEAST = 0.05, 0.3, 1e-6
-#: change of direction in a step, and of the corrector aside in parts of the step, at most
+#: maximum change of direction in a step, and of the corrector's lateral step relative to the step
 _TURN, _ASIDE = 0.15, 0.2
 #: points of a core in an element at most, and how far apart two points of the core are that are one
 _MOST, SAME = 5000, 1e-7
@@ -68,14 +68,14 @@ class CoreTracing:
             left = left[~self._passed(arcs, rows[left], xi[left])]
 
     def _residuals(self, rows: Ints, xi: Floats) -> Floats:
-        """(n, 3) what is zero on cores, by the heights over walls, where the velocity is zero."""
+        """(n, 3) the vector that vanishes on cores, divided by the heights over walls, where the velocity is zero."""
         parallel, patch = self._search.parallel, self._search.patch
         found = parallel.residuals(parallel.at(ElementPoints(patch, rows, xi)))
         above = np.where(self._search.walls[rows], heights(patch.shape, xi), 1.0)
         return np.asarray(found / np.where(above == 0, 1.0, above).prod(axis=1)[:, None])
 
     def slopes(self, rows: Ints, xi: Floats) -> Floats:
-        """(n, 3, 3) derivatives of what is zero, in parts of the greatest one."""
+        """(n, 3, 3) derivatives of the vanishing vector, relative to the largest one."""
         steps = _DIFFERENCE * np.concatenate([np.eye(3), -np.eye(3)])
         places = xi[:, None, :] + steps
         values = self._residuals(np.repeat(rows, 6), places.reshape(-1, 3)).reshape(len(rows), 6, 3)
@@ -210,11 +210,12 @@ class CoreTracing:
         return np.asarray((counts > 3) & same & (part > 0) & (part <= 1) & (beside < 0.1 * length))
 
     def _ends(self, rows: Ints, here: Floats, way: Floats, step: Floats) -> tuple[Floats, Floats]:
-        """(n, 3) where steps leave elements, or turning fades, and directions there: by halving, and false position.
+        """(n, 3) points where steps leave elements, or turning fades, and directions there.
 
-        Sides that a step begins on, to rounding, are left where it is beyond them by more than that.  The corrector has
-        the derivatives of each place that is tried: with those from beyond a wall rounding may grow from step to step.
-        A place where it does not come to rest counts as beyond; an end beside such a place is not known.
+        Found by bisection and false position.  A step may begin on a side, up to rounding; such a side counts as left
+        once the step is beyond it by more than rounding.  The corrector uses the derivatives at each place that is
+        tried: with derivatives from beyond a wall, rounding might grow from step to step.  If it does not converge at a
+        place, the place counts as beyond; an end next to such a place is unknown.
         """
         begin = self._search.margins(rows, here)
         is_inner = begin > 1e-8
@@ -261,8 +262,8 @@ class CoreTracing:
             normal = step[which] / np.linalg.norm(step[which], axis=1, keepdims=True).clip(1e-300)
             nearest = near[np.arange(len(here)), which]
 
-            # the arc's own point in the plane through the point, across the step; far from the step is another core,
-            # and what lies beyond the arc's end is one that turns again where this one has faded
+            # the arc's own point in the plane through the point, across the step: another core is far from the step,
+            # and a core beyond the arc's end is one that turns again after this one has faded
             along = np.einsum("ni,ni->n", xi[here] - nearest, normal)
             on_plane = nearest + along[:, None] * normal
             point, sound = self.corrected(np.full(len(here), arc.row), on_plane, normal)

@@ -1,12 +1,12 @@
-"""Boxes all over which a flow turns less than counts: bounds on the discriminant of its gradient.
+"""Boxes on which a flow turns less than the limit everywhere: bounds on the discriminant of its gradient.
 
-With A the gradient less a third of its trace, y = tr A^2 / 2 and r = det A, its characteristic polynomial is
-t^3 - y t - r.  Complex eigenvalues with an imaginary part v have r^2 = 4/27 (v^2 + y) (4 v^2 + y)^2, which grows with
-v; where r^2 is less all imaginary parts are below (as in `levels`).
+With A the gradient minus a third of its trace, y = tr A^2 / 2 and r = det A, its characteristic polynomial is t^3 - y t
+- r.  Complex eigenvalues with an imaginary part v satisfy r^2 = 4/27 (v^2 + y) (4 v^2 + y)^2, which increases with v;
+if r^2 is smaller, all imaginary parts are below v (as in `levels`).
 
 y and r are polynomials.  Bounds on the entries of A are of no use in a shear layer, where A is large and its
-eigenvalues are small.  What is on the right less r^2 has six times the degree of A: so y and r are taken as cubics
-first, and what these are off is taken away.
+eigenvalues are small.  The right side minus r^2 has six times the degree of A, so y and r are first approximated by
+cubics, and the errors of these are subtracted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.cores.core_boxes import Boxes, at_nodes, through
 from elvis.core.polynomials.boxnets import difference
 
-#: degree of what y and r are taken as; rounding, in parts of powers of A and of what is made of both
+#: degree of the approximation of y and r; rounding, relative to powers of A and to terms of both
 _DEGREE, _ROUNDING = 3, 1e-13
 
 

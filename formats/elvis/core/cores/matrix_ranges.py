@@ -1,7 +1,7 @@
-"""Matrices (3, 3) that are known to lie in ranges: bounds on their eigenvalues.
+"""Matrices (3, 3) with entries in ranges: bounds on their eigenvalues.
 
-Ranges are given by middles and radii, (n, 3, 3) each.  What a function of a matrix is off its value at the middle is
-bounded by the mean value theorem: by its derivatives all over the range, times the radii.
+Ranges are given by middles and radii, (n, 3, 3) each.  The mean value theorem bounds the deviation of a function of a
+matrix from its value at the middle: by its derivatives on the whole range, times the radii.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class MatrixRange:
 
     @staticmethod
     def of_nets(nets: Floats) -> MatrixRange:
-        """Of matrices whose nine entries have Bernstein nets (n, 9, …)."""
+        """The range of matrices whose nine entries have Bernstein nets (n, 9, …)."""
         flat = nets.reshape(len(nets), 9, int(np.prod(nets.shape[2:])))
         low, high = flat.min(axis=2), flat.max(axis=2)
         return MatrixRange(((low + high) / 2).reshape(-1, 3, 3), ((high - low) / 2).reshape(-1, 3, 3))
@@ -39,7 +39,7 @@ class MatrixRange:
         return MatrixRange(self.middle - numbers[:, None, None] * _EYE, self.radius + errors[:, None, None] * _EYE)
 
     def cofactors(self) -> MatrixRange:
-        """Of the matrices' cofactors: signed minors."""
+        """The range of the matrices' cofactors: signed minors."""
         a, r = self.middle, self.radius
         middle, radius = np.empty_like(a), np.empty_like(a)
         for i, j in np.ndindex(3, 3):
@@ -65,12 +65,12 @@ def _product_radius(a: Floats, r: Floats, first: tuple[int, int], second: tuple[
 
 @dataclass(frozen=True, eq=False)
 class Eigenvalue:
-    """A real eigenvalue of matrices that are functions on boxes, by how far it is off their first entry.
+    """A real eigenvalue of matrices that are functions on boxes, given by its deviation from their first entry.
 
-    is_known    (n,)    whether there is exactly one in a range that holds every real one that has no real others, and
-                        nowhere a left eigenvector normal to the first axis
-    error       (n,)    from the first entry, at most
-    slope_error (n, 3)  of its derivatives from those of the first entry, at most
+    is_known    (n,) whether there is exactly one in a range that holds every real eigenvalue without real others, and
+                no left eigenvector is normal to the first axis
+    error       (n,) maximum deviation from the first entry
+    slope_error (n, 3)  (n, 3) maximum deviation of its derivatives from the derivatives of the first entry
     """
 
     is_known: Bools
@@ -79,11 +79,11 @@ class Eigenvalue:
 
     @staticmethod
     def of(matrices: MatrixRange, slopes: list[MatrixRange]) -> Eigenvalue:
-        """Of matrices less their first entry times the unit matrix, with their derivatives along three directions.
+        """The eigenvalue of matrices minus their first entry times the unit matrix, with derivatives along three axes.
 
-        With the eigenvalue of the middle taken off the range, y^3 - P y^2 + Q y - D = 0 has one root in |y| <= Y =
-        2 |D| / Q, where the derivative has one sign: where 8 |P| |D| <= Q^2.  In bases of `eigenbases` D is of second
-        order in the size of the range, as it has two factors that are zero at the middle.
+        After subtracting the eigenvalue of the middle, y^3 - P y^2 + Q y - D = 0 has one root in |y| <= Y = 2 |D| / Q,
+        if the derivative has one sign there: if 8 |P| |D| <= Q^2.  In bases of `eigenbases`, D is of second order in
+        the size of the range, since it has two factors that are zero at the middle.
         """
         start = real_eigenvalues(matrices.middle)
         less = matrices.shifted(start, np.zeros_like(start))
@@ -107,10 +107,11 @@ class Eigenvalue:
 
 
 def eigenbases(matrices: Floats) -> tuple[Floats, Floats]:
-    """Bases (n, 3, 3), as columns, and their inverses, in which matrices are an eigenvalue and a block of two.
+    """Bases (n, 3, 3), as columns, and their inverses, in which matrices are an eigenvalue and a 2 x 2 block.
 
-    The first is the right eigenvector of the real eigenvalue, the others are normal to the left one.  What is nearly
-    diagonal has sharper bounds.  Where both are nearly normal to one another it is the unit matrix.
+    The first vector is the right eigenvector of the real eigenvalue, the others are normal to the left one.  Nearly
+    diagonal matrices have sharper bounds.  If both eigenvectors are nearly normal to one another, the basis is the unit
+    matrix.
     """
     less = matrices - real_eigenvalues(matrices)[:, None, None] * _EYE
     adjugate = np.cross(less[:, [1, 2, 0]], less[:, [2, 0, 1]]).swapaxes(1, 2)

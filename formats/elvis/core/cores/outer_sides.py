@@ -1,4 +1,4 @@
-"""Outer sides of volume elements, also as elements see them that touch one with an edge or a vertex alone."""
+"""Outer sides of volume elements, including elements that touch one only at an edge or a vertex."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.streamlines.neighbours import Neighbours
 
-#: what is on a side
+#: tolerance for lying on a side
 _ON_SIDE = 2e-6
 
 
 class OuterSides:
-    """Of patches with vertices (n, k) of the mesh of their elements."""
+    """Outer sides of elements of patches, given the elements' vertices (n, k) of the mesh."""
 
     def __init__(self, patches: Sequence[Patch], vertices: Sequence[Ints], neighbours: Neighbours) -> None:
         self._patches, self._vertices, self._neighbours = patches, vertices, neighbours

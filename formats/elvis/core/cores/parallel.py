@@ -1,11 +1,11 @@
-"""What is parallel on the core of a vortex, as polynomials of the solution.
+"""Parallel vectors on the core of a vortex, as polynomials of the solution.
 
-A core is where the velocity v is parallel to w, and its gradient G has a pair of complex eigenvalues, so that the flow
-turns about the line (Peikert and Roth, The parallel vectors operator, IEEE Visualization 1999).  w is
+On a core the velocity v is parallel to w, and its gradient G has a pair of complex eigenvalues, so that the flow turns
+about the line (Peikert and Roth, The parallel vectors operator, IEEE Visualization 1999).  The vector w is
 
 acceleration  the convective derivative G v: v is then the real eigenvector of G, which is the criterion of Sujudi and
               Haimes, Identification of swirling flow in 3-D vector fields, AIAA 95-1715.  With lambda the real
-              eigenvalue this is (G - lambda) v = 0, which is regular where v itself is zero on the core, too
+              eigenvalue, this is (G - lambda) v = 0, which is also regular if v itself is zero on the core
 vorticity     rot v: v x rot v = 0
 
 A velocity m / d, such as momentum by density, has the gradient H / d^2 with H = d grad m - m grad d, a polynomial.
@@ -68,10 +68,10 @@ class Motions:
 
 
 class ParallelVectors:
-    """The velocity of a dataset and what it is parallel to on cores.
+    """The velocity of a dataset and the vector it is parallel to on cores.
 
     criterion  of `CRITERIA`
-    evaluator  of all that is needed, and of other quantities
+    evaluator  of all required quantities, and of additional ones
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class ParallelVectors:
             raise ElvisError("expected 3D data without Fourier directions")
 
     def degrees(self, patch: Patch, is_affine: bool) -> tuple[int, int]:
-        """Of m and H, times the determinant of the map where that is not affine, in each direction of boxes."""
+        """Degrees of m and H in each direction of boxes, times the determinant of the map if that is not affine."""
         own = max(degree_of(each, self.evaluator, patch) for each in self._above)
         lower = 0 if self._below.root is ONE else degree_of(self._below, self.evaluator, patch)
         map_degree = max(box_degrees(bernstein_space(patch.geometry)))
@@ -101,7 +101,7 @@ class ParallelVectors:
         return own, own + lower + (0 if is_affine else 2 * map_degree)
 
     def at(self, places: ElementPoints) -> Motions:
-        """At points in elements."""
+        """The motion at points in elements."""
         count = len(places)
         table = np.empty((count, len(self._every)))
         for column, value in enumerate(self.evaluator.values_at(self._every, places)):
@@ -112,7 +112,7 @@ class ParallelVectors:
         return Motions(above, gradient, below)
 
     def residuals(self, motions: Motions) -> Floats:
-        """(n, 3) what is zero on cores: (H - lambda) m or m x rot."""
+        """(n, 3) the vector that vanishes on cores: (H - lambda) m or m x rot."""
         if self.criterion == "vorticity":
             return np.cross(motions.above, rotations(motions.gradient))
         turned = np.einsum("nij,nj->ni", motions.gradient, motions.above)
@@ -120,7 +120,7 @@ class ParallelVectors:
 
 
 def rotations(gradients: Floats) -> Floats:
-    """(n, 3) rotation of what has gradients (n, 3, 3)."""
+    """(n, 3) rotation of vector fields with gradients (n, 3, 3)."""
     return np.stack(
         [gradients[:, (i + 2) % 3, (i + 1) % 3] - gradients[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)], axis=1
     )
@@ -138,7 +138,7 @@ def real_eigenvalues(matrices: Floats) -> Floats:
 
 
 def _over_one_denominator(components: Sequence[Expression]) -> tuple[list[Expression], Expression]:
-    """m and d of a velocity m / d; ElvisError where it is no quotient of polynomials."""
+    """m and d of a velocity m / d; raises ElvisError if it is not a quotient of polynomials."""
     parts = [fraction(each.root) for each in components]
     for each, part in zip(components, parts, strict=True):
         if part is None:

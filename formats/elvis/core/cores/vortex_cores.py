@@ -21,7 +21,7 @@ from elvis.core.quantities.names import Names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.terminal import Progress
 
-#: how lines end, and what it means; names of boundaries follow
+#: kinds of ends of lines, with their meaning; names of boundaries follow
 ENDS: Mapping[str, str] = {
     "closed": "come back to their beginning",
     "faded": "the flow turns less than is asked for",
@@ -91,13 +91,13 @@ class VortexCores:
         return np.asarray(self.length[self.offsets[1:] - 1])
 
     def counts(self) -> dict[str, int]:
-        """How many ends of lines there are in each way, those that occur; closed lines count once."""
+        """Number of ends of lines of each kind that occurs; closed lines count once."""
         numbers = np.bincount(self.last, minlength=len(self.ends))
         numbers += np.bincount(self.first[~self.closed], minlength=len(self.ends))
         return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
 
     def table(self) -> Iterator[tuple[str, str, int]]:
-        """For each way that lines end its name, what it means and how many ends there are."""
+        """The name, the meaning and the number of each kind of end."""
         for name, count in self.counts().items():
             yield name, ENDS.get(name, "left the domain through this boundary"), count
 
@@ -119,7 +119,7 @@ class VortexCores:
         return {"first": self.first, "last": self.last}
 
     def arrays(self) -> Columns:
-        """What an archive holds: all arrays by name, the words for ends, ids of undecided elements."""
+        """Content of an archive: all arrays by name, the words for ends, ids of undecided elements."""
         rest = {"ends": np.array(self.ends), "undecided": np.array(self.undecided, np.int64)}
         return {"offsets": self.offsets, "points": self.points, **self.of_lines(), **self.at_points(), **rest}
 
@@ -138,17 +138,18 @@ def vortex_cores(
 ) -> VortexCores:
     """All lines inside 3D data along which the velocity is parallel to its acceleration or vorticity while it turns.
 
-    velocity      its components, as texts or one with commas; None: what is customary in the data
+    velocity      its components, as texts or one text with commas; None for the usual names in the data
     criterion     acceleration: the convective derivative (grad v) v, as Sujudi and Haimes; or vorticity
-    least_swirl   imaginary part of the gradient's complex eigenvalues at least, a rate of turning in radians by time
-    only_q        only where Q = -tr((grad v)^2)/2 is positive, too
-    least_length  of lines in the world
-    spacing       of points along a line at most; None: 1/200 of the size of the data
-    fields        further quantities at the points
-    progress      is told how many elements have been searched, and how many there are
+    least_swirl   minimum imaginary part of the gradient's complex eigenvalues, a rate of rotation in radians per unit
+                  of time
+    only_q        only parts with positive Q = -tr((grad v)^2)/2
+    least_length  minimum length of lines in the world
+    spacing       maximum distance of points along a line; None: 1/200 of the size of the data
+    fields        additional quantities at the points
+    progress      receives the number of elements searched, and the total
 
-    Turning of less than 1e-4 of the greatest gradient in an element does not count.  ElvisError for data that aren't
-    3D, or have Fourier directions, for components that are no quotients of polynomials, and for negative limits.
+    Turning below 1e-4 of the largest gradient in an element is ignored.  Raises ElvisError for data that aren't 3D or
+    have Fourier directions, for components that are not quotients of polynomials, and for negative limits.
     """
     names = Names.of(dataset)
     others = column_expressions(fields, names, _TAKEN)
@@ -158,7 +159,7 @@ def vortex_cores(
 
 
 def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], least_length: float) -> VortexCores:
-    """Lines of arcs, with what is known at their points."""
+    """Lines assembled from arcs, with values at their points."""
     arcs, parallel = found.arcs, found.parallel
     neighbours = Neighbours.of(dataset, parallel.evaluator.patches)
     outer = OuterSides(parallel.evaluator.patches, found.vertices, neighbours)
@@ -190,7 +191,7 @@ def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], 
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """A line with what is known at its points, as in `VortexCores`; how it begins and ends."""
+    """A line with values at its points, as in `VortexCores`; and the kinds of its ends."""
 
     points: Floats
     length: Floats
@@ -211,7 +212,7 @@ class _Line:
 
     @staticmethod
     def of(course: Course, arcs: Sequence[WorldArc], parallel: ParallelVectors, others: Sequence[Expression]) -> _Line:
-        """Of the arcs of a course, one after the other."""
+        """The line of the arcs of a course, in order."""
         parts = []
         for number, is_turned in zip(course.arcs, course.turned, strict=True):
             own = arcs[number]

@@ -1,1 +1,1 @@
-"""From reference to world and back: entities and their turns, the blend of curves, inverse maps, point location."""
+"""Mapping from reference to world and back: entities and orientations, blending of curves, inverse, point location."""

@@ -1,10 +1,10 @@
 """A bounding volume hierarchy over conservative boxes of elements, for the host and, as plain arrays, for devices.
 
 Layout, which device code may rely on.  The tree is complete and binary, in heap order: node 0 is the root, the children
-of node i are 2 i + 1 and 2 i + 2, and with L leaves (a power of two) the leaves are the last L of 2 L - 1 nodes.  Leaf
-j, node L - 1 + j, holds the elements ``order[j * leaf : (j + 1) * leaf]``, fewer or none at the end.  A box is six
-32-bit floats, lower corner then upper corner, rounded outwards; an empty one has its lower corner at +inf, its upper
-corner at -inf.
+of node i are 2 i + 1 and 2 i + 2.  With L leaves (a power of two), the leaves are the last L of 2 L - 1 nodes.  Leaf j,
+node L - 1 + j, holds the elements ``order[j * leaf : (j + 1) * leaf]``, fewer or none at the end.  A box is six 32-bit
+floats, lower corner then upper corner, rounded outwards; an empty one has its lower corner at +inf, its upper corner at
+-inf.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _SMALL_BATCH = 1 << 17
 def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
     """(n, 6) boxes that hold each element of a patch: the range of the Bernstein coefficients of its mapping.
 
-    margin  part of its diagonal by which a box is larger all round
-    Along homogeneous axes a box spans one period, from 0 to the length.
+    margin  relative enlargement of a box on each side, as part of its diagonal
+    A box spans one period along homogeneous axes, from 0 to the length.
     """
     result = np.empty((len(patch), 6), np.float32)
     count = 3 * bernstein_space(patch.geometry).count
@@ -60,7 +60,7 @@ def _extents(patch: Patch, part: slice) -> tuple[Floats, Floats]:
             net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])
         return net.min(axis=2), net.max(axis=2)
 
-    # those of straight elements are their vertices
+    # straight elements have their vertices as coefficients
     first, *others = (patch.corners.vertices[rows] for rows in patch.corners.rows[part].T)
     low, high = first.copy(), first
     for points in others:
@@ -142,7 +142,7 @@ class BoxTree:
         return _sorted_pairs(self.batches(len(low), partial(_meet, low, high)))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
-        """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are looked at together."""
+        """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are examined together."""
         return self.batches(len(points), partial(_meet, points, points), size)
 
     def ray_batches(self, points: Floats, way: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:

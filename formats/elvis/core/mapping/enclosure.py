@@ -1,9 +1,9 @@
 """The search of whole elements for a point: it finds the root, or proves that there is none.
 
-The map minus the point is kept as a tensor Bernstein net over boxes of the reference element, which are cut to where a
-root can be and halved where that doesn't help (the box consistency of Bezier clipping: Mourrain and Pavone, Subdivision
-methods for solving polynomial equations, 2009).  Boxes live in s = (1 + xi)/2; on pyramids, whose maps aren't
-polynomials in xi, in s = (1 + eta)/2.
+The map minus the point is a tensor Bernstein net over boxes of the reference element.  Boxes are cut to the region that
+can contain a root, and bisected if that doesn't help (the box consistency of Bezier clipping: Mourrain and Pavone,
+Subdivision methods for solving polynomial equations, 2009).  Boxes live in s = (1 + xi)/2; on pyramids, whose maps
+aren't polynomials in xi, in s = (1 + eta)/2.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FEW_ROUNDS = 6
 _BATCH = 1 << 21
 _MOST_CELLS = 1 << 12
 _SMALLEST = 1e-13
-#: roundings of world coordinates across the image of a cell whose points are not told apart
+#: roundings of world coordinates across the image of a cell below which its points are not distinguished
 _ONE_POINT = 16
 
 #: directions whose s add up to at most 1
@@ -39,9 +39,9 @@ _SIMPLEX = {Shape.TRIANGLE: [0, 1], Shape.TETRAHEDRON: [0, 1, 2], Shape.PRISM: [
 
 
 def search(targets: Targets) -> tuple[Floats, Bools, Bools]:
-    """Reference points (n, d), whether they are roots inside (n,), and whether nothing could be decided (n,).
+    """Reference points (n, d), whether they are roots inside (n,), and whether the search is undecided (n,).
 
-    Where neither holds the element has no root with a margin of -1e-10 or more, whatever rounding did.
+    If neither holds, the element has no root with a margin of -1e-10 or more, independent of rounding.
     """
     count = len(targets)
     reference = np.full((count, targets.patch.shape.dimension), np.nan)
@@ -174,7 +174,7 @@ class _Search:
         self.found[pair[feet.inside]] = True
         is_open = ~self.found[cells.pair]
 
-        # cells cannot shrink below rounding: all their points are one, and what is found from there decides on it
+        # cells cannot shrink below rounding: all their points then count as one, and Newton's result from there decides
         net = cells.net.take(ready, axis=-1)
         extent = np.ptp(net, axis=cells.axes).max(axis=0, initial=0)
         is_point = extent <= _ONE_POINT * self.targets.rounding[pair]
@@ -208,7 +208,9 @@ def _whole_elements(targets: Targets, reach: Floats) -> _Cells:
 
 
 def _contracted(cells: _Cells, targets: Targets, reach: Floats) -> tuple[_Cells, Bools, Bools]:
-    """Cells cut to where roots can be, of those that may have one; whether maps are nearly linear, and cells as large.
+    """Cells that may have a root, cut to the region that can contain it.
+
+    Whether maps are nearly linear, and whether cells stay large.
 
     reach  (c,) of s beyond the face where the s add up to 1
     """
@@ -226,16 +228,18 @@ def _contracted(cells: _Cells, targets: Targets, reach: Floats) -> tuple[_Cells,
 
 
 def _root_bounds(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
-    """Where in each cell, from 0 to 1 in each direction, roots can be: ``lower`` to ``upper`` (c, d), none if reversed.
+    """The range of possible roots in each cell, from 0 to 1 in each direction.
+
+    The range is ``lower`` to ``upper`` (c, d), empty if reversed.
 
     With the inverse A of the mean Jacobian, A times the net is t + e(t); a root has t = -e(t), in the range of -e.  The
-    map is called nearly linear, the third result (c,), where e varies by half the cell at most.
+    map is nearly linear, the third result (c,), if e varies by at most half the cell.
     """
     axes = cells.axes
     jacobians = np.stack([step.mean(axis=axes[:-1]).T for step in _steps_across(cells)], axis=2)
     inverse = duals(jacobians)
     with np.errstate(invalid="ignore", over="ignore"):
-        # the net of e: A times the net, less that of t, whose coefficients in direction i are i/n
+        # the net of e: A times the net, minus the net of t, whose coefficients in direction i are i/n
         rest = np.stack([_combined(inverse[:, :, i].T, cells.net) for i in range(len(axes))])
         for i in range(len(axes)):
             count = rest.shape[-2 - i]
@@ -251,7 +255,7 @@ def _root_bounds(cells: _Cells, slack: Floats) -> tuple[Floats, Floats, Bools]:
     lower = np.where(np.isfinite(lower), lower, 0.0)
     upper = np.where(np.isfinite(upper), upper, 1.0)
 
-    # there is no root where a coordinate of the map has one sign all over, nor where the range of -e is beyond the cell
+    # a root is excluded if a coordinate of the map has one sign everywhere, or if the range of -e is outside the cell
     has_one_sign = (cells.net.min(axis=axes) > slack) | (cells.net.max(axis=axes) < -slack)
     is_empty = has_one_sign.any(axis=0)[:, None] | (lower > 1) | (upper < 0)
     lower = np.clip(lower, 0.0, 1 - _SMALLEST)
@@ -279,7 +283,7 @@ def _widths(cells: _Cells) -> Floats:
 
 
 def _cut(cells: _Cells, lower: Floats, upper: Floats) -> _Cells:
-    """The cells between ``lower`` and ``upper`` (c, d), in parts of each cell."""
+    """The cells between ``lower`` and ``upper`` (c, d), relative to each cell."""
     net = cells.net
     for i in range(lower.shape[1]):
         net = _between(net, -2 - i, lower[:, i], upper[:, i])

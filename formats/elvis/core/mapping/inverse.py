@@ -1,10 +1,10 @@
 """The inverse of the mapping: from world points to the reference coordinates of given elements.
 
-First by Newton's method, from a guess by the map's linear part, with elements left out early that cannot hold the
-point: their Bernstein net, and so the element, lies to one side of it.  Where Newton's method finds no root inside and
-the map isn't affine, `enclosure` searches the whole element and proves what it says.
+Newton's method starts from a guess by the map's linear part.  Elements that cannot hold the point are excluded early:
+their Bernstein net, and so the element, lies to one side of it.  If Newton's method finds no root inside and the map
+isn't affine, `enclosure` searches the whole element with proofs.
 
-Homogeneous directions are left aside here: points have coordinate 0 along them.
+Homogeneous directions are not treated here: points have coordinate 0 along them.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.shapes import Shape
 
-#: residual of a root, in parts of the element's size; some units in the last place of the coordinates add to it
+#: residual of a root, relative to the element's size; some units in the last place of the coordinates add to it
 RESIDUAL = 1e-13
 
-#: at most the ratio of an element's size to that of the net round it
+#: maximum ratio of an element's size to the size of its net
 _NET = 0.25
 
-#: how far points may lie off an element that is a curve or surface, in parts of its size
+#: maximum distance of points from an element that is a curve or surface, relative to its size
 DISTANCE = 1e-6
 
-#: rounding allowed for when elements are left out, in reference coordinates
+#: tolerance for rounding when elements are excluded, in reference coordinates
 _SIDE = 1e-9
-#: the same where they are left out by proof; part of a shape's height
+#: the same tolerance for exclusion by proof, relative to a shape's height
 _REACH = 1e-3
 #: iterations in which most roots are found
 _FEW = 8
-#: numbers of maps, and pairs, that are looked at together
+#: numbers of maps, and of pairs, that are treated together
 _BATCH, _PAIRS = 1 << 21, 1 << 15
 _AFFINE = (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
 class Status(IntEnum):
-    """What is known of a point and an element; the numbers are those of pictures."""
+    """Relation of a point to an element; the numbers also appear in pictures."""
 
     OUTSIDE = 0
     INSIDE = 1
@@ -73,7 +73,7 @@ class Roots:
 
     @staticmethod
     def none(count: int, dimension: int) -> Roots:
-        """As many pairs of which nothing is inside."""
+        """Roots for pairs that are all outside."""
         reference, margin = np.full((count, dimension), np.nan), np.full(count, np.nan)
         return Roots(reference, margin, np.full(count, Status.OUTSIDE, np.uint8))
 
@@ -89,12 +89,12 @@ class Roots:
 
 
 def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distance: float = DISTANCE) -> Roots:
-    """Where the world points (n, 3) are in the elements ``rows`` (n,) of a patch.
+    """Reference coordinates of the world points (n, 3) in the elements ``rows`` (n,) of a patch.
 
-    A point is inside where its reference coordinates have a margin of at least -1e-10 and map to it with a residual of
-    1e-13 of the element's size (on a curve or surface: lie within ``distance`` of it).  Where rounding of world
-    coordinates is more than that, it counts instead.  FAILED is what even the search cannot decide.  Without ``prove``
-    pairs that need the search are UNCERTAIN.
+    A point is inside if it has reference coordinates with a margin of at least -1e-10 that map to it with a residual of
+    1e-13 of the element's size (on a curve or surface: that lie within ``distance`` of it).  If the rounding of world
+    coordinates is larger, it replaces this residual.  FAILED marks pairs that even the search cannot decide.  Pairs
+    that need the search are UNCERTAIN unless ``prove`` is set.
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
     step = min(_PAIRS, max(256, _BATCH // patch.geometry_coefficients[:1].size))
@@ -116,7 +116,7 @@ def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: flo
 
 
 def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, roots: Roots, prove: bool) -> None:
-    """Leave out what can't be, try Newton's method on the rest; results go to the rows ``chosen`` of ``roots``."""
+    """Exclude impossible elements, try Newton's method on the rest; results go to the rows ``chosen`` of ``roots``."""
     guess = elements.guess(rows, points)
     possible = elements.may_hold(rows, points, guess)
     chosen, guess, targets = chosen[possible], guess[possible], elements.targets(rows[possible], points[possible])
@@ -140,7 +140,7 @@ def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, r
 
 
 def _try(targets: Targets, starts: Floats, chosen: Ints, roots: Roots, iterations: int = ITERATIONS) -> Bools:
-    """Newton's method; what it finds inside goes to the rows ``chosen`` of ``roots``.
+    """Newton's method; roots inside go to the rows ``chosen`` of ``roots``.
 
     Returns (n,) whether it converged elsewhere.
     """
@@ -195,9 +195,9 @@ class _Elements:
         return Targets(self.patch, rows, points, precision, np.maximum(distance, precision), rounding)
 
     def reach(self, rows: Ints) -> Floats:
-        """(n,) more than by which a root beyond the facets of one of the elements ``rows`` (n,) may count as inside.
+        """(n,) bound of the distance at which a root beyond the facets of elements ``rows`` (n,) may count as inside.
 
-        Infinite where rounding is that of the element itself: there nothing is left out.
+        Infinite if rounding is as large as the element: no element is then excluded.
         """
         room = self._room[np.searchsorted(self.rows, rows)].max(axis=1)
         return np.asarray(np.where(room < _REACH, _REACH + 10 * room, np.inf))

@@ -25,16 +25,16 @@ _WORTH, _PARTS = 400, 16
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """Where points are: one result for a point, or one for each element that holds it; sorted by point.
+    """Locations of points: one result for a point, or one for each element that holds it; sorted by point.
 
     point       (k,)    number of the point
-    patch, row  (k,)    the patch and the row in it, -1 where no element holds the point
-    element_id  (k,)    id in the file, -1 likewise
-    reference   (k, D)  reference coordinates, then a zeta for each homogeneous direction; NaN likewise
-    margin      (k,)    least height over the facets of the element (`margins`), NaN likewise: from -1e-10 to 1/2, and
-                        below -1e-10 where rounding of the coordinates is more than that
-    status      (k,)    of `Status`: INSIDE, OUTSIDE, or FAILED where no element holds the point but one is in doubt
-    is_late     (k,)    whether the element was in doubt at first: it counts only where none held the point before
+    patch, row  (k,) the patch and the row in it, -1 outside all elements
+    element_id  (k,) id in the file, -1 outside
+    reference   (k, D) reference coordinates, then a zeta for each homogeneous direction; NaN outside
+    margin      (k,) minimum height over the facets of the element (`margins`), NaN outside: from -1e-10 to 1/2, or
+                below -1e-10 if the rounding of the coordinates exceeds that
+    status      (k,) of `Status`: INSIDE, OUTSIDE, or FAILED if no element holds the point but one is in doubt
+    is_late     (k,) whether the element was in doubt at first: it counts only if no element held the point before
     """
 
     point: Ints
@@ -55,9 +55,9 @@ class Location:
 
 
 def locate(source: Dataset | Sequence[Patch], points: Floats, all: bool = False) -> Location:
-    """Where the world points (n, 3) are; with `Locator`, the search is prepared once for many calls.
+    """The locations of world points (n, 3); `Locator` prepares the search once for many calls.
 
-    all  every element that holds a point, not just the one with the greatest margin
+    all  every element that holds a point, not only the one with the largest margin
     """
     if isinstance(source, Dataset):
         source = patches(source, [field.name for field in source.fields])
@@ -65,11 +65,11 @@ def locate(source: Dataset | Sequence[Patch], points: Floats, all: bool = False)
 
 
 class Locator:
-    """The elements of some patches, ready to be found.
+    """The elements of some patches, prepared for locating points.
 
     patches   in the order of `Location.patch`
     tree      over all their elements, patch after patch
-    distance  how far points may lie off curves and surfaces, in parts of the size of an element
+    distance  maximum distance of points from curves and surfaces, relative to the size of an element
     """
 
     def __init__(self, patches: Sequence[Patch], distance: float = DISTANCE) -> None:
@@ -83,7 +83,7 @@ class Locator:
         self._dimension = max((patch.shape.dimension for patch in self.patches), default=3)
 
     def locate(self, points: Floats, all: bool = False) -> Location:
-        """Where the world points (n, 3) are: `locate`; ElvisError for an array of another shape.
+        """The locations of world points (n, 3): see `locate`; raises ElvisError for an array of another shape.
 
         Coordinates along homogeneous directions are taken modulo the period.
         """
@@ -99,7 +99,7 @@ class Locator:
         return found
 
     def invert(self, number: int, rows: Ints, points: Floats) -> Roots:
-        """Where world points (n, 3) are in elements (n,) of a patch."""
+        """Reference coordinates of world points (n, 3) in elements (n,) of a patch."""
         return invert(self.patches[number], rows, points)
 
     def _unroll(self, world: Floats) -> Floats:

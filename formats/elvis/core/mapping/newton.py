@@ -63,12 +63,12 @@ class Feet:
 
 
 def newton(targets: Targets, starts: Floats, iterations: int = ITERATIONS) -> Feet:
-    """The nearest reference points that are found from first guesses (n, d), in so many iterations at most.
+    """The nearest reference points found from first guesses (n, d), in at most ``iterations`` steps.
 
-    Steps are quartered where they don't bring the image nearer; iterates are kept near the element; what makes no
-    headway is given up.  On a curve or surface it converges to the foot of the point (Gauss-Newton), which is a root
-    where it is near.  Inside is what lies beyond the facets by the tolerance of margins at most, and by what rounding
-    of world coordinates may have moved it: no point between two elements that share a face is outside of both.
+    Steps are quartered if they don't bring the image nearer; iterates stay near the element; points without progress
+    are given up.  On a curve or surface, it converges to the foot of the point (Gauss-Newton), which is a root if it is
+    near.  A root is inside if it lies beyond the facets by at most the tolerance of margins, plus the possible effect
+    of rounding of world coordinates.  A point between two elements that share a face is thus never outside both.
     """
     state = _State(targets, starts)
     for _ in range(iterations):

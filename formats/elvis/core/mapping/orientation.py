@@ -35,9 +35,10 @@ def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
 
 
 def even_chunks(count: int, least: int) -> Iterator[slice]:
-    """Slices of about one length that cover ``range(count)``: at least ``least`` each, unless there are fewer.
+    """Slices of nearly equal length that cover ``range(count)``: each at least ``least``, unless ``count`` is smaller.
 
-    Products of matrices in such parts are those of the whole to the bit: a small rest would go another way in BLAS.
+    Products of matrices in such parts equal the products of the whole bit by bit; a small remainder would be computed
+    differently by BLAS.
     """
     parts = max(1, count // max(1, least))
     ends = [count * number // parts for number in range(parts + 1)]
@@ -68,12 +69,12 @@ def face_shape(local: tuple[int, ...]) -> Shape:
 
 
 def first_face_row(mesh: Mesh, shape: Shape) -> int:
-    """Where the rows of triangles or of quadrilaterals begin among all faces."""
+    """First row of triangles or of quadrilaterals among all faces."""
     return 0 if shape is Shape.TRIANGLE else len(mesh.of(Shape.TRIANGLE))
 
 
 def label(mesh: Mesh, shape: Shape, row: int) -> str:
-    """What messages call an entity, e.g. ``tetrahedron 12``: its shape and id."""
+    """The name of an entity in messages, e.g. ``tetrahedron 12``: its shape and id."""
     return f"{shape.label.lower()} {mesh.of(shape).ids[row]}"
 
 
@@ -87,10 +88,10 @@ def require(
     facts: Ints | None = None,
     ids: Ints | None = None,
 ) -> None:
-    """FormatError naming the first of the entities ``rows`` for which ``holds`` (n, …) is not all true.
+    """Raise FormatError naming the first of the entities ``rows`` for which ``holds`` (n, …) is not all true.
 
-    ``found`` tells what is there instead; a ``{}`` in it stands for the fact (n, …) of that entity; where there are
-    ``ids``, facts are rows among these.
+    ``found`` describes the actual data; a ``{}`` in it is replaced by the fact (n, …) of that entity; if ``ids`` are
+    given, facts are rows among these.
     """
     if holds.all():
         return

@@ -1,7 +1,7 @@
-"""What a patch holds at reference points, an element for each point.
+"""Positions and values of a patch at reference points, an element for each point.
 
 rows    (n,)    rows of the patch
-points  (n, D)  reference coordinates: those of the shape, then one zeta in [-1, 1] for each homogeneous direction
+points  (n, D) reference coordinates: the shape's, then one zeta in [-1, 1] for each homogeneous direction
 
 World coordinates of homogeneous directions follow from the lengths: z = LZ (1 + zeta)/2, with two of them also
 y = LY (1 + zeta)/2 (format notes 3).

@@ -105,7 +105,7 @@ class Skeleton:
         kept = min(modes, len(self._edge_modes))
         result[:, :, :kept] = self._edge_modes[:kept, self._edge_slots[rows]].transpose(1, 2, 0)
 
-        # the first two modes are those of the ends
+        # the first two modes belong to the ends
         ends = self.mesh.of(Shape.SEGMENT).members[rows]
         result[:, :, :2] = self.vertices[ends].transpose(0, 2, 1)
         return result
@@ -127,7 +127,7 @@ class Skeleton:
         return result.reshape(modes * modes, len(rows), 3)
 
     def _put_edges(self, faces: Floats, shape: Shape, rows: Ints) -> None:
-        """Overwrite vertex and edge modes of ``faces`` (modes, modes, n, 3) by those of the edges."""
+        """Overwrite vertex and edge modes of ``faces`` (modes, modes, n, 3) by the modes of the edges."""
         modes = len(faces)
         places: dict[str, Callable[[int], int]] = {
             "0": lambda _: 0,
@@ -182,7 +182,10 @@ def _groups(mesh: Mesh, shape: Shape, which: Ints) -> Iterator[tuple[PointsType,
 
 
 def _describe(mesh: Mesh, shape: Shape, kind: int, count: int, group: Ints) -> tuple[PointsType, int]:
-    """Family and nodes along an edge of a group of curves; FormatError names the first where there is no such curve."""
+    """Family and nodes along an edge of a group of curves.
+
+    Raises FormatError for the first curve if the family is invalid.
+    """
     try:
         if kind not in PointsType.__members__.values():
             raise FormatError(f"expected the number of a family of nodes, found {kind}")

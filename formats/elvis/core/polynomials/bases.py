@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Basis(IntEnum):
-    """A factor family; the numbers are those of HDF5 field files, the names in files are ``basis.label``."""
+    """A factor family; HDF5 field files use these numbers, text files use the names ``basis.label``."""
 
     NONE = 0
     ORTHO_A = 1

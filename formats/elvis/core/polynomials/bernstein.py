@@ -92,10 +92,10 @@ def bernstein_space(expansion: Expansion) -> BernsteinSpace:
 
 @bounded_cache
 def to_bernstein(expansion: Expansion, space: BernsteinSpace | None = None) -> Floats:
-    """(m, count) Bernstein coefficients of every mode, so that ``coefficients @ matrix`` are those of an element.
+    """(m, count) Bernstein coefficients of every mode; ``coefficients @ matrix`` gives an element's.
 
     ``space`` may be any that contains the expansion.  Entries are products of correctly rounded one-dimensional
-    coefficients, so each is right to a few units in the last place.
+    coefficients, so each is accurate to a few units in the last place.
     """
     plan, target = product_plan(expansion), _target(expansion, space)
     w, heights = target.powers, _heights(target)
@@ -261,7 +261,7 @@ def differentiate(space: BernsteinSpace, coefficients: Floats, direction: int) -
 def gradient_nets(space: BernsteinSpace) -> tuple[tuple[BernsteinSpace, Floats], ...]:
     """For each direction the space of the derivative and the matrix (count, count') to its coefficients.
 
-    Directions are those of xi, on a pyramid those of eta.
+    Directions are the directions of xi, on a pyramid of eta.
     """
     directions = range(space.shape.dimension)
     return tuple(differentiate(space, np.eye(space.count), direction) for direction in directions)

@@ -1,8 +1,8 @@
-"""Tensor Bernstein nets over boxes of collapsed coordinates, which can be halved.
+"""Tensor Bernstein nets over boxes of collapsed coordinates, which can be bisected.
 
-On every shape a polynomial of the format is a polynomial in the collapsed coordinates eta, so a tensor Bernstein net on
-the box of eta bounds it, and de Casteljau's rule splits that box.  Nets are (n, D1, …, Dd): direction i of eta along
-axis 1 + i, one more coefficient than the degree there.
+On every shape, a polynomial of the format is a polynomial in the collapsed coordinates eta.  A tensor Bernstein net on
+the box of eta therefore bounds it, and de Casteljau's rule splits that box.  Nets are (n, D1, …, Dd): direction i of
+eta along axis 1 + i, one more coefficient than the degree there.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def raised(nets: Floats, axis: int, degree: int) -> Floats:
 def nets_through(values: Floats, places: Floats, dimension: int, degree: int | None = None) -> Floats:
     """(n, D, …, D) nets of the polynomials with values (n, q^dimension) on the lattice of places (q,) in [0, 1].
 
-    The last direction runs fastest.  Of a ``degree`` less than q - 1 they are fitted by least squares.
+    The last direction runs fastest.  They are fitted by least squares if ``degree`` is less than q - 1.
     """
     count = len(places)
     is_full = degree is None or degree == count - 1

@@ -8,9 +8,9 @@ from elvis.core.arrays import Floats, Ints
 
 
 def series(degree: int) -> tuple[Floats, Floats]:
-    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values there to those of T_0 to T_degree.
+    """Chebyshev points (n,), n = degree + 1, and the matrix (n, n) from values to coefficients of T_0 to T_degree.
 
-    Cosines are those of angles up to pi / 4, or sines: all are right to 5 roundings, zeros too.
+    Cosines are computed from angles up to pi / 4, or as sines: all are accurate to 5 roundings, including zeros.
     """
     n = degree + 1
     odd = 2 * np.arange(n) + 1

@@ -14,16 +14,16 @@ from elvis.core.shapes import Shape
 #: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the
 #: level of rounding, so that functions and their gradients do not jump on the way there (Nektar++ itself: 1e-12)
 GUARD = 1e-15
-#: points near a collapsed vertex, outside the element, are moved this far off the line or plane that folds onto it:
-#: more than the guard, and a power of two, so that 1 - (1 - step) is exact
+#: Points near a collapsed vertex, outside the element, are moved this far off the line or plane that folds onto it.
+#: The value is larger than the guard, and a power of two, so that 1 - (1 - step) is exact.
 _STEP = 2.0**-49
 
 
 def collapse(shape: Shape, points: Floats) -> Floats:
     """(n, d) collapsed coordinates eta of the reference points xi (n, d).
 
-    On triangles and prisms polynomials in xi hold outside the element, too, and Newton's method goes there: points on
-    the line or plane that folds onto the collapsed vertex or edge, which have no eta, are moved off it by 2^-49.
+    On triangles and prisms, polynomials in xi also hold outside the element, and Newton's method goes there.  Points on
+    the line or plane that folds onto the collapsed vertex or edge have no eta; they are moved off it by 2^-49.
     """
     xi = np.asarray(points, np.float64)
     eta = xi.copy()
@@ -40,7 +40,7 @@ def collapse(shape: Shape, points: Floats) -> Floats:
 
 
 def _off_the_fold(first: Floats, last: Floats) -> Floats:
-    """(n,) the last coordinate, less than 1 where it is 1 to rounding and the first is not that of the vertex."""
+    """(n,) the last coordinate, reduced below 1 if it is 1 up to rounding and the first is not the vertex's."""
     near = (np.abs(1 - last) < _STEP) & (np.abs(1 + first) > GUARD)
     return np.where(near, 1 - _STEP, last)
 

@@ -16,7 +16,7 @@ from elvis.core.polynomials.bernstein import (
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 
-#: numbers in the nets of the elements that are looked at together
+#: number of coefficients in the nets of the elements that are treated together
 _BATCH = 1 << 20
 
 
@@ -53,7 +53,10 @@ def _values(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
 
 
 def _of_pyramid(space: BernsteinSpace, net: Floats, points: Floats) -> Floats:
-    """The chain rule with eta_1 = (1 + xi_1) / w - 1 and w = (1 - xi_3) / 2, likewise eta_2; eta_3 = xi_3."""
+    """Uses the chain rule with eta_1 = (1 + xi_1) / w - 1 and w = (1 - xi_3) / 2, and in the same way for eta_2.
+
+    The third coordinate is eta_3 = xi_3.
+    """
     w, eta = (1 - points[:, 2]) / 2, collapse(space.shape, points)
     derivatives = [_values(*differentiate(space, net, i), points) for i in range(2)]
     inner = np.zeros((len(points), 3, 3))

@@ -1,8 +1,8 @@
 """Fields and maps from coefficients: many elements at the same points, or an element for each point.
 
-Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes whatever n is; on a lattice
-of points no such tables are made (`lattices`).  What is found on an element doesn't depend on what others are asked
-with it.
+Points are taken in batches, so that the (n, m) tables of modes stay within a few megabytes for any n; a lattice of
+points needs no such tables (`lattices`).  The result on an element doesn't depend on the other elements in the same
+call.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ ASCENDING: Mapping[Shape, tuple[tuple[int, int], ...]] = {
 
 
 def check(expansion: Expansion) -> None:
-    """Raise FormatError, saying what is wrong, where bases or orders do not fit the shape."""
+    """Raise FormatError with the reason if bases or orders do not fit the shape."""
     shape, bases, modes = expansion.shape, expansion.bases, expansion.modes
     place = f"{shape.label} expansion"
     if len(bases) != shape.dimension or len(modes) != shape.dimension:
@@ -114,9 +114,9 @@ def _modes_text(modes: tuple[int, ...]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ProductPlan:
-    """What is known before any point: mode j is the product over directions i of factor ``index[i][j]``.
+    """The structure of modes, independent of points: mode j is the product over directions i of factor ``index[i][j]``.
 
-    modes    (m, d)  indices of the modes of the shape, homogeneous directions left out
+    modes    (m, d) indices of the modes of the shape, without homogeneous directions
     factors  distinct factor functions of each direction
     index    (m,)    for each direction, the factor of each mode
     """
@@ -186,7 +186,7 @@ _ROWS: Mapping[Basis, Callable[[Ints, int], Ints]] = {
 
 
 def _constant_modes(shape: Shape, modes: Ints, i: int) -> Bools:
-    """(m,) modes of a Modified expansion whose factor in direction i is 1: those of collapsed vertices and edges."""
+    """(m,) modes of a Modified expansion with factor 1 in direction i: the modes of collapsed vertices and edges."""
     p, last = modes[:, 0], modes[:, -1]
     nothing = np.zeros(len(modes), bool)
     if shape in (Shape.TRIANGLE, Shape.PRISM):
@@ -219,7 +219,7 @@ def _numbers(planes: Homogeneous) -> tuple[tuple[int, ...], ...]:
 
 
 def is_factored(expansion: Expansion) -> bool:
-    """Whether an expansion is a tensor product in the coordinates of its shape alone."""
+    """Whether an expansion is a tensor product in the coordinates of its shape, without homogeneous directions."""
     return expansion.shape in TENSOR and expansion.homogeneous is None
 
 
@@ -300,7 +300,7 @@ def _waves(planes: Homogeneous, zeta: Floats) -> list[tuple[Floats, Floats]]:
 
 
 def _taken(tables: Sequence[Floats], numbers: Sequence[Ints]) -> list[Floats]:
-    """Of each direction's table (k, n) the rows with its numbers (m,)."""
+    """The rows with the given numbers (m,) of each direction's table (k, n)."""
     return [np.take(table, own, axis=0) for table, own in zip(tables, numbers, strict=True)]
 
 
@@ -312,7 +312,7 @@ def _product(first: Floats, *others: Floats) -> Floats:
 
 
 def _lattice_product(first: Floats, *others: Floats) -> Floats:
-    """(m, n) all products of factors (k, n) of each direction, those of the first running fastest."""
+    """(m, n) all products of factors (k, n) of each direction; the first direction's run fastest."""
     for other in others:
         first = (other[:, None] * first[None]).reshape(-1, first.shape[1])
     return first

@@ -44,7 +44,7 @@ class Factors(Protocol):
         ...
 
     def values(self, points: Floats) -> Floats:
-        """(k, n) the values alone."""
+        """(k, n) only the values."""
         ...
 
 
@@ -85,7 +85,7 @@ class JacobiFactors:
         return Tables(g, dg, divided)
 
     def values(self, points: Floats) -> Floats:
-        """Values alone, in half the time."""
+        """Only the values, in half the time."""
         power, exponent = self.rows[:, 0], self.rows[:, 1]
         c, u = (1 - points) / 2, (1 + points) / 2
         falling = powers_of(c, power.max(initial=0) + 1)
@@ -141,7 +141,7 @@ def modified_a(p: Ints) -> Ints:
 
 
 def modified_b(p: Ints, q: Ints) -> Ints:
-    """(m, 6) rows of Modified_B factors; p = 0 is Modified_A_q, whose bubbles are those of p = 1, q - 1."""
+    """(m, 6) rows of Modified_B factors; p = 0 is Modified_A_q, whose bubbles equal the factors of p = 1, q - 1."""
     bubble = (p == 0) & (q >= 2)
     p, q = np.where(bubble, 1, p), np.where(bubble, q - 1, q)
     exponent = (q >= 1).astype(np.int64)

@@ -42,10 +42,10 @@ class Group:
 
 
 def grouped(element_ids: Ints, sources: Sequence[Sequence[Coefficients]]) -> Iterator[Group]:
-    """The elements ``element_ids``, together where they have one expansion in each of the ``sources``.
+    """The elements ``element_ids``, grouped by their expansion in each of the ``sources``.
 
-    Order is kept within a group; blocks that coincide with a group are passed on without a copy.  Where a source holds
-    an element twice the first one counts.
+    Order is preserved within a group; blocks that coincide with a group are passed on without a copy.  If a source
+    holds an element twice, the first one counts.
     """
     only = [blocks[0] for blocks in sources if len(blocks) == 1]
     is_one = len(only) == len(sources) and all(np.array_equal(own.element_ids, element_ids) for own in only)
@@ -64,10 +64,10 @@ def grouped(element_ids: Ints, sources: Sequence[Sequence[Coefficients]]) -> Ite
 
 
 class _Places:
-    """Where the elements ``wanted`` (n,) are in a list of blocks.
+    """Positions of the elements ``wanted`` (n,) in a list of blocks.
 
-    block, row  (n,)  number of the block, -1 where none holds the element, and row in it
-    expansion   (n,)  number of the element's expansion among ``expansions``, -1 where there is none
+    block, row  (n,) number of the block, -1 if none holds the element, and row in it
+    expansion   (n,) number of the element's expansion among ``expansions``, -1 if it has none
     """
 
     def __init__(self, wanted: Ints, blocks: Sequence[Coefficients]) -> None:
@@ -93,7 +93,7 @@ class _Places:
         self.block[found[rows]], self.row[found[rows]] = number, rows
 
     def gather(self, here: Ints) -> Floats:
-        """Coefficients of the wanted elements ``here``, all of one expansion; a whole block as it is."""
+        """Coefficients of the wanted elements ``here``, all of one expansion; a whole block without a copy."""
         blocks, rows = self.block[here], self.row[here]
         first: Floats = self.blocks[blocks[0]].coefficients
         if len(here) == len(first) and _is_range(rows) and (blocks == blocks[0]).all():

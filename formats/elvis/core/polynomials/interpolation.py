@@ -1,4 +1,4 @@
-"""From the nodes of a curved edge or face to Modified modes (format notes 1.5, 2.4): one matrix a family and order."""
+"""Matrices from the nodes of a curved edge or face to Modified modes (format notes 1.5, 2.4), by family and order."""
 
 from __future__ import annotations
 

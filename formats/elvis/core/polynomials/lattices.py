@@ -1,6 +1,6 @@
 """Sum factorization: values of tensor-product expansions on a lattice, one direction after another.
 
-On a lattice of q^d points an element with p^d modes takes d p q^d products and fewer, where a table of all modes takes
+On a lattice of q^d points, an element with p^d modes takes at most d p q^d products, while a table of all modes takes
 p^d q^d (Orszag 1980, Spectral methods for problems in complex geometries).
 """
 
@@ -32,9 +32,9 @@ class Line(NamedTuple):
 
 
 def lattice_lines(expansion: Expansion, points: Floats) -> list[Line] | None:
-    """The lines of the lattice that reference points (n, d) are, the slowest first; None where they are none.
+    """The lines of the lattice that reference points (n, d) form, the slowest first; None if they form no lattice.
 
-    None, too, for expansions that aren't tensor products.
+    Also None for expansions that aren't tensor products.
     """
     count, dimension = points.shape
     if not is_factored(expansion) or count < _LEAST**dimension:
@@ -78,7 +78,7 @@ def values_and_gradients_on_lattice(
     """(e, n) values and (e, n, d) reference gradients of e elements with coefficients (e, m)."""
     factors = product_plan(expansion).factors
     net, left = _net(expansion, coefficients)
-    # what is known of the values, and of the derivative in each direction that was there
+    # the partially contracted values, and derivatives in each direction contracted so far
     values, slopes = net, dict[int, Floats]()
     for line in lines:
         table = factors[line.direction].tables(line.points)
@@ -91,7 +91,7 @@ def values_and_gradients_on_lattice(
 
 
 def _net(expansion: Expansion, coefficients: Floats) -> tuple[Floats, list[int]]:
-    """The coefficients, an axis for each direction after that of elements, and the directions of these axes."""
+    """The coefficients, with an axis for each direction after the axis of elements, and these axes' directions."""
     return coefficients.reshape(-1, *expansion.modes[::-1]), list(range(len(expansion.modes)))[::-1]
 
 

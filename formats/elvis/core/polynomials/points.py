@@ -16,7 +16,7 @@ from elvis.core.polynomials.quadrature import line_nodes
 
 
 class PointsType(IntEnum):
-    """A family of nodes; the numbers are those of binary files, the names in text files are ``family.label``."""
+    """A family of nodes; binary files use these numbers, text files use the names ``family.label``."""
 
     NONE = 0
     GAUSS_LEGENDRE = 1

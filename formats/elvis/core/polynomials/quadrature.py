@@ -52,14 +52,14 @@ def gauss(count: int, alpha: float = 0, beta: float = 0) -> Rule:
 
 
 def radau_minus(count: int, alpha: float = 0, beta: float = 0) -> Rule:
-    """``count`` >= 1 nodes of which the first is -1, exact to degree 2 count - 2."""
+    """``count`` >= 1 nodes, the first at -1, exact to degree 2 count - 2."""
     inner, weights = gauss(count - 1, alpha, beta + 1) if count > 1 else (np.empty(0), np.empty(0))
     first = (beta + 1) * _scale(count, alpha, beta) / (beta + count) / jacobi(count - 1, alpha, beta, _MINUS)[-1] ** 2
     return np.append(-1.0, inner), np.append(first, weights / (1 + inner))
 
 
 def radau_plus(count: int, alpha: float = 0, beta: float = 0) -> Rule:
-    """``count`` >= 1 nodes of which the last is +1, exact to degree 2 count - 2."""
+    """``count`` >= 1 nodes, the last at +1, exact to degree 2 count - 2."""
     nodes, weights = radau_minus(count, beta, alpha)
     return -nodes[::-1], weights[::-1].copy()
 

@@ -1,10 +1,10 @@
-"""How far computed Bernstein coefficients and nets may be from the true ones, in 64-bit floats.
+"""Error bounds of computed Bernstein coefficients and nets, in 64-bit floats.
 
-A product or sum of floats is off by at most u = 2^-53 of itself.  What goes through k of them is off by at most
-gamma_k = k u / (1 - k u) of the sum of its terms' magnitudes, in whatever order terms are added (Higham 2002, Accuracy
-and Stability of Numerical Algorithms, 3.1 to 3.5).  Nets are weighted means of other nets, of weights that aren't
-negative and sum to 1: halves, parts, raised degrees, values.  So magnitudes don't grow there, and a net is off by at
-most the roundings of its weights and sums times its greatest magnitude.  Denormal numbers are left out.
+A product or sum of floats has a relative error of at most u = 2^-53.  A result after k of them has an error of at most
+gamma_k = k u / (1 - k u) times the sum of its terms' magnitudes, for any order of summation (Higham 2002, Accuracy and
+Stability of Numerical Algorithms, 3.1 to 3.5).  Nets are weighted means of other nets, with weights that aren't
+negative and sum to 1: halves, parts, raised degrees, values.  Magnitudes don't grow there, so the error of a net is at
+most the roundings of its weights and sums times its largest magnitude.  Denormal numbers are ignored.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ RAISED = 4
 
 
 def gamma(roundings: int) -> float:
-    """By how much a number may be off after so many products and sums, in parts of its terms' magnitudes."""
+    """Maximum error of a number after this number of products and sums, relative to its terms' magnitudes."""
     return roundings * UNIT / (1 - roundings * UNIT)
 
 
 def coefficient_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace | None = None) -> Floats:
-    """(...,) how far Bernstein coefficients may be from those of polynomials with ``modal`` coefficients (..., m).
+    """(...,) maximum error of Bernstein coefficients of polynomials with ``modal`` coefficients (..., m).
 
     An entry of the matrix has a quotient and an irrational scale in each direction, 3 roundings, and their product, 1.
-    One more stands for the rounding of the magnitudes.
+    One more covers the rounding of the magnitudes.
     """
     summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=-1, initial=0.0)
     is_tensor = expansion.shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
@@ -51,17 +51,17 @@ def box_roundings(space: BernsteinSpace) -> int:
 
 
 def raising_roundings(sizes: Sequence[int]) -> int:
-    """Roundings of a coefficient of a net with so many each way that is raised to a higher degree."""
+    """Roundings of a coefficient when a net of these sizes per direction is raised to a higher degree."""
     return sum(size + RAISED for size in sizes)
 
 
 def halving_roundings(sizes: Sequence[int]) -> int:
-    """Roundings of a coefficient of a half in every direction, of a net with so many each way: weights are exact."""
+    """Roundings of a coefficient when a net of these sizes is halved in every direction: weights are exact."""
     return sum(sizes)
 
 
 def value_roundings(sizes: Sequence[int]) -> int:
-    """Roundings of a value of a net with so many coefficients each way, in its box, one direction after the other.
+    """Roundings of a value in the box of a net with these numbers of coefficients, one direction after the other.
 
     A Bernstein function C t^i s^j, 0 <= t <= 1, has s = 1 - t rounded once, j times in its power; two powers; two
     products.

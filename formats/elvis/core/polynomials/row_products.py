@@ -13,8 +13,8 @@ _ROWS = 32
 def row_products(rows: Floats, matrix: Floats) -> Floats:
     """(..., k) the rows (..., m), each times the matrix (m, k).
 
-    BLAS adds up in another order where a matrix has few rows, or one, than where it has many: numbers of an element
-    would depend on what else is looked at.  So the product is taken of blocks, all of one size, the last filled up
+    BLAS sums in a different order if a matrix has few rows, or one, than if it has many: results of an element would
+    depend on the other elements in the call.  The product is therefore taken in blocks of one size, the last padded
     with zeros.
     """
     flat = np.ascontiguousarray(rows).reshape(-1, rows.shape[-1])

@@ -1,7 +1,7 @@
 """Sum factorization at single points: tensor-product expansions contracted with one direction's factors after another.
 
-An element with p^d modes takes about 2 p^d products for a value and all its derivatives, where a table of all modes and
-of their gradients takes (d + 1) p^d and has to be made first (Orszag 1980, as `lattices`).
+An element with p^d modes takes about 2 p^d products for a value and all its derivatives.  A table of all modes and of
+their gradients takes (d + 1) p^d and has to be built first (Orszag 1980, as `lattices`).
 """
 
 from __future__ import annotations

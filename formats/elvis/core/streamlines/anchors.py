@@ -16,13 +16,13 @@ from elvis.core.streamlines.seeds import seed_points
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """Points at which a vector is known, and is not zero.
+    """Points with a nonzero vector.
 
     points     (n, 3)  world coordinates
     vectors    (n, 3)  tangential on surfaces in space
     reference  (n, 3)  in the element, zero beyond its dimension
     element    (n,)    ids in the file
-    left       why other points were left out, and how many
+    left       reasons for excluding other points, and their numbers
     name       of the vector: its components
     size       diagonal of the box of all elements
     """

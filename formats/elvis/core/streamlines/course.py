@@ -1,4 +1,4 @@
-"""What lines follow, from where and how far: all that is told of streamlines, whatever is then made of them."""
+"""The course of lines: seeds, velocity and limits of streamlines, independent of their later use."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from elvis.core.streamlines.velocity import Velocity
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
-#: where nothing is said, in parts of the diagonal: error of a step, length of lines, greatest distance of points
+#: defaults, relative to the diagonal: error of a step, length of lines, maximum distance of points
 TOLERANCE, LENGTH, SPACING = 1e-12, 10.0, 0.005
-#: a speed that counts as rest, in parts of the greatest speed at the seeds and in the elements' middles
+#: speed below which a point is at rest, relative to the largest speed at the seeds and at the elements' centres
 REST = 1e-10
 
 #: makes a tracer, as `Tracer` does
@@ -32,18 +32,18 @@ MakeTracer: TypeAlias = Callable[[Velocity, Neighbours, Locator, Limits, int], T
 
 @dataclass(frozen=True)
 class Course:
-    """Where lines begin, what they follow, and where they end.
+    """The seeds of lines, the velocity that they follow, and the limits where they end.
 
     seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
-    velocity   its components; None: what is customary in the data, u, v, w or rhou/rho, …
+    velocity   its components; None for the usual names in the data: u, v, w or rhou/rho, …
     direction  forward, backward, or both
-    length     of lines in the world at most; None: ten diagonals of the box, where no duration is given
-    duration   in time at most
-    speed      lines that become slower end
-    steps      at most, each within one element
+    length     maximum length of lines in the world; None: ten diagonals of the box, unless a duration is given
+    duration   maximum time
+    speed      lines end below this speed
+    steps      maximum number, each within one element
     tolerance  error of a step in the world; None: 1e-12 of the diagonal of the box
-    random     number that random seeds are drawn with
-    wall       a boundary on which lines follow the shear, or what is given as velocity, along it (`walls`)
+    random     seed of the random number generator for random seeds
+    wall       a boundary on which lines follow the shear, or the tangential part of ``velocity`` if given (`walls`)
     """
 
     seeds: Any
@@ -58,7 +58,7 @@ class Course:
     wall: str | None = None
 
     def check(self) -> None:
-        """ElvisError for a direction that there is not, and limits that are not positive."""
+        """Raise ElvisError for an unknown direction, and for limits that are not positive."""
         if self.direction not in DIRECTIONS:
             raise ElvisError(f"expected a direction, one of {', '.join(DIRECTIONS)}, found {self.direction!r}")
         if not self.speed >= 0:
@@ -70,7 +70,7 @@ class Course:
 
 
 def components_of(velocity: Sequence[str] | str | None) -> tuple[str, ...] | None:
-    """The components of a velocity, which are texts, or one with commas between them; None for what is customary."""
+    """The components of a velocity, given as texts, or as one with commas between them; None for the usual names."""
     texts = texts_of(velocity) if isinstance(velocity, str) else velocity
     return None if texts is None else tuple(texts)
 
@@ -98,9 +98,11 @@ class Flow:
 
     @staticmethod
     def of(data: FlowSource, course: Course, others: Sequence[Expression] = ()) -> Flow:
-        """A course in a dataset or other data; ``others`` are quantities that the velocity can be asked for, too.
+        """A course in a dataset or other data.
 
-        ElvisError for 1D data, for what names no quantity, too few components, and limits that are not positive.
+        ``others`` are additional quantities that the velocity object can evaluate.
+
+        Raises ElvisError for 1D data, unknown quantities, missing components, and limits that are not positive.
         """
         own = flow_data(data)
         course.check()
@@ -121,9 +123,9 @@ class Flow:
         return diagonal(self.locator)
 
     def tracers(self, make: MakeTracer = Tracer) -> Iterator[Tracer]:
-        """The lines, ready to go: those of one direction after those of the other.
+        """Tracers for the lines, placed at the seeds, one for each direction.
 
-        make  of what follows them: `Tracer`, or what does so elsewhere
+        make  the constructor: `Tracer`, or an equivalent implementation
         """
         for sign in self.signs:
             tracer = make(self.velocity, self.neighbours, self.locator, self.limits, sign)
@@ -132,7 +134,7 @@ class Flow:
 
 
 def diagonal(locator: Locator) -> float:
-    """Of the box of all elements."""
+    """Diagonal of the box of all elements."""
     box = np.asarray(locator.tree.nodes[0], np.float64)
     return float(np.linalg.norm(box[3:] - box[:3]))
 

@@ -1,6 +1,6 @@
 """The Runge-Kutta method of order 8 of Dormand and Prince with a dense output of order 7, for many lines at once.
 
-Coefficients are those of DOP853 (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd edition,
+Coefficients are from DOP853 (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd edition,
 section II.10 and the authors' program of that name).
 """
 
@@ -206,7 +206,7 @@ def _table(rows: Sequence[dict[int, float]]) -> Floats:
 
 
 STAGES, ERRORS, DENSE = _table(_STAGES), _table(_ERRORS), _table(_DENSE)
-#: stages of a step; the result's own derivative follows, then those of the dense output
+#: stages of a step; the derivative at the result follows, then the stages of the dense output
 COUNT = 12
 #: degree of the dense output
 DEGREE = 7

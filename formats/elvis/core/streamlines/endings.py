@@ -41,5 +41,5 @@ WORDS = {
 
 
 def end_names(boundaries: Sequence[str]) -> tuple[str, ...]:
-    """What each number of an end is called, the names of boundaries last."""
+    """The name of each end by its number, the names of boundaries last."""
     return (*(WORDS[end][0] for end in End), *boundaries)

@@ -1,4 +1,4 @@
-"""Where lines enter elements that were found by place, because no side is shared with the element before."""
+"""Entry of lines into elements located by position, because they share no side with the element before."""
 
 from __future__ import annotations
 

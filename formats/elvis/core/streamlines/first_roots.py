@@ -16,12 +16,14 @@ _LONGER = 4.0
 
 
 def first_roots(nets: Floats) -> Floats:
-    """(n,) where polynomials with Bernstein coefficients (n, degree + 1) first fall below zero; inf where they don't.
+    """(n,) first places where polynomials with Bernstein coefficients (n, degree + 1) fall below zero.
 
-    A polynomial lies in the hull of its control points on each window [low, low + width]: up to where the lower side of
-    the hull meets zero it has no root, so ``low`` moves there, which converges like Newton's method at a simple root.
-    Where the value at ``low`` doesn't fall, as behind a place where the polynomial begins close to zero and rises, the
-    window becomes shorter.  One that begins below zero begins at its root.
+    Inf if they don't.
+
+    A polynomial lies in the hull of its control points on each window [low, low + width].  It has no root up to the
+    point where the lower side of the hull meets zero, so ``low`` moves there, which converges like Newton's method at a
+    simple root.  If the value at ``low`` doesn't fall, as after a place where the polynomial starts near zero and
+    rises, the window is shortened.  A polynomial that starts below zero has its root at the start.
     """
     result = np.full(len(nets), np.inf)
     rows = np.flatnonzero((nets < 0).any(axis=1))
@@ -64,9 +66,9 @@ def bernstein_at(nets: Floats, places: Floats) -> Floats:
 
 
 def _hull_crossing(nets: Floats) -> Floats:
-    """(n,) where the hull of the control points first meets zero, if they begin above it; inf where it doesn't.
+    """(n,) first place where the hull of the control points meets zero, if they begin above it; inf if it doesn't.
 
-    Of all lines from a control point above zero to one below the hull has the first to meet it.
+    The hull's crossing is the first among all lines from a control point above zero to one below.
     """
     places = np.linspace(0.0, 1.0, nets.shape[1])
     above = np.where(nets < 0, np.nan, nets)[:, :, None]

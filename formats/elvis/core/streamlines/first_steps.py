@@ -1,4 +1,4 @@
-"""How wide the first step of a line may be: as bounds of the velocity and the map over its whole element allow.
+"""Width of the first step of a line, from bounds of the velocity and the map over its whole element.
 
 With the map's inverse Jacobian A at the seed, X = A x has the Jacobian B, nearly the identity, and a line follows
 dxi/dt = f = B^-1 g with g = A v.  In the maximum norm |B - I| <= e < 1 gives (Golub and Van Loan, Matrix Computations,
@@ -90,13 +90,13 @@ def _bounds(velocity: Velocity, number: int, rows: Ints, jacobians: Floats) -> t
 
 
 def _coefficients(patch: Patch, fields: Sequence[int], rows: Ints) -> list[Floats]:
-    """(n, m) those of fields in elements (n,)."""
+    """(n, m) coefficients of fields in elements (n,)."""
     every = [patch.coefficients[field] for field in fields]
     return [own[rows] for own in every if own is not None]
 
 
 def _derivatives(space: BernsteinSpace, nets: Floats) -> list[tuple[BernsteinSpace, Floats]]:
-    """Of nets (n, d, count): space and net of the derivative in each direction."""
+    """Space and net of the derivative in each direction of nets (n, d, count)."""
     return [differentiate(space, nets, axis) for axis in range(space.shape.dimension)]
 
 

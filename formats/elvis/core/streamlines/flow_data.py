@@ -1,4 +1,4 @@
-"""What lines are followed in: the elements of a dataset, or others that can be evaluated likewise."""
+"""Data for tracing lines: the elements of a dataset, or other data that can be evaluated in the same way."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from elvis.core.streamlines.walls import WallVelocity, check_walls, corners_of, 
 class FlowData(ABC):
     """Elements with fields.
 
-    names      what expressions are made of
+    names      names for expressions
     dimension  of the elements
-    space      number of coordinates of what they lie in
+    space      number of coordinates of the space that contains them
     """
 
     names: Names
@@ -30,24 +30,24 @@ class FlowData(ABC):
     space: int
 
     def components(self, texts: Sequence[str] | None) -> list[Expression]:
-        """The components of a velocity, given as texts or what is customary; ElvisError where there are none."""
+        """The components of a velocity, given as texts or by the usual names; raises ElvisError without any."""
         return components_in(self.names, texts)
 
     @abstractmethod
     def velocity(self, expressions: Sequence[Expression], others: Sequence[Expression] = ()) -> Velocity:
-        """A velocity of some components, which can be asked for other quantities, too."""
+        """A velocity with some components, which can also evaluate additional quantities."""
 
     @abstractmethod
     def neighbours(self, velocity: Velocity) -> Neighbours:
-        """What lies beyond the sides of its elements."""
+        """The elements beyond the sides of its elements."""
 
     @abstractmethod
     def locator(self, velocity: Velocity) -> Locator:
-        """What finds points in its elements."""
+        """The locator of points in its elements."""
 
     @abstractmethod
     def seed_places(self, velocity: Velocity, locator: Locator) -> SeedPlaces:
-        """What texts of seeds refer to."""
+        """The data to which texts of seeds refer."""
 
     @abstractmethod
     def on_wall(
@@ -68,11 +68,11 @@ class DatasetFlow(FlowData):
         return Velocity(self.dataset, expressions, others)
 
     def neighbours(self, velocity: Velocity) -> Neighbours:
-        """Those of the mesh."""
+        """The neighbours in the mesh."""
         return Neighbours.of(self.dataset, velocity.patches)
 
     def locator(self, velocity: Velocity) -> Locator:
-        """By the inverse of the maps."""
+        """The locator by the inverse of the maps."""
         return Locator(velocity.patches)
 
     def seed_places(self, velocity: Velocity, locator: Locator) -> SeedPlaces:
@@ -94,7 +94,7 @@ FlowSource: TypeAlias = Dataset | FlowData
 
 
 def flow_data(data: FlowSource) -> FlowData:
-    """The same, of a dataset, too; ElvisError for 1D data."""
+    """Wrap a dataset; other data are returned unchanged.  Raises ElvisError for 1D data."""
     found = DatasetFlow(data) if isinstance(data, Dataset) else data
     if found.dimension < 2:
         raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")

@@ -1,8 +1,8 @@
 """Streamlines as curves: polynomials of one parameter in the world and in the elements, for pictures of them.
 
-A step's dense output is a polynomial of degree 7 in the reference coordinates.  On straight simplices its image in the
-world is one, too.  In other elements the image is interpolated at Chebyshev points of a higher degree; what the series
-has beyond degree 7 bounds how far the first 8 terms are from it, and steps are halved until that is small.
+A step's dense output is a polynomial of degree 7 in the reference coordinates.  Its image in the world is also one on
+straight simplices.  In other elements the image is interpolated at Chebyshev points of a higher degree; the terms of
+the series beyond degree 7 bound the error of the first 8 terms, and steps are bisected until it is small.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 
-#: how far curves may be from the map of a step, in parts of the box's diagonal, before the step is halved
+#: maximum deviation of curves from the map of a step, relative to the box's diagonal, before the step is bisected
 DEVIATION = 1e-13
 #: how often a step is halved at most
 _HALVINGS = 8
@@ -38,7 +38,9 @@ _MOST_PIECES = 5_000_000
 
 
 def _to_powers() -> Floats:
-    """(8, 8) from Bernstein coefficients on [0, 1] to those of powers of u = 2 t - 1: rows are Bernstein polynomials.
+    """(8, 8) from Bernstein coefficients on [0, 1] to coefficients of powers of u = 2 t - 1.
+
+    Rows: Bernstein polynomials.
 
     Column j of the inverse has the Bernstein coefficients of u^j, which is (2 t - 1)^j.
     """
@@ -58,11 +60,11 @@ def _binomial(n: int, k: int) -> float:
 NODES = 0.5 + 0.5 * chebyshev.chebpts1(_COUNT)
 _VALUES = np.stack([_binomial(DEGREE, k) * NODES**k * (1 - NODES) ** (DEGREE - k) for k in range(DEGREE + 1)], axis=1)
 _SERIES = np.linalg.inv(chebyshev.chebvander(2 * NODES - 1, _COUNT - 1))
-#: (8, 8) from Chebyshev coefficients to those of powers: rows are Chebyshev polynomials
+#: (8, 8) from Chebyshev coefficients to coefficients of powers: rows are Chebyshev polynomials
 _CHEBYSHEV = np.stack([np.pad(chebyshev.cheb2poly(np.eye(DEGREE + 1)[k]), (0, DEGREE))[: DEGREE + 1] for k in range(8)])
 _BERNSTEIN = _to_powers()
 _CONTROL = np.linalg.inv(_BERNSTEIN)
-#: (8, 8) each, from powers of u to those of v, where u is (v - 1) / 2 or (v + 1) / 2
+#: (8, 8) each, from coefficients of powers of u to powers of v, where u is (v - 1) / 2 or (v + 1) / 2
 _HALVES = tuple(
     np.array([[_binomial(p, q) * shift ** (p - q) * 0.5**p if q <= p else 0.0 for q in range(8)] for p in range(8)])
     for shift in (-1.0, 1.0)
@@ -87,9 +89,9 @@ class Pieces:
     reference  (n, 8, 3)  in the element, zero beyond its dimension
     element    (n,)       ids in the file
     deviation  (n,)       the curve is within this of the map of the polynomial in the element
-    line       (n,)       number of the line, those of one direction after those of the other
+    line       (n,) number of the line; the first direction's lines come first
     time       (n, 2)     since the seed at both ends, negative against the stream; linear in u
-    length     (n, 8)     of the line up to a point
+    length     (n, 8) of the line up to a point
     """
 
     points: Floats
@@ -139,10 +141,10 @@ class Curves:
     """Lines as pieces of curves.
 
     pieces  of all lines
-    lines   how many have any
-    ends    how many lines end in each way, those that occur
+    lines   number of lines with pieces
+    ends    number of lines for each kind of end that occurs
     size    diagonal of the box of all elements
-    remarks sentences on what may be missing
+    remarks about possible omissions
     """
 
     pieces: Pieces
@@ -224,7 +226,7 @@ def _curved(steps: Sequence[Piece], first: int, sign: int, velocity: Velocity, m
 class Steps:
     """Steps in elements of one patch: rows (k,), lines (k,), Bernstein coefficients (k, 8, s), times at ends (k, 2).
 
-    Of s states the last one is the length of the line up to there.
+    The last of s states is the length of the line up to there.
     """
 
     row: Ints
@@ -279,7 +281,7 @@ def _image(velocity: Velocity, number: int, rows: Ints, nets: Floats) -> tuple[F
 def series_through(places: Floats) -> tuple[Floats, Floats]:
     """(k, 8, 3) coefficients of powers from values (k, 15, 3) at `NODES`, and (k,) how far off they may be."""
     series = np.einsum("kq,nqd->nkd", _SERIES, places)
-    # what was left out may stand at its greatest everywhere; as much again for what lies beyond it, folded back
+    # the dropped terms may be maximal everywhere; the factor 2 covers aliasing of terms beyond the series
     tail = np.linalg.norm(np.abs(series[:, DEGREE + 1 :]).sum(axis=1), axis=1)
     return np.einsum("nkd,kp->npd", series[:, : DEGREE + 1], _CHEBYSHEV), 2.0 * tail
 

@@ -1,4 +1,4 @@
-"""Steps of lines as they are kept, points along them, and where lines end."""
+"""Stored steps of lines, points along them, and their ends."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A step of k lines, as it is kept.
+    """A stored step of k lines.
 
     line         (k,)       its number
     patch, row   (k,)       the element
     time, lasts  (k,)       at the start, and how long it takes
     nets         (k, 8, s)  Bernstein coefficients of reference coordinates and length, to beyond the end
-    part         (k,)       up to where in them the line goes
+    part         (k,) share of the step that the line uses
     end          (k, s)     the state there
     """
 

@@ -45,11 +45,11 @@ def marks(
     velocity: Sequence[str] | None = None,
     wall: str | None = None,
 ) -> Marks:
-    """A mark at each multiple of a spacing along lines, from their seeds on: of their ``length``, or of ``time``.
+    """A mark at each multiple of a spacing along lines, from their seeds on, by ``length`` or by ``time``.
 
-    velocity  its components as texts; None: what is customary in the data
+    velocity  its components as texts; None for the usual names in the data
     wall      a boundary that lines lie on: marks point along the lines there
-    ElvisError for a spacing that makes too many.
+    Raises ElvisError if the spacing gives too many marks.
     """
     pieces = pieces.along_lines()
     ends = np.abs(pieces.time) if by == "time" else pieces.length @ _at_ends()

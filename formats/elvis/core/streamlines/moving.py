@@ -1,8 +1,8 @@
 """A velocity between the steps of a series, whose coefficients are polynomials in time.
 
-Time is one more coordinate of a point, after those of its element: the clock, which goes from 0 at the beginning of the
-interval to 1 at its end.  So what follows lines in a steady velocity follows paths in this one.  The velocity, its
-derivatives and all other quantities are those of the data at the time of each point, as in pictures of that time.
+Time is an additional coordinate of a point, after the coordinates of its element: the clock, from 0 at the beginning of
+the interval to 1 at its end.  Code that traces lines in a steady velocity thus traces paths in this one.  The velocity,
+its derivatives and all other quantities are evaluated at the time of each point, as in pictures of that time.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Interval:
 
 
 def moving_names(dataset: Dataset) -> Names:
-    """What names stand for along paths: t is a variable, and there are no derivatives in time."""
+    """Names for expressions along paths: t is a variable, and there are no derivatives in time."""
     return replace(Names.of(dataset), is_moving=True)
 
 
@@ -96,7 +96,7 @@ class MovingVelocity(Velocity):
         return
 
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
-        """At points (n, D + 1): as in `Velocity`, and how fast the clock goes."""
+        """The motion at points (n, D + 1), as in `Velocity`, with the rate of the clock."""
         still = super().motion(patch, row, points)
         rate = np.full(len(points), 1.0 / (self.interval.high - self.interval.low))
         return replace(still, reference=np.column_stack([still.reference, rate]))
@@ -131,7 +131,7 @@ class MovingVelocity(Velocity):
         return InstantPoints(momentary, points[:, :-1], self.interval.time(points[:, -1]))
 
     def _coefficients(self, number: int, field: int, rows: Ints, points: Floats) -> Floats:
-        """(n, m) those of a field at the points' times: linear in those of the steps."""
+        """(n, m) coefficients of a field at the points' times: linear in the coefficients of the steps."""
         weights = self.interval.weights(points[:, -1])
         total: Floats | float = 0.0
         for step, weight in zip(self._steps[number], weights.T, strict=True):

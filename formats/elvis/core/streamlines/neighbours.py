@@ -1,7 +1,7 @@
-"""What lies beyond the sides of elements: the faces of volumes, the edges of plane elements.
+"""The elements beyond the sides of elements: the faces of volumes, the edges of plane elements.
 
-Reference coordinates on a side are affine in those of the element beyond, because both see the side's vertices, and
-triangles that are shared collapse at the same vertex (format notes 2.3).
+Reference coordinates on a side are affine in the coordinates of the element beyond, because both see the side's
+vertices, and shared triangles collapse at the same vertex (format notes 2.3).
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from elvis.core.shapes import Shape
 _SHAPES = tuple(Shape)
 #: sides and vertices of an element at most
 _SIDES, _VERTICES = 6, 8
-#: in place of the number of a boundary: a side that doesn't match, with elements beyond it that don't share it
+#: code instead of a boundary's number: a non-conforming side, with elements beyond it that don't share it
 INTERFACE = -2
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """Where points on sides of elements are in the elements beyond.
+    """Positions of points on sides of elements in the elements beyond.
 
-    patch, row, side  (n,)    -1 where there is none
+    patch, row, side  (n,) -1 without an element beyond
     reference         (n, d)  coordinates there
     """
 
@@ -54,7 +54,7 @@ class Neighbours:
 
     @staticmethod
     def of(dataset: Dataset, patches: Sequence[Patch]) -> Neighbours:
-        """Those of elements of a dataset."""
+        """The neighbours of elements of a dataset."""
         mesh = dataset.mesh
         vertices, sides = [], []
         for patch in patches:
@@ -66,7 +66,7 @@ class Neighbours:
 
     @staticmethod
     def of_faces(patches: Sequence[Patch], vertices: Sequence[Ints]) -> Neighbours:
-        """Those of faces with some vertices (n, k), by which they share edges."""
+        """The neighbours of faces with some vertices (n, k), which share edges."""
         edges = [own[:, np.array(patch.shape.edges)] for patch, own in zip(patches, vertices, strict=True)]
         pairs = np.concatenate([np.sort(own.reshape(-1, 2), axis=1) for own in edges])
         which = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
@@ -112,9 +112,9 @@ class Neighbours:
         return table
 
     def doors(self, patch: int) -> tuple[Ints, Ints, Ints]:
-        """What is beyond the k sides of a patch's n elements, of which all patches' are counted one after the other.
+        """The neighbours beyond the k sides of a patch's n elements, numbered through all patches' elements.
 
-        The elements (n, k), -1 where there is none; their own sides (n, k); and which of their vertices the c corners
+        The elements (n, k), -1 without a neighbour; their own sides (n, k); and which of their vertices the c corners
         of the sides are, (n, k, c).
         """
         table, first = self.sides(patch), self._starts[patch]
@@ -136,7 +136,7 @@ class Neighbours:
         return np.asarray(self._boundary[self._side[self._starts[patch] + row, side]])
 
     def cross(self, patch: Ints, row: Ints, side: Ints, points: Floats) -> Crossing:
-        """Where points (n, d) on sides (n,) of elements are in the elements beyond."""
+        """Positions of points (n, d) on sides (n,) of elements in the elements beyond."""
         element = self._starts[patch] + row
         beyond = self._beyond[element, side]
         other, across = np.divmod(beyond, _SIDES)
@@ -184,7 +184,7 @@ class Sides:
     @staticmethod
     @cache
     def of(shape: Shape) -> Sides:
-        """Those of a shape of two or three dimensions."""
+        """The sides of a shape of two or three dimensions."""
         sides = shape.edges if shape.dimension == 2 else shape.faces
         corners = np.array([side if len(side) == 2 else (side[0], side[1], side[-1]) for side in sides])
         places = shape.vertices[corners]
@@ -214,9 +214,11 @@ _PLACES = _places()
 
 
 def _pairs(side: Ints) -> Ints:
-    """(n, 6) for each side of each element _SIDES times the element beyond plus its own side; -1 where there is none.
+    """(n, 6) for each side of each element, _SIDES times the element beyond plus its own side.
 
-    Where three elements or more have a side it is an outer one.
+    -1 without an element beyond.
+
+    A side of three or more elements is an outer one.
     """
     place = np.flatnonzero(side.reshape(-1) >= 0)
     entity = side.reshape(-1)[place]

@@ -1,7 +1,7 @@
-"""Paths of particles in a velocity that changes in time, and streaks of those that leave one place after another.
+"""Paths of particles in a velocity that changes in time, and streaks of particles released at one place.
 
-From one step of a series to the next the velocity is a polynomial in time (`moving`), so particles are followed through
-one such interval after another, as lines of a steady velocity are; all that changes between is the velocity.
+The velocity is a polynomial in time from one step of a series to the next (`moving`).  Particles are therefore followed
+through one such interval after another, as lines of a steady velocity are; only the velocity changes between intervals.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NO_REST = -1.0
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """What particles move in: elements, where seeds lie in them, the velocity's components and further quantities."""
+    """The setting of particles: elements, positions of seeds, components of the velocity and additional quantities."""
 
     neighbours: Neighbours
     locator: Locator
@@ -49,7 +49,7 @@ class _Scene:
 
     @staticmethod
     def of(dataset: Dataset, course: Course, fields: Sequence[str] = (), has_slopes: bool = False) -> _Scene:
-        """Of the data at one of the steps."""
+        """The setting, from the data at one of the steps."""
         flow_data(dataset)
         names = moving_names(dataset)
         components = velocity_expressions(dataset, course.velocity, names)
@@ -85,14 +85,14 @@ class _Particles:
 
     @property
     def tracer(self) -> Tracer:
-        """What follows them, once they have begun."""
+        """The tracer of the particles, once they have begun."""
         assert self._tracer is not None
         return self._tracer
 
     def through(self, intervals: Iterator[Interval]) -> Iterator[tuple[MovingVelocity, Ints]]:
         """The velocity of one interval after another, with those particles (k,) that are in it from the beginning.
 
-        Whoever takes them runs the tracer to the end of each.
+        The caller runs the tracer to the end of each.
         """
         elapsed = 0.0
         for interval in intervals:
@@ -142,11 +142,11 @@ def pathlines(
     fields: Sequence[str] = (),
     ftle: bool = False,
 ) -> TracedLines:
-    """Paths of particles that are all released at one time, as `trace` gives lines; ``time`` is that of the data.
+    """Paths of particles that are all released at one time, in the form of `trace`; ``time`` is the time of the data.
 
     dataset    at one of the steps
     intervals  the parts of time between steps
-    course     where they begin and end
+    course     seeds and limits
     start      the time of release
     stops      times up to which they are followed: later, earlier, or both
     """
@@ -171,7 +171,7 @@ def pathlines(
 
 
 def path_curves(dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float) -> Curves:
-    """The paths of `pathlines` as curves, for pictures of them; seeds alone where the times are the same."""
+    """The paths of `pathlines` as curves, for pictures; only seeds if the times are equal."""
     scene = _Scene.of(dataset, course)
     if start == stop:
         return _resting_curves(scene, dataset, start)
@@ -242,13 +242,13 @@ def streaklines(
     *,
     fields: Sequence[str] = (),
 ) -> TracedLines:
-    """Where at a time all the particles are that were released at each seed since another time, a line for each seed.
+    """Positions at one time of all particles released at each seed since another time, one line per seed.
 
-    A line begins at its seed, with the particle that was released last.  ``time`` is that of release, ``length`` that
-    of each particle's own path; particles that left the data are missing.
+    A line begins at its seed, with the particle that was released last.  ``time`` is the time of release, ``length``
+    the length of each particle's own path; particles that left the data are missing.
 
-    start, stop  times of the first release, and of the last one, at which the lines are seen
-    releases     at even steps of time, the first and the last one included
+    start, stop  times of the first release, and of the last one, for which the lines are computed
+    releases     number of releases, equally spaced in time, including the first and the last one
     others as in `pathlines`
     """
     scene = _Scene.of(dataset, course, fields)
@@ -260,7 +260,7 @@ def streaklines(
 def _streaks(
     scene: _Scene, intervals: Intervals, start: float, stop: float, releases: int
 ) -> tuple[Points, MovingVelocity, Ints]:
-    """Where particles of each seed that are not at their ends are, the velocity there, and how all of them end (n,).
+    """Positions of active particles of each seed, the velocity there, and the ends of all particles (n,).
 
     Lines are seeds, and begin with the particle that was released last.
     """

@@ -1,18 +1,18 @@
 """Ribbons: strips about streamlines that turn with the flow.
 
-A strip is {P(u) + v n(u), |v| <= width / 2} with a unit vector n across the line, which fluid carries along: with the
-direction T = P'/|P'| of the line it follows
+A strip is {P(u) + v n(u), |v| <= width / 2} with a unit vector n across the line, transported by the fluid.  With the
+direction T = P'/|P'| of the line, it follows
 
     dn/dt = (T x dT/dt) x n + 1/2 (omega . T) T x n.
 
-The first term bends it with the line and turns it not at all about T (Bishop, There is more than one way to frame a
-curve, Amer. Math. Monthly 82, 1975); the second turns it at half the vorticity's part along the line, as a small
-rigid body in the fluid turns about T (Hultquist, Constructing stream surfaces in steady 3D vector fields, 1992; Ueng,
+The first term bends it with the line without rotation about T (Bishop, There is more than one way to frame a curve,
+Amer.  Math.  Monthly 82, 1975); the second turns it at half the vorticity's component along the line, as a small rigid
+body in the fluid turns about T (Hultquist, Constructing stream surfaces in steady 3D vector fields, 1992; Ueng,
 Sikorski and Ma, Efficient streamline, streamribbon, and streamtube constructions, IEEE TVCG 2, 1996).
 
 The equation is linear.  On each piece of a line Gauss's collocation of order 14 solves it, whose own polynomial, of
-degree 7, is n(u); it keeps lengths and angles.  What the polynomial leaves of the equation bounds how far it is from
-the solution, as solutions grow not at all; pieces are halved until that is small.
+degree 7, is n(u); it keeps lengths and angles.  The polynomial's residual in the equation bounds its distance from the
+solution, since solutions do not grow; pieces are bisected until it is small.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DEVIATION, _HALVINGS = 1e-10, 8
 _JUMP = 1e-11
 _STAGES = 7
 _NODES, _WEIGHTS = gauss(_STAGES)
-#: where what is left of the equation is greatest: it has its zeros in the nodes
+#: places of the largest residual of the equation, whose zeros are the nodes
 _ENDS = np.array([-1.0, 1.0])
 
 
@@ -83,12 +83,12 @@ def ribbons(
     velocity: Sequence[str] | None = None,
     across: Sequence[float] | None = None,
 ) -> Ribbons:
-    """Strips along lines that follow a velocity, its components as texts (None: what is customary in the data).
+    """Strips along lines that follow a velocity, with its components as texts (None: the usual names in the data).
 
-    across  (3,) direction of their width where lines begin, whose part across the line is taken; None: that axis
-            which the lines are least along there
+    across  (3,) direction of their width at the start of lines, projected across the line; None: the axis least aligned
+            with the lines there
 
-    ElvisError for surfaces in space, and where the velocity has no derivatives.
+    Raises ElvisError for surfaces in space, and if the velocity has no derivatives.
     """
     check_space(data)
     data = flow_data(data)
@@ -184,7 +184,7 @@ def _solved(pieces: Pieces, twist: _Twist) -> tuple[Floats, Floats]:
 
 
 def _left_over() -> float:
-    """The integral of |P_7|, of which what is left of the equation is a multiple to leading order."""
+    """The integral of |P_7|; the residual of the equation is a multiple of P_7 to leading order."""
     x, w = gauss(64)
     return float(w @ np.abs(legendre.legval(x, np.eye(_STAGES + 1)[_STAGES])))
 

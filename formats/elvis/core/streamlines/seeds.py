@@ -1,15 +1,16 @@
-"""Where streamlines begin: points, or texts that stand for many.
+"""Seeds of streamlines: points, or texts that describe many.
 
 point:X,Y,Z                  a point
 line:P:Q:N                   N points from P to Q, both included
-circle:C:NORMAL:R:N          N points at even steps of a curve; likewise polyline:P:Q:…:N, spline:P:Q:…:N,
+circle:C:NORMAL:R:N          N equidistant points of a curve; also polyline:P:Q:…:N, spline:P:Q:…:N,
                              normal:BOUNDARY:P:LENGTH:N and section:BOUNDARY:plane:P:NORMAL:N
 disc:C:NORMAL:R:N            N points over a disc, evenly
 grid:LOW:HIGH:NX,NY,NZ       a lattice over a box, ends included
-plane:POINT:NORMAL:N         a square lattice on a cut plane, N points along the box's longest side, those in elements
-elements                     the middle of each element
-boundary:NAME:N              on each face of a boundary a lattice of N points each way, N of each edge in 2D
-random:N, random:N:LOW:HIGH  N points drawn evenly over the elements, or over what of them lies in a box
+plane:POINT:NORMAL:N         a square lattice on a cut plane, N points along the box's longest side, restricted to the
+                             elements
+elements                     the centre of each element
+boundary:NAME:N              a lattice of N points per direction on each face of a boundary, N per edge in 2D
+random:N, random:N:LOW:HIGH  N random points, uniform over the elements, or over their part in a box
 a name of a file             the points of a table with columns x, y, z
 """
 
@@ -47,14 +48,14 @@ _MOST, _DRAWS = 1_000_000, 100
 
 @dataclass(frozen=True, eq=False)
 class SeedPlaces:
-    """What texts refer to.
+    """The data to which texts refer.
 
     dimension    number of coordinates
     locator      finds elements
     positions    (n, 3) world points of reference points (n, D) in elements: patches (n,) and rows in them (n,)
-    on_boundary  (n, 3) the middles of k x k equal parts of each side of a boundary by its name, k of each edge in 2D;
-                 ElvisError where there is none
-    on_curve     (n, 3) points at even steps of a curve by its name; ElvisError where there is none
+    on_boundary  (n, 3) centres of k x k equal parts of each side of a boundary by its name, k of each edge in 2D;
+                 raises ElvisError for an unknown name
+    on_curve     (n, 3) equidistant points of a curve by its name; raises ElvisError for an unknown name
     """
 
     dimension: int
@@ -65,7 +66,10 @@ class SeedPlaces:
 
     @staticmethod
     def of(dataset: Dataset, locator: Locator, patches: Sequence[Patch] | None = None) -> SeedPlaces:
-        """In a dataset; ``patches`` are the elements whose sides boundaries are, None for those of the locator."""
+        """The places of a dataset.
+
+        ``patches`` are the elements whose sides are boundaries, None for the locator's elements.
+        """
         sides = tuple(locator.patches if patches is None else patches)
 
         def positions(patch: Ints, row: Ints, points: Floats) -> Floats:
@@ -85,9 +89,9 @@ class SeedPlaces:
 
 
 def seed_points(places: SeedPlaces, seeds: Any, random: int = 0) -> Floats:
-    """(n, 3) seeds from points (n, d), a text or several (see above); ElvisError for what they can't be.
+    """(n, 3) seeds from points (n, d), a text or several (see above); raises ElvisError for invalid ones.
 
-    random  number that random points are drawn with: the same points each time
+    random  seed of the random number generator: the same points each time
     """
     if isinstance(seeds, (str, Path)):
         seeds = [seeds]
@@ -101,7 +105,7 @@ def seed_points(places: SeedPlaces, seeds: Any, random: int = 0) -> Floats:
 
 
 class _Reader:
-    """What texts stand for in data."""
+    """Points of seed texts in data."""
 
     def __init__(self, places: SeedPlaces, random: int) -> None:
         self.places, self.locator = places, places.locator
@@ -213,7 +217,7 @@ class _Reader:
         return self.places.on_boundary(parts[0], _count(parts[1]) if len(parts) > 1 else 1)
 
     def _random(self, parts: _Parts) -> Floats:
-        """Points of the box of all elements, those that none holds left out."""
+        """Random points of the box of all elements, restricted to the elements."""
         count = _count(parts[0])
         box = np.asarray(self.locator.tree.nodes[0], np.float64)
         low, high = box[:3], box[3:]

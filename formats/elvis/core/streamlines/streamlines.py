@@ -22,7 +22,7 @@ from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 
-#: what is known at every point
+#: columns at every point
 _AT_POINTS = ("time", "length", "element", "velocity")
 #: names of columns and arrays, which no quantity may have
 TAKEN = (
@@ -45,17 +45,17 @@ _MOST_POINTS = 20_000_000
 class TracedLines:
     """Lines along a velocity.
 
-    offsets   (n+1,)  line i has the points offsets[i] to offsets[i+1]; none where its seed is outside
+    offsets   (n+1,) line i has the points offsets[i] to offsets[i+1]; none if its seed is outside
     seed      (n,)    the number of its seed
     end       (n,)    how it ends, a place in ``ends``
-    ends      words for ends: those of `endings`, then the names of boundaries by which lines left
+    ends      words for ends: the words of `endings`, then the names of boundaries by which lines left
     points    (m, 3)  world coordinates; the first of a line is its seed
     time      (m,)    since the seed, negative against the stream
     length    (m,)    along the line from the seed
     element   (m,)    ids of elements in the file
     velocity  (m, 3)
     values    further quantities (m,) by name
-    ftle      (n,)    finite-time Lyapunov exponents (`stretching`) over the time that lines last, None if not asked for
+    ftle      (n,) finite-time Lyapunov exponents (`stretching`) over the duration of the lines, None if not requested
     """
 
     offsets: Ints
@@ -89,12 +89,12 @@ class TracedLines:
         return self.points[self.offsets[line] : self.offsets[line + 1]]
 
     def counts(self) -> dict[str, int]:
-        """How many lines end in each way, those that occur."""
+        """Number of lines for each kind of end that occurs."""
         numbers = np.bincount(self.end, minlength=len(self.ends))
         return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
 
     def table(self) -> Iterator[tuple[str, str, int]]:
-        """For each way that lines end its name, what it means and how many do."""
+        """The name, the meaning and the number of lines of each kind of end."""
         meanings = dict(WORDS.values())
         for name, count in self.counts().items():
             yield name, meanings.get(name, "left the domain through this boundary"), count
@@ -113,7 +113,7 @@ class TracedLines:
         return {**{name: getattr(self, name) for name in _AT_POINTS}, **self.values}
 
     def arrays(self) -> Columns:
-        """What an archive holds: all arrays by name, the words for ends, and quantities by their names."""
+        """Content of an archive: all arrays by name, the words for ends, and quantities by their names."""
         own = {name: getattr(self, name) for name in ("offsets", "seed", "end", "points")}
         stretched = {} if self.ftle is None else {"ftle": self.ftle}
         return {**own, **stretched, **self.at_points(), "ends": np.array(self.ends)}
@@ -140,21 +140,22 @@ def trace(
     """Streamlines through seeds, integrated exactly in the curved elements (see `tracer`).
 
     seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
-    velocity   its components, as texts or one with commas; None: what is customary in the data, u, v, w or rhou/rho, …
-    direction  forward, backward, or both: then lines against the stream follow those with it
-    length     of lines in the world at most; None: ten diagonals of the box, where no duration is given
-    duration   in time at most
-    speed      lines that become slower end
-    steps      at most, each within one element
+    velocity   its components, as texts or one text with commas; None for the usual names in the data: u, v, w or
+               rhou/rho, …
+    direction  forward, backward, or both: lines against the stream then follow the others
+    length     maximum length of lines in the world; None: ten diagonals of the box, unless a duration is given
+    duration   maximum time
+    speed      lines end below this speed
+    steps      maximum number, each within one element
     tolerance  error of a step in the world; None: 1e-12 of the diagonal of the box
-    spacing    of points along a line at most; None: 1/200 of the diagonal
-    fields     further quantities at the points
-    random     number that random seeds are drawn with
-    wall       a boundary of 3D data: lines follow the shear on it, or the velocity along it where one is given
-    ftle       whether each line's finite-time Lyapunov exponent is wanted; the velocity must be continuous
-    make       of what follows the lines, as `Flow.tracers`
+    spacing    maximum distance of points along a line; None: 1/200 of the diagonal
+    fields     additional quantities at the points
+    random     seed of the random number generator for random seeds
+    wall       a boundary of 3D data: lines follow the shear on it, or the tangential part of ``velocity`` if given
+    ftle       whether to compute each line's finite-time Lyapunov exponent; the velocity must be continuous
+    make       constructor of the tracer, as in `Flow.tracers`
 
-    ElvisError for what names no quantity, too few components, 1D data, and limits that are not positive.
+    Raises ElvisError for unknown quantities, missing components, 1D data, and limits that are not positive.
     """
     data = flow_data(data)
     others = column_expressions(fields, data.names, TAKEN)
@@ -195,7 +196,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """What is known at m points of lines: arrays as in `TracedLines`, but for ``line``."""
+    """Values at m points of lines: arrays as in `TracedLines`, except ``line``."""
 
     line: Ints
     points: Floats
@@ -207,7 +208,7 @@ class Along:
 
     @staticmethod
     def of(points: Points, moving: Velocity, others: Sequence[Expression]) -> Along:
-        """At points of lines along a velocity, with further quantities."""
+        """The values at points of lines along a velocity, with additional quantities."""
         patch, row, reference = points.patch, points.row, points.state[:, :-1]
         ids = np.concatenate([np.empty(0, np.int64), *(own.element_ids for own in moving.patches)])
         starts = np.cumsum([0, *map(len, moving.patches)])
@@ -223,11 +224,11 @@ class Along:
 
 
 def collected(tracer: Tracer, starts: Ints, spacing: float, stretching: Stretching | None, count: int = 0) -> Points:
-    """Run lines to their ends, with the points of ``starts`` (k,), of which lines begin, where they now are.
+    """Run lines to their ends and collect their points, beginning with the current ones of ``starts`` (k,).
 
-    count  of points that there are already
+    count  number of points that exist already
 
-    ElvisError where that makes too many points.
+    Raises ElvisError if that makes too many points.
     """
     time = tracer.sign * tracer.time[starts]
     parts = [Points(starts, tracer.patch[starts], tracer.row[starts], time, tracer.state[starts])]
@@ -254,7 +255,7 @@ def joined(
 ) -> TracedLines:
     """Lines of all directions, one direction after the other.
 
-    directions  for each the ends (n,) of its lines, and what is known at their points, in parts that follow in time
+    directions  for each, the ends (n,) of its lines, and the values at their points, in consecutive parts
     names       of boundaries
     """
     firsts = np.cumsum([0, *(len(ends) for ends, _ in directions)])

@@ -1,9 +1,9 @@
-"""How much a flow stretches along streamlines: finite-time Lyapunov exponents, from the variational equation.
+"""Stretching of a flow along streamlines: finite-time Lyapunov exponents, from the variational equation.
 
-The gradient F of the place of a particle by that of its seed follows dF/dt = grad v F (Shadden, Lekien and Marsden,
-Physica D 212, 2005).  Along each step of a line, whose dense output tells where grad v is taken, it is integrated by
-Gauss's collocation of order 12 (Hairer, Norsett and Wanner, Solving ordinary differential equations I, II.7): the
-equation is linear, so that is one linear system.  Nothing is taken from differences of neighbouring lines.
+The derivative F of a particle's position with respect to its seed satisfies dF/dt = grad v F (Shadden, Lekien and
+Marsden, Physica D 212, 2005).  The equation is integrated along each step of a line by Gauss's collocation of order 12
+(Hairer, Norsett and Wanner, Solving ordinary differential equations I, II.7), with grad v on the dense output.  Since
+it is linear, this is one linear system.  No differences of neighbouring lines are used.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _MATRIX = _collocation()
 def slope_expressions(data: FlowSource, course: Course, names: Names | None = None) -> list[Expression]:
     """The derivatives of a velocity's components, a row of the gradient after the other.
 
-    names  that the components are made of, None for those of the data
+    names  names for the components, None for the names of the data
 
-    ElvisError on walls, on surfaces in space, and for Fourier directions.
+    Raises ElvisError on walls, on surfaces in space, and for Fourier directions.
     """
     own_data = flow_data(data)
     components = components_in(names or own_data.names, course.velocity)

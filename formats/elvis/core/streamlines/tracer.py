@@ -1,10 +1,10 @@
 """Streamlines through curved elements of high order, integrated in the elements' own coordinates.
 
-In an element with the map x(xi) a line follows dxi/dt = J^-1 v, with J = dx/dxi: no point is ever looked for.  A step
-is that of DOP853, its error measured in the world, both by the embedded methods and by the defect of the dense output.
-Heights over the sides of an element are linear in xi, so along the dense output they are polynomials of time, whose
-first root is where the line leaves.  It is stepped again up to there, put on the side, and handed over to the element
-beyond: no step integrates across a border, where fields are rough.  The length is integrated with the coordinates.
+In an element with the map x(xi), a line follows dxi/dt = J^-1 v, with J = dx/dxi: no point has to be located.  Steps
+use DOP853, with the error measured in the world, by the embedded methods and by the defect of the dense output.
+Heights over the sides of an element are linear in xi, so along the dense output they are polynomials of time; the line
+leaves at their first root.  The step is repeated up to there, put on the side, and handed over to the element beyond:
+no step integrates across a border, where fields are not smooth.  The length is integrated with the coordinates.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from elvis.core.streamlines.line_steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
 
-#: how far a line may be beyond a side that it runs along: inner sides, where it is handed over, and outer ones
+#: maximum distance of a line from a side that it runs along, on its outside: inner sides, where it is handed over, and
+#: outer ones
 BESIDE, BESIDE_OUTER = 1e-13, 1e-10
 #: a step's length in reference coordinates at most: elements are 2 wide, and fields hold little beyond
 REACH = 1.0
@@ -42,9 +43,9 @@ SHRINK, GROW, SAFETY = 0.2, 5.0, 0.9
 _TURNS = 64
 #: the shortest step, in reference coordinates
 SHORTEST = 1e-14
-#: a last step up to a side that is so short, in parts of the step's width, is rounding
+#: a last step up to a side shorter than this share of the step's width is rounding
 ROUNDED = 1e-6
-#: gaps between elements at a side, in parts of the box, that are rounding
+#: gaps between elements at a side that count as rounding, relative to the box
 GAP = 1e-12
 
 
@@ -112,7 +113,7 @@ class Tracer:
         return np.column_stack([self.sign * motion.reference, motion.speed])
 
     def _enter(self, lines: Ints) -> Motion:
-        """What moves where lines now are; those end that meet no number, rest or an inverted element."""
+        """The motion at the current points of lines; lines that meet NaN, rest or an inverted element end."""
         motion = self.velocity.motion(self.patch[lines], self.row[lines], self.state[lines, :-1])
         self._slope[lines], self._jacobians[lines] = self._slopes(motion), motion.jacobians
         self._end_slow(lines, motion)
@@ -120,7 +121,7 @@ class Tracer:
         return motion
 
     def _end_slow(self, lines: Ints, motion: Motion) -> None:
-        """End the lines that move no more."""
+        """End the lines that no longer move."""
         limits, speed = self.limits, motion.speed
         is_number = np.isfinite(motion.velocity).all(axis=1)
         sound = np.isfinite(motion.reference).all(axis=1)
@@ -146,7 +147,7 @@ class Tracer:
         accepted = error <= 1
         self._width[active] = width * np.where(accepted, factor, np.minimum(factor, 1.0))
 
-        # what can't be followed however short the steps: where a map folds the derivative has a pole
+        # lines that can't be followed with any step size: the derivative has a pole where a map folds
         stuck = active[~accepted & (width * np.abs(self._slope[active, :-1]).max(axis=1) < SHORTEST)]
         self._finish(stuck, np.where(_is_folding(self._jacobians[stuck]), End.INVERTED, End.FAILED))
         kept = np.flatnonzero(accepted)
@@ -164,9 +165,9 @@ class Tracer:
         return np.asarray(np.minimum(width, left))
 
     def _error(self, active: Ints, taken: Step) -> Floats:
-        """(k,) the error of steps in parts of the tolerance, with reference coordinates mapped to the world.
+        """(k,) error of steps relative to the tolerance, with reference coordinates mapped to the world.
 
-        The combination of both embedded methods is that of DOP853.
+        The combination of both embedded methods is taken from DOP853.
         """
         fifth, third = (self._squares(active, error) for error in taken.errors())
         found = fifth / np.sqrt(fifth + 0.01 * third) / self.limits.tolerance
@@ -174,11 +175,12 @@ class Tracer:
         return np.where(np.isfinite(found), found, np.inf)
 
     def _defect(self, lines: Ints, taken: Step, nets: Floats) -> Floats:
-        """(k,) the defect of the dense output of steps (k, 8, s), in parts of what the tolerance allows.
+        """(k,) defect of the dense output of steps (k, 8, s), relative to the value that the tolerance permits.
 
-        The embedded methods see the velocity through a few combinations of the stages, which wide steps can make small
-        by chance.  The defect p' - f(p) at further places has no part in these, and its integral bounds the distance of
-        the dense output p from the line up to a factor of exp(L h) (Enright, Numerical Algorithms 25, 2000).
+        The embedded methods sample the velocity through a few combinations of the stages, which wide steps can make
+        small by chance.  The defect p' - f(p) at additional points is independent of these.  Its integral bounds the
+        distance of the dense output p from the line up to a factor of exp(L h) (Enright, Numerical Algorithms 25,
+        2000).
         """
         found = np.zeros(len(lines))
         rates = DEGREE * np.diff(nets, axis=1)
@@ -209,7 +211,7 @@ class Tracer:
         part[stopped] = widths[stopped] / taken.width[stopped]
         piece = Piece(lines, self.patch[lines], self.row[lines], self.time[lines], widths, nets, part, ends)
 
-        # those that go on in their elements have their derivative already
+        # lines that continue in their elements already have their derivative
         progress = ends[:, -1] - self.state[lines, -1]
         idle = progress <= GAP * self._size
         self._turns[lines] = np.where(idle, self._turns[lines] + (event >= 0), 0)
@@ -226,7 +228,7 @@ class Tracer:
         return piece
 
     def _first_event(self, lines: Ints, nets: Floats) -> tuple[Floats, Ints]:
-        """Where in their steps (k,) lines first leave or are long enough, inf where they don't, and what it is.
+        """First event in steps (k,): lines leave or reach their length.  Returns its place, inf for none, and its kind.
 
         Sides count from 0; -1 is nothing, -2 the length.
         """
@@ -262,9 +264,10 @@ class Tracer:
     def _restep(
         self, lines: Ints, taken: Step, rows: Ints, event: Ints, ends: Floats, slopes: Floats, widths: Floats
     ) -> None:
-        """Step again, just to the event, with the full order, and one Newton step towards it.
+        """Repeat the step up to the event, with the full order, and one Newton step towards it.
 
-        The dense output tells the place to one order less.  Written are ``rows`` of ``ends``, ``slopes``, ``widths``.
+        The dense output gives the place with one order less.  The results go to ``rows`` of ``ends``, ``slopes``,
+        ``widths``.
         """
         again = step(
             lambda states: self._derivative(lines, states), taken.start[rows], taken.slopes[rows, 0], widths[rows]
@@ -339,7 +342,7 @@ class Tracer:
         return found
 
     def _plane(self, patch: int) -> int:
-        """Reference coordinates of the shape, without those of Fourier directions."""
+        """Number of reference coordinates of the shape, without Fourier directions."""
         return self.velocity.patches[patch].shape.dimension
 
     def _go_in(self, lines: Ints, to: Crossing, points: Floats) -> None:
@@ -362,7 +365,7 @@ class Tracer:
         self.state[which] = before[2][ended]
 
     def _mend(self, lines: Ints, points: Floats) -> None:
-        """Look for world points where an element's side isn't quite that of the one before."""
+        """Locate world points again if an element's side deviates from the side of the element before."""
         found = self.velocity.positions(self.patch[lines], self.row[lines], self.state[lines, :-1])
         apart = np.linalg.norm(found - points, axis=1) > GAP * self._size
         for number in np.unique(self.patch[lines[apart]]):
@@ -398,7 +401,7 @@ class Tracer:
         self._finish(lines, ends)
 
     def _orientations(self, jacobians: Floats) -> Floats:
-        """(n,) the sign of the map's determinant, 0 where it is no number; 1 on surfaces in space."""
+        """(n,) sign of the map's determinant, 0 for NaN; 1 on surfaces in space."""
         if jacobians.shape[2] == 2 and self.velocity.is_oriented and not jacobians[:, 2].any():
             found = np.linalg.det(jacobians[:, :2])
         else:
@@ -430,7 +433,7 @@ class Tracer:
         return found
 
     def _with_waves(self, lines: Ints, reference: Floats) -> Floats:
-        """(k, D) reference coordinates with those of Fourier directions that lines have."""
+        """(k, D) reference coordinates, completed by the lines' coordinates of Fourier directions."""
         return np.concatenate([reference, self.state[lines, reference.shape[1] : -1]], axis=1)
 
 

@@ -30,14 +30,14 @@ _SIMPLICES = (Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
 def velocity_expressions(dataset: Dataset, texts: Sequence[str] | None, names: Names | None = None) -> list[Expression]:
-    """The components of a velocity of a dataset; ``names`` that texts are made of, None for those of the dataset."""
+    """The components of a velocity of a dataset; ``names`` for the texts, None for the names of the dataset."""
     return components_in(names or Names.of(dataset), texts)
 
 
 def components_in(names: Names, texts: Sequence[str] | None) -> list[Expression]:
-    """The components of a velocity: given as texts, or what is customary for such names.
+    """The components of a velocity: given as texts, or the usual ones for such names.
 
-    ElvisError where there are none, and for another number of components than the data have coordinates.
+    Raises ElvisError without any, and if the number of components differs from the number of coordinates.
     """
     if texts is None:
         nodes = names.flow.velocity()
@@ -51,10 +51,10 @@ def components_in(names: Names, texts: Sequence[str] | None) -> list[Expression]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What moves at n points.
+    """The motion at n points.
 
     velocity   (n, 3)     in the world, tangential on surfaces in space
-    reference  (n, D)     derivatives of reference coordinates in time; of the clock too where a velocity has one
+    reference  (n, D) derivatives of reference coordinates in time; including the clock if the velocity has one
     jacobians  (n, 3, D)  of the map
     """
 
@@ -72,10 +72,10 @@ class Velocity:
     """A velocity, ready to be evaluated on the elements of a dataset.
 
     patches  the elements, in the order of ``evaluator``
-    others   further quantities that `values` is asked for
+    others   additional quantities for `values`
 
     is_oriented  whether neighbours in the plane see it from the same side
-    clocks       1 where a coordinate of time follows those of the element (`moving`), else 0
+    clocks       1 if a coordinate of time follows the coordinates of the element (`moving`), else 0
     """
 
     is_oriented = True
@@ -97,7 +97,7 @@ class Velocity:
         return self._fields[number]
 
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
-        """At reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
+        """The motion at reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
         count, d = len(points), points.shape[1] - self.clocks
         found = Motion(np.zeros((count, 3)), np.empty((count, d)), np.empty((count, 3, d)))
         for number in np.unique(patch):
@@ -118,7 +118,7 @@ class Velocity:
         return found
 
     def at(self, expression: Expression, element: Ints, reference: Floats) -> Floats:
-        """(n,) likewise values of one of the evaluator's expressions."""
+        """(n,) values of one of the evaluator's expressions at points given in the same way."""
         found = np.full(len(element), np.nan)
         for here, patch, rows, own in self._places_of(element, reference):
             found[here] = self.values(expression, patch, rows, own)
@@ -191,7 +191,7 @@ class Velocity:
         return velocity, patch.geometry_coefficients[rows] @ constant
 
     def _coefficients(self, number: int, field: int, rows: Ints, points: Floats) -> Floats:
-        """(n, m) those of a field in elements (n,) of a patch, for points (n, D)."""
+        """(n, m) coefficients of a field in elements (n,) of a patch, for points (n, D)."""
         coefficients = self.patches[number].coefficients[field]
         assert coefficients is not None
         return np.asarray(coefficients[rows])

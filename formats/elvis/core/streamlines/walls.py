@@ -1,9 +1,9 @@
-"""What moves on walls: the shear of a flow on the faces of a boundary, in the faces' own coordinates.
+"""Motion on walls: the shear of a flow on the faces of a boundary, in the faces' own coordinates.
 
-On a wall where a fluid is at rest it moves, next to it, by h du/dn at the height h: along the wall shear.  Lines along
-that are skin friction lines (Legendre 1956; Delery 2013, Three-dimensional separated flow topology, chapter 2).  The
-derivatives are those of the fields in the elements that have the faces; lines are followed in coordinates (r, s) of
-these faces, so that no point leaves the wall.
+A fluid at rest on a wall moves, at the height h next to it, by h du/dn: along the wall shear.  Lines along that are
+skin friction lines (Legendre 1956; Delery 2013, Three-dimensional separated flow topology, chapter 2).  The derivatives
+are taken in the elements that have the faces; lines are followed in coordinates (r, s) of these faces, so that no point
+leaves the wall.
 """
 
 from __future__ import annotations
@@ -55,9 +55,10 @@ def check_walls(dataset: Dataset, wall: str) -> None:
 
 
 def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str, ranks: Ranks = ALONE) -> list[Piece]:
-    """The faces of a boundary as sides of elements; ElvisError for data that aren't 3D, and where there are none.
+    """The faces of a boundary as sides of elements; raises ElvisError for data that aren't 3D, and without faces.
 
-    ranks  that have parts of the data, of which this is one; each calls this, and has its own faces
+    ranks  the ranks that have parts of the data, including this one; every rank must call this, and receives its own
+           faces
     """
     check_walls(dataset, wall)
     target = Places(dataset, tuple(patches), {}, ranks=ranks).named(wall)
@@ -90,7 +91,7 @@ def outward(piece: Piece, jacobians: Floats) -> Floats:
 
 
 class WallVelocity(Velocity):
-    """The shear on a wall: as `Velocity`, with a patch for the faces of each kind in place of elements.
+    """The shear on a wall: as `Velocity`, with a patch for the faces of each kind instead of elements.
 
     pieces  the faces as sides of elements, one for each of ``patches``
     """
@@ -106,15 +107,15 @@ class WallVelocity(Velocity):
         self.patches = tuple(_face_patch(piece) for piece in self.pieces)
 
     def is_straight(self, number: int) -> bool:
-        """As if no face were: their maps are those of elements."""
+        """False for all faces: their maps come from elements."""
         return False
 
     def component_fields(self, number: int) -> None:
-        """None: fields are those of elements."""
+        """None, since fields belong to elements."""
         return
 
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
-        """At reference points (n, 2) of faces: patches (n,) and rows in them (n,)."""
+        """The motion at reference points (n, 2) of faces: patches (n,) and rows in them (n,)."""
         found = Motion(np.zeros((len(points), 3)), np.empty((len(points), 2)), np.empty((len(points), 3, 2)))
         for number in np.unique(patch):
             here = np.flatnonzero(patch == number)
@@ -153,7 +154,7 @@ class WallVelocity(Velocity):
         return self.pieces[number].places(points)
 
     def _places(self, number: int, row: Ints, points: Floats) -> tuple[Piece, ElementPoints]:
-        """Points on faces as points of elements, with the normals of the wall, which stages beyond it need, too."""
+        """Points on faces as points of elements, with the normals of the wall, which stages beyond it also need."""
         piece = self.pieces[number]
         places = ElementPoints(piece.patch, piece.rows[row], piece.places(points))
         places.normals = outward(piece, places.jacobians)

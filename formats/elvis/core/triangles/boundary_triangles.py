@@ -142,7 +142,7 @@ def _points(piece: Piece, xi: Floats) -> ElementPoints:
 
 
 def _halves_of_squares(count: int) -> Ints:
-    """(m, 3) the triangles of a lattice of so many points each way, the last direction fastest."""
+    """(m, 3) the triangles of a lattice of ``count`` x ``count`` points, the last direction fastest."""
     corner = np.arange(count * count).reshape(count, count)
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     return np.concatenate([np.stack(own, axis=-1).reshape(-1, 3) for own in ((a, b, c), (a, c, d))])

@@ -20,7 +20,7 @@ from elvis.core.wall_curves.chains import places_by_number
 OFFSETS = np.array([[2 * (k >> axis & 1) for axis in range(3)] for k in range(8)] + [[1, 1, 1]])
 #: points that are evaluated at a time
 _AT_ONCE = 1 << 15
-#: values in elements that share a corner that are taken for one, in parts of the greatest
+#: tolerance for values in elements that share a corner to count as one, relative to the largest
 _SAME_VALUE = 1e-9
 
 
@@ -42,7 +42,7 @@ class CellPlaces:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Boxes of cells, by group those of one cell, and what evaluates expressions there."""
+    """Boxes of cells, grouped by cell, and the evaluator of expressions there."""
 
     evaluator: Evaluator
     boxes: Sequence[CellBoxes]

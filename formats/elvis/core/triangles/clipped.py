@@ -1,4 +1,4 @@
-"""Triangles cut along a surface: what is left of those that it meets."""
+"""Triangles cut along a surface, with the parts of intersected triangles."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ _HALVINGS, _DIVISIONS = 60, 24
 
 
 def clipped(surface: SurfaceTriangles, dataset: Dataset, clip: str, tolerance: float) -> SurfaceTriangles:
-    """What ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R`` leaves, after ``outside:`` the part outside of it.
+    """The part inside ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R``.
 
-    Triangles near the surface are divided until it is straight in each to the tolerance.  Edges are cut where they meet
-    it, those of two triangles once, so no gap opens.  ElvisError for surfaces not made of coordinates alone, and where
-    nothing is left.
+    With the prefix ``outside:``, the part outside.
+
+    Triangles near the surface are subdivided until it is straight in each up to the tolerance.  Edges are cut at the
+    surface, shared edges only once, so no gap opens.  Raises ElvisError for surfaces that depend on more than
+    coordinates, and if the result is empty.
     """
     level = Level.clip(dataset, clip).expression
     if any(leaf.op != "coordinate" for leaf in level.leaves):
@@ -44,7 +46,7 @@ def clipped(surface: SurfaceTriangles, dataset: Dataset, clip: str, tolerance: f
 
 
 def _divided(surface: SurfaceTriangles, root: Node, tolerance: float) -> SurfaceTriangles:
-    """The surface with edges halved that the clip may meet, as long as it is not straight along them."""
+    """The surface with those edges bisected that the clip may meet and along which it is not straight."""
     gradient = [world_derivative(root, axis) for axis in range(3)]
     for _ in range(_DIVISIONS):
         edges, number = _edges(surface.triangles)
@@ -103,7 +105,7 @@ def _heights(root: Node, points: Floats) -> Floats:
 
 
 def _cut(surface: SurfaceTriangles, root: Node, inside: Bools, cut: Ints) -> tuple[SurfaceTriangles, Ints]:
-    """The surface with points on cut edges, and the triangles (k, 3) of what is left of the triangles ``cut``."""
+    """The surface with points on cut edges, and the remaining triangles (k, 3) of the triangles ``cut``."""
     # the corner that lies on its own side comes first
     own = inside[cut]
     first = np.where(own.sum(axis=1) == 1, own.argmax(axis=1), (~own).argmax(axis=1))

@@ -29,15 +29,15 @@ from elvis.core.shapes import Shape
 
 #: elements whose nets are held at a time, by the numbers in these
 _NUMBERS = 1 << 22
-#: degree of the polynomial that stands for what is none, as far as its size is estimated
+#: degree of the polynomial that represents other functions when their size is estimated
 _DEGREE_OF_OTHERS = 8
 #: values below this share of the greatest coefficient are rounding
 ROUNDING = 1e-13
-#: second derivatives that are rounding, in parts of what they are made of
+#: second derivatives that count as rounding, relative to their terms
 _FLAT = 1e-12
 #: halvings after which numbers of boxes without a bound are compared, and the ratios that they have at points or lines
 _LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5
-#: boxes that are looked at together at most, and halvings of cells at most
+#: maximum number of boxes examined together, and maximum bisections of cells
 _MOST_BOXES, _MOST_HALVINGS = 1 << 17, 12
 #: elements of a block at most, and boxes that are halved at a time
 _ELEMENTS, _AT_ONCE = 128, 1 << 12
@@ -106,10 +106,10 @@ class CellBoxes:
 
 
 def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
-    """Halvings of a cell in each direction that make it as fine as its neighbours.
+    """Bisections of a cell in each direction that make it as fine as its neighbours.
 
-    Cells at the corners of simplices are half as long as their edges, those of prisms in their triangles.  Others are
-    as long as an edge, which matters in a mesh of several shapes.
+    Cells at the corners of simplices are half as long as their edges; so are cells of prisms in their triangles.
+    Others are as long as an edge, which matters in a mesh of several shapes.
     """
     if shape is Shape.PRISM:
         return 0, 1, 0
@@ -174,7 +174,7 @@ def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
 
 
 def _has_one_sign(nets: Floats) -> Bools:
-    """(n,) whether nets prove that there is no zero."""
+    """(n,) whether nets exclude a zero."""
     flat = nets.reshape(len(nets), nets[0].size if len(nets) else 1)
     band = ROUNDING * np.abs(flat).max(axis=1)
     return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
@@ -212,7 +212,7 @@ def halvings_needed(block: CellBlock, tolerance: float) -> int:
         counts.append(int((is_far & ~_is_regular(block)).sum()))
         if not is_far.any() or (counts[-1] == is_far.sum() and _stay(counts)):
             return depth
-        # bounds fall with the square of the size of boxes, of which a surface has as many more
+        # bounds decrease with the square of the size of boxes, and the number of boxes on a surface increases with it
         foreseen = float((bound[is_far & np.isfinite(bound)] / tolerance).sum())
         if is_far.sum() * 8 > _MOST_BOXES or foreseen > _SLACK * _MOST_BOXES:
             break
@@ -232,12 +232,13 @@ def _stay(counts: Sequence[int]) -> bool:
 
 
 def distance_bounds(block: CellBlock) -> Floats:
-    """(n,) how far triangles, whose corners are zeros on edges in each box, are from the surface at most.
+    """(n,) maximum distance from the surface of triangles whose corners are zeros on edges in each box.
 
-    With the world gradient G in the middle of the box, q = G . x + r, and the gradient of r vanishes there.  At a point
-    X = sum l_k x_k of a flat triangle, whose corners are zeros, q(X) = r(X) - sum l_k r_k.  Second derivatives bound
-    that: on a simplex of extents 1, sum_k l_k |v_k - p|_i |v_k - p|_j <= 1/4.  X itself lies away from the place of
-    these weights by the bend of the map.  Along G, q grows by |G| at least, less what r takes away.
+    With the world gradient G at the centre of the box, q = G . x + r, and the gradient of r vanishes there.  A flat
+    triangle, whose corners are zeros, satisfies q(X) = r(X) - sum l_k r_k at a point X = sum l_k x_k.  Second
+    derivatives bound that: on a simplex of extents 1, sum_k l_k |v_k - p|_i |v_k - p|_j <= 1/4.  X itself differs from
+    the place of these weights by the curvature of the map.  The increase of q along G is at least |G|, minus the effect
+    of r.
     """
     flat = block.maps.reshape(len(block.maps), 3, -1)
     diagonal = np.linalg.norm(np.ptp(flat, axis=2), axis=1)

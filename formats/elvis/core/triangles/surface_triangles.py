@@ -1,4 +1,4 @@
-"""Triangles with what is known at their corners."""
+"""Triangles with values at their corners."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class SurfaceTriangles:
 
     points     (n, 3) corners
     triangles  (m, 3) rows of these; counter-clockwise seen from where the normal points
-    normals    (n, 3) unit normals of the exact surface, towards greater values
+    normals    (n, 3) unit normals of the exact surface, towards larger values
     values     (n,) of quantities, by their texts
-    distance   how far triangles and surface are apart at most; 0 where nothing is known
+    distance   maximum distance of triangles and surface; 0 if unknown
     is_bound   whether that is a bound, not an estimate
-    remarks    sentences on what was found on the way
+    remarks    remarks about the computation
     """
 
     points: Floats
@@ -57,7 +57,7 @@ class SurfaceTriangles:
         return np.cross(b - a, c - a)
 
     def compacted(self) -> SurfaceTriangles:
-        """Without points that no triangle has."""
+        """The surface without unused points."""
         used, flat = np.unique(self.triangles, return_inverse=True)
         values = {name: own[used] for name, own in self.values.items()}
         return replace(

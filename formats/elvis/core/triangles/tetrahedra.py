@@ -29,7 +29,7 @@ def tetrahedra(numbers: Ints) -> Ints:
 
 
 def triangles_between(corners: Ints, is_high: Bools) -> tuple[Ints, Ints]:
-    """Tetrahedra (m,) and triangles (m, 3, 2) between corners of tetrahedra (n, 4) that are high and those that aren't.
+    """Tetrahedra (m,) and triangles (m, 3, 2) between corners of tetrahedra (n, 4) that are high and the other corners.
 
     A triangle has its corners on edges, each given by the two corners of the box that it joins; it goes
     counter-clockwise seen from the high corners, in the coordinates of the box.

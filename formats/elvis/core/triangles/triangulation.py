@@ -69,7 +69,7 @@ def level_triangles(
 def _prepared(
     dataset: Dataset, surface: str, quantities: Sequence[str]
 ) -> tuple[Expression, list[Expression], Evaluator]:
-    """What is zero on the surface, its gradient where it has one, and what evaluates these and the quantities."""
+    """The expression that is zero on the surface, its gradient if it has one, and the evaluator for all quantities."""
     if dataset.mesh.dimension != 3:
         raise ElvisError(f"{surface}: expected 3D data, found {dataset.mesh.dimension}D data")
     known = Level.parse(dataset, surface)
@@ -184,7 +184,7 @@ def _units(vectors: Floats) -> Floats:
 
 
 def _means(found: SurfaceTriangles) -> Floats:
-    """(n, 3) unit normals from those of the triangles around a point, by their area."""
+    """(n, 3) unit normals from the normals of the triangles around a point, weighted by area."""
     total = np.zeros_like(found.points)
     np.add.at(total, found.triangles.reshape(-1), np.repeat(found.crosses, 3, axis=0))
     return _units(total)

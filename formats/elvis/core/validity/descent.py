@@ -21,7 +21,7 @@ _NUMBERS = 1 << 22
 
 
 class Least(NamedTuple):
-    """What is known of the least value of each of n polynomials: lower <= minimum <= value, up to rounding.
+    """Bounds of the minimum of each of n polynomials: lower <= minimum <= value, up to rounding.
 
     lower, value  (n,)
     place         (n, d)  collapsed coordinates eta where ``value`` is attained
@@ -86,7 +86,7 @@ class _Boxes:
 
 
 class _Descent:
-    """One batch of polynomials and what is found of them."""
+    """One batch of polynomials with the results so far."""
 
     def __init__(self, nets: Floats, error: Floats, goal: Floats) -> None:
         count, dimension = len(nets), nets.ndim - 1
@@ -102,7 +102,10 @@ class _Descent:
         self._forget(boxes)
 
     def _promising(self, boxes: _Boxes) -> _Boxes:
-        """The boxes that may yet lower what is known, after a look at their corners; the bounds of others count."""
+        """The boxes that may still lower the result, after evaluation at their corners.
+
+        The bounds of others are recorded.
+        """
         self._bound_boxes(boxes)
         value = self.result.value
         aim = np.where(value > self._goal, self._goal, value - np.maximum(self._error, TOLERANCE * np.abs(value)))

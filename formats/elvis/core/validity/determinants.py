@@ -1,12 +1,12 @@
-"""The Jacobian determinant of maps in Bernstein form, with a bound of what rounding did to its coefficients.
+"""The Jacobian determinant of maps in Bernstein form, with a bound of the rounding of its coefficients.
 
-The determinant of a polynomial map is a polynomial: of degree 3 (p - 1) on a tetrahedron of degree p, of degrees
-3 p - 1 in every direction of a hexahedron.  On a pyramid both derivatives that leave its apex where it is are
-polynomials in eta times c = (1 - eta3)/2, the factor by which eta shrinks towards the apex, so that
+The determinant of a polynomial map is a polynomial: of degree 3 (p - 1) on a tetrahedron of degree p, and of degrees 3
+p - 1 in every direction of a hexahedron.  On a pyramid, both derivatives that leave its apex fixed are polynomials in
+eta times c = (1 - eta3)/2, the factor by which eta shrinks towards the apex, so that
 
     det dx/dxi = det(dx/deta1 / c, dx/deta2 / c, dx/deta3)
 
-is a polynomial in eta.  Where space has more dimensions than the elements, the square of length or area is made.
+is a polynomial in eta.  If space has more dimensions than the elements, the square of length or area is computed.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _sums(space: BernsteinSpace, long: tuple[BernsteinSpace, Floats], short: tup
 def _lattice_sums(
     space: BernsteinSpace, long: tuple[BernsteinSpace, Floats], short: tuple[BernsteinSpace, Floats]
 ) -> Floats:
-    """The same on tensor shapes, where rows of all powers are a lattice, and those of a product a box in it."""
+    """`_sums` on tensor shapes, where rows of all powers are a lattice, and rows of a product a box in it."""
     counts, longs, shorts = (tuple(degree + 1 for degree in own.degrees[::-1]) for own in (space, long[0], short[0]))
     net = np.zeros((space.count, long[1].shape[1]))
     step = max(1, _CACHED // space.count)
@@ -158,7 +158,7 @@ def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction:
 def _divide(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[BernsteinSpace, Floats, Floats]:
     """Polynomials on a pyramid over c: b_k^r = c r/(r - k) b_k^(r-1) for k < r.
 
-    Of b_r^r there is nothing but rounding, for at the apex the format's functions don't depend on eta1 and eta2.
+    The coefficients b_r^r contain only rounding, for at the apex the format's functions don't depend on eta1 and eta2.
     """
     p, q, r = space.degrees
     layers = nets.reshape(*nets.shape[:2], r + 1, -1)

@@ -20,12 +20,12 @@ from elvis.core.shapes import Shape
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity
 
-#: the determinant of a straight simplex, in parts of the product of its edges, that is more than rounding
+#: determinant of a straight simplex, relative to the product of its edges, that exceeds rounding
 ROUNDING = 1e-13
-#: elements that are looked at together, and the numbers of determinants' nets that are proved at most
+#: number of elements examined together, and maximum number of coefficients of determinants' nets that are proved
 TOGETHER = 1 << 11
 PROVED_NUMBERS = 1 << 23
-#: ids in a sentence
+#: number of ids in a message
 LISTED = 5
 
 
@@ -42,7 +42,7 @@ class Folded:
 
     @staticmethod
     def joined(parts: Sequence[Folded]) -> Folded:
-        """What was found of parts of a dataset."""
+        """The combined results for parts of a dataset."""
         wrong, undecided = (
             np.unique(np.concatenate([np.empty(0, np.int64), *ids]))
             for ids in ([own.wrong for own in parts], [own.undecided for own in parts])
@@ -50,7 +50,7 @@ class Folded:
         return Folded(wrong, undecided)
 
     def sentences(self) -> Iterator[str]:
-        """What every command prints."""
+        """Messages that every command prints."""
         if len(self.wrong):
             yield (
                 f"{_elements(self.wrong)} inverted or folded, for the Jacobian is not positive all over "
@@ -66,10 +66,10 @@ class Folded:
 
 
 def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
-    """The elements of a dataset that are not valid for certain; of all parts where several ranks have parts of it.
+    """The elements of a dataset whose validity is not certain; for several ranks, of all parts.
 
-    Where space has more dimensions than the elements there is no sign, and nothing is found.  Segments on a line may
-    run either way.
+    If space has more dimensions than the elements, the determinant has no sign, and the result is empty.  Segments on a
+    line may run either way.
     """
     wrong, undecided = np.empty(0, np.int64), np.empty(0, np.int64)
     if dataset.mesh.space == dataset.mesh.dimension:
@@ -98,7 +98,7 @@ def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
 
 
 def _maps(part: GeometryBlock | Assembly, rows: Ints) -> Floats:
-    """(n, 3, m) coefficients of elements; of segments that run backwards those of their mirror image."""
+    """(n, 3, m) coefficients of elements; for segments that run backwards, coefficients of their mirror image."""
     coefficients = part.take(rows)
     if part.expansion.shape is not Shape.SEGMENT:
         return coefficients
@@ -117,7 +117,7 @@ def _are_positive_simplices(corners: Floats) -> Bools:
 
 
 def _of_suspects(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> tuple[Ints, Ints]:
-    """Ids of elements that are proved not to be positive, and of those that are undecided."""
+    """Ids of elements that are proved not to be positive, and of undecided ones."""
     wrong, undecided = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     left = PROVED_NUMBERS
     for block in blocks:

@@ -1,13 +1,13 @@
 """A test that most elements pass quickly: the derivative of their map is regular, and its determinant positive.
 
-J maps the k directions of an element into d dimensions of space.  With a fixed matrix P of shape (k, d), the matrix
-P J is regular where its symmetric part is positive definite, for then x' P J x > 0 for all x, and its determinant is
-positive, for it is on the whole segment from the unit matrix (Johnson 1970, Positive definite matrices).  So J has the
-rank k, and where k = d its determinant has the sign of that of P.
+J maps the k directions of an element into d dimensions of space.  With a fixed matrix P of shape (k, d), the matrix P J
+is regular if its symmetric part is positive definite, for then x' P J x > 0 for all x.  Its determinant is then
+positive, for it is positive on the whole segment from the unit matrix (Johnson 1970, Positive definite matrices).  J
+therefore has rank k, and for k = d its determinant has the sign of the determinant of P.
 
-P J is a convex combination of P times the control matrices of J, its Bernstein coefficients, and the symmetric parts
-that are positive definite form a convex cone: it is enough to look at the control matrices.  P is the inverse of their
-mean, or its pseudo-inverse where d > k.  Boxes that don't pass are halved.
+P J is a convex combination of P times the control matrices of J, its Bernstein coefficients.  Matrices with positive
+definite symmetric part form a convex cone, so it is enough to check the control matrices.  P is the inverse of their
+mean, or its pseudo-inverse for d > k.  Boxes that don't pass are bisected.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from elvis.core.validity.determinants import Polynomials, tangents
 HALVINGS = 2
 #: parts of the product of its factors' sizes by which a minor or a determinant is more than rounding
 ROUNDING = 1e-12
-#: roundings, in parts of the greatest number, where `_upward` multiplies by the shares and adds up
+#: roundings, relative to the largest number, in products with the shares and sums in `_upward`
 UPWARD = 24
-#: numbers in the control matrices that are looked at together
+#: numbers in the control matrices that are checked together
 NUMBERS = 1 << 21
 
 
 def are_regular(expansion: Expansion, coefficients: Floats, space: int | None = None) -> Bools:
     """(n,) whether maps with coefficients (n, 3, m) pass; False proves nothing.
 
-    space  dimension of the world, by default that of the elements; where it is more, elements that pass have a positive
-           area or length all over
-    FormatError for maps that aren't polynomials.
+    space  dimension of the world, by default of the elements; if it is larger, elements that pass have a positive area
+           or length everywhere
+    Raises FormatError for maps that aren't polynomials.
     """
     dimension = expansion.shape.dimension
     world = dimension if space is None else space
@@ -73,9 +73,10 @@ def _controls(columns: list[list[Polynomials]], world: int) -> tuple[Floats, Flo
 
 
 def _upward(nets: list[Floats], world: int) -> list[Floats]:
-    """The nets of dx/dxi3 on pyramids from those of `tangents`, dx/deta1 / c, dx/deta2 / c and dx/deta3.
+    """The nets of dx/dxi3 on pyramids from the nets of `tangents`: dx/deta1 / c, dx/deta2 / c and dx/deta3.
 
-    With xi1 = (1 + eta1) c - 1 and so xi2, dx/dxi3 = dx/deta3 + (1 + eta1)/2 dx/deta1 / c + (1 + eta2)/2 dx/deta2 / c.
+    With xi1 = (1 + eta1) c - 1 and xi2 in the same way, dx/dxi3 = dx/deta3 + (1 + eta1)/2 dx/deta1 / c + (1 + eta2)/2
+    dx/deta2 / c.
     """
     found = nets[2 * world :]
     for direction in range(2):

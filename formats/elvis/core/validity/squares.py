@@ -1,9 +1,9 @@
-"""Lower bounds of polynomials that come near their least value all along a line or a surface: p = e + sum q_i^2 + rest.
+"""Lower bounds of polynomials that are close to their minimum along a line or a surface: p = e + sum q_i^2 + rest.
 
-Halving boxes cannot follow such valleys, since the boxes along them are too many.  Whatever the polynomials q_i are, p
-is nowhere less than the least Bernstein coefficient of p - sum q_i^2.  They start as the square roots of the Taylor
-polynomial of degree 2 at the least value known, and Gauss-Newton steps fit them to p on the whole box (sums of squares
-of low rank: Burer and Monteiro, Math. Program. 95, 2003).  Fits need not be good for the bound to be right.
+Bisecting boxes cannot follow such valleys, since the boxes along them are too many.  For any polynomials q_i, p is
+nowhere less than the smallest Bernstein coefficient of p - sum q_i^2.  They start as the square roots of the Taylor
+polynomial of degree 2 at the smallest value known.  Gauss-Newton steps then fit them to p on the whole box (sums of
+squares of low rank: Burer and Monteiro, Math.  Program. 95, 2003).  The bound is valid even if the fit is poor.
 """
 
 from __future__ import annotations
@@ -141,8 +141,10 @@ def _fit_squares(values: Floats, basis: Floats, roots: Floats, near: Floats) -> 
 
 
 def _start(net: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """(k, 1 + d) linear polynomials c + g . t whose squares are the Taylor polynomial at the least of some values,
-    and the distances (n,) of the nodes from that place."""
+    """(k, 1 + d) linear polynomials c + g . t whose squares form the Taylor polynomial at the minimum of some values.
+
+    The second result is the distances (n,) of the nodes from that place.
+    """
     nodes = _nodes()
     best = np.unravel_index(int(values.argmin()), (len(nodes),) * net.ndim)
     place = descended(net, nodes[list(best)]).place

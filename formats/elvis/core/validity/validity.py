@@ -1,12 +1,12 @@
-"""Whether every element is valid: the sign of its Jacobian determinant, proved for the whole closed element.
+"""Validity of every element: the sign of its Jacobian determinant, proved for the whole closed element.
 
-An element whose Bernstein coefficients are all positive is done; the others are halved until the sign is certain, or is
-not to be had because the determinant comes to zero as nearly as rounding can tell.  Where it comes near zero all along
-a line or a surface, which takes too many halves, squares are subtracted instead.
+An element whose Bernstein coefficients are all positive is proved; the others are bisected until the sign is certain,
+or undecidable because the determinant approaches zero within rounding.  If it is near zero along a line or a surface,
+which would take too many bisections, squares are subtracted instead.
 
-What is found of an element doesn't depend on which others are looked at with it, but for two things that are done of
-few elements alone: subtracting squares, and halving for the range of all.  Of which ones is decided when all else is
-known, so that parts of a mesh, which ranks have, lead to the same end.
+The result of an element doesn't depend on the others in the batch, with two exceptions for few elements: subtracting
+squares, and bisecting for the range of all.  These elements are selected after everything else is known, so parts of a
+mesh on several ranks give the same result.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from elvis.core.validity.determinants import Polynomials, determinant
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.squares import descended, lower_bound
 
-#: numbers in the nets made at once, and elements that are looked at together
+#: numbers in the nets built at once, and elements that are examined together
 _NUMBERS, _TOGETHER = 1 << 21, 1 << 13
 #: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)
-#: lower bounds of the Jacobian, in errors by rounding, that are no more than a touch of zero
+#: lower bounds of the Jacobian, in units of the rounding error, that count as touching zero
 TOUCHING = 4
 
 
 class ValidityStatus(IntEnum):
-    """What is proved of an element's Jacobian determinant."""
+    """The proved sign of an element's Jacobian determinant."""
 
     NOT_POSITIVE = -1
     UNDECIDED = 0
@@ -98,7 +98,7 @@ class Validity:
 
     @property
     def range(self) -> Range | None:
-        """Of all elements together, close to what is attained; None where no map is finite."""
+        """The range over all elements, close to the attained values; None if no map is finite."""
         return _widest(_range_of(self), self.ends)
 
     @property
@@ -111,8 +111,8 @@ class Validity:
 def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) -> Validity:
     """The status of every element of the domain, in the order of `elvis.core.geometry`.
 
-    blocks  the dataset's `geometry`, where it is at hand already
-    Where space has more dimensions than the elements, the determinant is the factor of length or area, never negative.
+    blocks  the dataset's `geometry`, if already available
+    If space has more dimensions than the elements, the determinant is the factor of length or area, never negative.
     """
     blocks, space = geometry(dataset) if blocks is None else tuple(blocks), dataset.mesh.space
     found = _Facts.of(blocks, space)
@@ -121,10 +121,10 @@ def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) ->
 
 
 def statuses(block: GeometryBlock, space: int) -> Ints:
-    """(n,) of `ValidityStatus`: what is proved of each element, without anything else that `validity` finds.
+    """(n,) of `ValidityStatus`: only the status of each element, without the other results of `validity`.
 
     space  dimension of the world
-    FormatError for maps that aren't polynomials.
+    Raises FormatError for maps that aren't polynomials.
     """
     is_passed, rest = _proved(block, space)
     found = np.full(len(block), int(ValidityStatus.POSITIVE))
@@ -135,7 +135,7 @@ def statuses(block: GeometryBlock, space: int) -> Ints:
 def are_never_negative(block: GeometryBlock, space: int) -> Bools:
     """(n,) whether the determinant of each element is proved to be at least zero, within rounding.
 
-    So it is on hexahedra that are collapsed, which stand for pyramids; see `statuses`.
+    This holds for collapsed hexahedra, which represent pyramids; see `statuses`.
     """
     found, rest = _proved(block, space)
     found[~found] = rest.lower >= -TOUCHING * rest.error
@@ -143,7 +143,7 @@ def are_never_negative(block: GeometryBlock, space: int) -> Bools:
 
 
 def _proved(block: GeometryBlock, space: int) -> tuple[Bools, _Facts]:
-    """(n,) which elements pass the quick test, and what is found of the others."""
+    """(n,) which elements pass the quick test, and the facts of the others."""
     is_passed = are_regular(block.expansion, block.coefficients, space)
     others = _rows(block, ~is_passed)
     rest = _Facts.of([others], space)
@@ -152,9 +152,11 @@ def _proved(block: GeometryBlock, space: int) -> tuple[Bools, _Facts]:
 
 
 def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
-    """The same of all elements where each of several ranks has a part of them, the dataset; None but at the first one.
+    """`validity` of all elements if each of several ranks has a part of them, the dataset.
 
-    Rows are those of elements that aren't positive for certain or may hold an end of the range.
+    None except at the first rank.
+
+    Rows cover the elements that aren't certainly positive or may hold an end of the range.
     """
     blocks, space = geometry(dataset), dataset.mesh.space
     own = _Facts.of(blocks, space)
@@ -174,7 +176,7 @@ def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
 
 
 def validity_facts(found: Validity) -> dict[str, Any]:
-    """What `validity` found as plain data that JSON can hold: counts, the range, and all about elements in doubt."""
+    """Results of `validity` as plain data that JSON can hold: counts, the range, and details of elements in doubt."""
     names = ("lower", "upper", "least", "greatest", "error")
     listed = [
         {
@@ -213,7 +215,7 @@ def _rows(block: GeometryBlock, rows: slice | Ints | Bools) -> GeometryBlock:
 
 
 def _check(block: GeometryBlock, space: int) -> _Facts:
-    """What is found of some elements by themselves."""
+    """Facts of some elements, independent of others."""
     shape = block.expansion.shape
     with np.errstate(invalid="ignore", over="ignore"):
         found = determinant(block.expansion, block.coefficients, space)
@@ -232,7 +234,7 @@ def _check(block: GeometryBlock, space: int) -> _Facts:
 
 
 def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Facts:
-    """What coefficients tell: their extremes bound the determinant, and some are its values at the vertices."""
+    """Facts from coefficients: their extremes bound the determinant, and some are its values at the vertices."""
     shape, net = found.space.shape, np.where(finite, found.net, np.nan)
     at_vertices = net[np.argmax(bernstein_values(found.space, shape.vertices), axis=1)]
     reference = np.zeros((len(block), 3))
@@ -272,13 +274,13 @@ class _Facts:
 
     @staticmethod
     def of(blocks: Sequence[GeometryBlock], space: int) -> _Facts:
-        """What is found of elements by themselves."""
+        """Facts of elements, each independent of the others."""
         every = (_check(chunk, space) for block in blocks for chunk in _chunks(block, space))
         return _Facts.united(every, sum(map(len, blocks)))
 
     @staticmethod
     def united(parts: Iterable[_Facts], count: int) -> _Facts:
-        """Of the elements of all, so many together."""
+        """The facts of all parts, with ``count`` elements in total."""
         ids, shapes = np.empty(count, np.int64), np.empty(count, np.int8)
         lower, upper, least, greatest, error = np.empty((5, count))
         reference, world = np.empty((2, count, 3))
@@ -292,7 +294,7 @@ class _Facts:
         return found
 
     def part(self, rows: Ints) -> _Facts:
-        """Of some of the elements."""
+        """The facts of some of the elements."""
         return _Facts(*(getattr(self, own.name)[rows] for own in fields(self)))
 
     @property
@@ -320,10 +322,11 @@ class _Facts:
         return rows[np.argsort(self.element_ids[rows])[:_VALLEYS]]
 
     def rivals(self, sign: int, ends: Range | None = None) -> tuple[Ints, float]:
-        """(k,) rows of the elements whose bound of the determinant (1) or of its negative (-1) is below the least value
-        known of all, the lowest first, and what they'd have to beat.
+        """(k,) rows of the elements whose bound is below the minimum known, ascending, and the value to undercut.
 
-        ends  of further elements
+        Both refer to the determinant for ``sign`` 1, and to its negative for -1.
+
+        ends  range of further elements
         """
         lower, value = (self.lower, self.least) if sign > 0 else (-self.upper, -self.greatest)
         further = np.inf if ends is None else ends.least if sign > 0 else -ends.greatest
@@ -333,9 +336,9 @@ class _Facts:
         return rows[np.lexsort((self.element_ids[rows], lower[rows]))][:_RIVALS], goal
 
     def look_closer(self, blocks: Sequence[GeometryBlock], space: int, ends: Range | None = None) -> None:
-        """What is done of few elements: subtract squares where the sign is open, halve what may hold the extremes.
+        """Refine few elements: subtract squares if the sign is open, bisect elements that may hold the extremes.
 
-        blocks  the maps of these, at least
+        blocks  the maps of at least these
         ends    of further elements
         """
         chosen = {sign: self.rivals(sign, ends) for sign in (1, -1)}
@@ -379,7 +382,7 @@ class _Facts:
         self.lower[row] = max(self.lower[row], lower_bound(net, goal))
 
     def _attain(self, rows: Ints, block: GeometryBlock, value: Floats, place: Floats) -> None:
-        """Take note of values (k,) at places (k, d) in eta where they are lower than what is known."""
+        """Update the minima with values (k,) at places (k, d) in eta."""
         better = np.flatnonzero(value < self.least[rows])
         own, xi = rows[better], uncollapse(block.expansion.shape, place[better])
         self.least[own] = value[better]
@@ -415,12 +418,12 @@ def _same(values: Floats) -> Floats:
 
 
 def _length(squares: Floats) -> Floats:
-    """Lengths or areas of their squares; those that rounding made negative are zero."""
+    """Lengths or areas from their squares; squares made negative by rounding give zero."""
     return np.sqrt(np.maximum(squares, 0.0))
 
 
 def _range_of(found: Validity | _Facts, chosen: Bools | slice = np.s_[:]) -> Range | None:
-    """The range of elements, or of those that are chosen; None where no map is finite."""
+    """The range of elements, or of the chosen ones; None if no map is finite."""
     if not np.isfinite(found.least[chosen]).any():
         return None
     lower, least_value = (float(np.nanmin(values[chosen])) for values in (found.lower, found.least))

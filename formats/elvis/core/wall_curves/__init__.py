@@ -4,9 +4,9 @@ wall_segments   parts of curves in the reference coordinates of sides of element
 plane_sections  the segments where a plane meets a boundary
 chains          segments with common ends as curves
 wall_curve      the curves of a name, their lengths, and the values of quantities along them
-wall_pieces     what integrals along these curves are made of
+wall_pieces     the parts of these curves for integrals
 drawn_curves    the curves for pictures
-wall_places     values at the places of a boundary that are nearest to points
+wall_places     values at the places of a boundary nearest to given points
 """
 
 from __future__ import annotations

@@ -8,12 +8,15 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 
-#: how far ends that are the same may be apart, in parts of the size of all segments
+#: maximum distance of equal ends, relative to the size of all segments
 _SAME = 1e-8
 
 
 def without_doubles(points: Floats) -> Ints:
-    """(k,) rows of segments, without those that another one covers; points (n, 3, 3) are start, middle, end of each."""
+    """(k,) rows of segments, without segments that another one covers.
+
+    Points (n, 3, 3) are start, middle, end of each.
+    """
     ends = places_by_number(points[:, [0, 2]].reshape(-1, 3)).reshape(-1, 2)
     middle = places_by_number(points[:, 1])
     key = np.column_stack([np.sort(ends, axis=1), middle])
@@ -72,7 +75,7 @@ def chains(ends: Ints) -> list[tuple[Ints, Bools, bool]]:
 def _chain(
     row: int, side: int, ends: Ints, at_place: dict[int, list[tuple[int, int]]], is_left: Bools
 ) -> tuple[Ints, Bools, bool]:
-    """The chain that begins with one end of a segment; its segments are left no more."""
+    """The chain that begins with one end of a segment; its segments are removed from ``is_left``."""
     start, rows, reversed_ones = int(ends[row, side]), [], []
     while True:
         rows.append(row)

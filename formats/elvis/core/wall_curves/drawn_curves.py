@@ -25,14 +25,14 @@ def drawn_curves(dataset: Dataset, name: str) -> Curves:
     Parameters
     ----------
     dataset : Dataset
-        The data, whose fields take no part.
+        The data; fields are not used.
     name : str
         ``boundary:NAME`` or ``section:NAME:plane:P:N`` (see `wall_curves`).
 
     Raises
     ------
     ElvisError
-        If the name is no curve on a wall, or the curve does not exist.
+        If the name is not a curve on a wall, or the curve does not exist.
     """
     if not is_wall_curve(name):
         raise ElvisError(f"along: expected boundary:NAME or section:NAME:plane:P:N, found {name!r}")

@@ -1,8 +1,8 @@
-"""Where a plane meets the sides of elements: segments, none missed but where the plane touches a side.
+"""Segments where a plane meets the sides of elements; all are found, unless the plane touches a side.
 
-On a side the signed distance to the plane is a polynomial g of the side's coordinates.  Sides are halved until bounds
-from the coefficients of g show that a part has no zero, or that the derivative of g along its gradient in the middle
-has one sign there.  Then zeros are graphs over the line at right angles, whose ends lie on the part's border.
+On a side the signed distance to the plane is a polynomial g of the side's coordinates.  Sides are bisected until bounds
+from the coefficients of g show that a part has no zero, or that the derivative of g along its gradient at the centre
+has one sign there.  Zeros are then graphs over the line at right angles, whose ends lie on the part's border.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from elvis.core.mapping import pointwise
 from elvis.core.polynomials.boxnets import halves, nets_through
 from elvis.core.wall_curves.wall_segments import Graphs, Parts, Straight, joined_straight
 
-#: halvings of sides, and what counts for a zero, in parts of the largest coordinate
+#: bisections of sides, and tolerance for zero, relative to the largest coordinate
 _DEPTH, _ZERO = 14, 256 * float(np.finfo(np.float64).eps)
-#: halvings of an edge on which zeros are isolated, and the least width of a graph, in parts of a side
+#: bisections of an edge on which zeros are isolated, and the minimum width of a graph, relative to a side
 _HALVINGS, _NARROW = 30, 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """What a plane and sides of elements have in common.
+    """The intersection of a plane and sides of elements.
 
     graphs     segments inside of sides
     straight   segments along edges that lie in the plane
@@ -72,7 +72,7 @@ def _distances(number: int, piece: Piece, point: Floats, normal: Floats) -> tupl
 
 
 def _graph_parts(sides: Parts) -> tuple[Parts, Parts]:
-    """The parts of sides on which zeros are graphs, and those that are left after all halvings."""
+    """The parts of sides on which zeros are graphs, and the undecided parts after all bisections."""
     done, rest = [], sides
     for _ in range(_DEPTH):
         gradient, bend, is_free = _bounds(rest)
@@ -168,8 +168,8 @@ def _edge_nets(parts: Parts, first: Floats, last: Floats) -> Floats:
 def _zeros(nets: Floats) -> tuple[Ints, Floats]:
     """Rows (k,) and places (k,) in [0, 1] of the zeros of polynomials with Bernstein coefficients (n, D), D > 1.
 
-    By Descartes' rule coefficients with one change of sign have one zero; others are halved.  What is left after all
-    halvings is near to a double zero, and its middle counts for one.
+    Coefficients with one change of sign have one zero (Descartes' rule); others are bisected.  A part that is left
+    after all bisections is near a double zero, and its centre counts as one zero.
     """
     rows, low, size = np.arange(len(nets)), np.zeros(len(nets)), 1.0
     found_rows, found = [np.empty(0, np.int64)], [np.empty(0)]

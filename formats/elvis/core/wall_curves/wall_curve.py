@@ -41,7 +41,7 @@ _OTHER = {2: "section:NAME:plane:P:N cuts walls of 3D data", 3: "boundary:NAME f
 _LAST = 1 - 2.0**-40
 #: columns of `on_walls` that quantities can't have
 _OWN = ("curve", "length", "x/c")
-#: distance of ends that are the same place, in parts of the size of a curve
+#: maximum distance of ends at the same place, relative to the size of a curve
 _MEETING = 1e-6
 #: intervals of a segment, by which lengths are found
 _INTERVALS = 6
@@ -168,7 +168,7 @@ class WallCurve:
         return replace(other, is_turned=~other.is_turned), corners[::-1]
 
     def sample(self, evaluator: Evaluator, count: int, number: int = 0) -> WallPoints:
-        """Values at so many points at even steps of length, both ends included; a closed curve has its start twice."""
+        """Values at ``count`` equidistant points by length, both ends included; a closed curve has its start twice."""
         t, lengths = self.curve.parameters(count)
         return self.values(evaluator, evaluator.expressions, t, lengths, number)
 
@@ -246,7 +246,7 @@ def wall_sides(dataset: Dataset, evaluator: Evaluator, boundary: str, name: str)
 
 
 def _plane(text: str, name: str) -> tuple[str, Floats, Floats]:
-    """The boundary, and the point (3,) and normal (3,) of the plane that a text NAME:plane:P:N tells."""
+    """The boundary, and the point (3,) and normal (3,) of the plane, from a text NAME:plane:P:N."""
     boundary, found, numbers = text.rpartition(":plane:")
     try:
         parts = point_and_normal(numbers).split(":")
@@ -321,12 +321,12 @@ def on_walls(
     count: int,
     chord: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Columns:
-    """A table of quantities along the curves of a name: so many points in all, shared out by the curves' lengths.
+    """A table of quantities along the curves of a name: ``count`` points in total, divided by the curves' lengths.
 
-    chord  where x/c is 0 and where it is 1; None for the ends of an open curve, and for those points of a closed one
-           that are farthest apart
+    chord  the points with x/c = 0 and x/c = 1; None for the ends of an open curve, or the two most distant points of a
+           closed one
 
-    Columns: point; curve, where there are several; length, x/c, x, y, z, nx, ny, nz, element, status, the quantities.
+    Columns: point; curve, if there are several; length, x/c, x, y, z, nx, ny, nz, element, status, the quantities.
     Raises as `wall_curves`.
 
     >>> table = on_walls(ds, "boundary:airfoil", [Expression.of(ds, "p")], 200)  # doctest: +SKIP
@@ -344,9 +344,9 @@ def on_walls(
 
 
 def points_along(dataset: Dataset, name: str, count: int) -> Floats:
-    """(n, 3) so many points at even steps of any curve, shared out by length where a name stands for several curves.
+    """(n, 3) ``count`` equidistant points of any curve, divided by length if a name matches several curves.
 
-    Raises ElvisError for names of no curve.
+    Raises ElvisError for names that are not curves.
     """
     if is_wall_curve(name):
         curves = [own.curve for own in wall_curves(dataset, name)[0]]
@@ -359,7 +359,7 @@ def points_along(dataset: Dataset, name: str, count: int) -> Floats:
 
 
 def _shared(curves: Sequence[WallCurve | Curve], count: int) -> list[int]:
-    """How many points each curve has, of so many in all."""
+    """Number of points of each curve, for a total of ``count``."""
     lengths = np.array([own.length for own in curves])
     shares = np.round(count * lengths / lengths.sum())
     return [max(2, int(own)) for own in shares]

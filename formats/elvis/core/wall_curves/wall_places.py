@@ -108,9 +108,9 @@ def _candidates(piece: Piece, evaluator: Evaluator, location: Location, is_free:
 
 
 def _projected(piece: Piece, reference: Floats) -> tuple[Floats, Floats]:
-    """Reference points (n, D) brought onto a side, and (n,) how far that was.
+    """Reference points (n, D) projected onto a side, and (n,) their distances from it.
 
-    A side has places origin + axes xi in its element, so that the point is that of least squares.
+    A side has places origin + axes xi in its element, so the projection is a least squares solution.
     """
     size = piece.shape.dimension
     corners = piece.places(np.vstack([np.zeros(size), np.eye(size)]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 
-#: Newton steps for a point of a graph, and the change in parts of a side at which they end: one more step follows on
+#: Newton steps for a point of a graph, and the change relative to a side at which they end: one more step follows on
 #: the elements' own map (`wall_curve`)
 _STEPS, _SHORT = 60, 1e-9
 
