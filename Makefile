@@ -5,7 +5,7 @@ AREAS := formats plugins converters renderer reference
 DEMO  := .venv/.demo
 READY := .venv/.ready
 
-.PHONY: help demo test check lint pages every-test docs bench exactness fuzz setup clean
+.PHONY: help demo test check lint pages every-test docs bench exactness fuzz mutants setup clean
 
 help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
@@ -18,6 +18,7 @@ help:
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
 	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
+	@echo "make mutants     60 small changes of the code, and which of them the tests find: an hour (SEED=2: others)"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
 
@@ -67,6 +68,9 @@ exactness: $(READY)
 fuzz: $(READY)
 	@$(RUN) tests/fuzz/run.py
 	@$(RUN) tests/fuzz/interruptions.py
+
+mutants: $(READY)
+	@$(RUN) tests/mutation/mutants.py --jobs 2 $(if $(SEED),--seed $(SEED))
 
 setup:
 	@rm -f $(DEMO) $(READY)
