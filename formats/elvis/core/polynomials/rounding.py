@@ -26,12 +26,14 @@ POWER = 8
 RAISED = 4
 
 
-def gamma(roundings: int) -> float:
+def gamma(roundings: int, unit: float = UNIT) -> float:
     """Maximum error of a number after this number of products and sums, relative to its terms' magnitudes."""
-    return roundings * UNIT / (1 - roundings * UNIT)
+    return roundings * unit / (1 - roundings * unit)
 
 
-def coefficient_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace | None = None) -> Floats:
+def coefficient_rounding(
+    expansion: Expansion, modal: Floats, space: BernsteinSpace | None = None, unit: float = UNIT
+) -> Floats:
     """(...,) maximum error of Bernstein coefficients of polynomials with ``modal`` coefficients (..., m).
 
     An entry of the matrix has a quotient and an irrational scale in each direction, 3 roundings, and their product, 1.
@@ -40,7 +42,7 @@ def coefficient_rounding(expansion: Expansion, modal: Floats, space: BernsteinSp
     summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=-1, initial=0.0)
     is_tensor = expansion.shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
     terms = sum(expansion.modes) if is_tensor else modal.shape[-1]
-    return np.asarray(gamma(terms + 4 * expansion.shape.dimension + 1) * summed)
+    return np.asarray(gamma(terms + 4 * expansion.shape.dimension + 1, unit) * summed)
 
 
 def box_roundings(space: BernsteinSpace) -> int:

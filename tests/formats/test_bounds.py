@@ -1,0 +1,352 @@
+"""Every function that returns a range, a radius or an error: values lie within it, and some come near its end.
+
+Operands have radii of order one and errors of 0.1, and values are taken at their corners, so that no term of a bound
+is small beside the others.  Each claim yields pairs (found, bound): found <= bound everywhere (inclusion), and
+found > TEETH * bound somewhere (the bound isn't so wide that a term could be missing unseen).
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from elvis.core.cores.core_boxes import Boxes as CoreBoxes
+from elvis.core.cores.core_graphs import by_eigenvalue
+from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
+from elvis.core.dataset import Dataset
+from elvis.core.differences import diff
+from elvis.core.differences.compositions import Composition
+from elvis.core.extrema import Nets
+from elvis.core.integrals import along_curves, integrate
+from elvis.core.integrals.touching import _shares
+from elvis.core.mapping.boxes import ROUNDINGS, outward
+from elvis.core.mapping.enclosure import hulls
+from elvis.core.mapping.inverse import Status, invert
+from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.pointwise import positions
+from elvis.core.patch import patches
+from elvis.core.polynomials.bernstein import bernstein_coefficients, to_bernstein
+from elvis.core.polynomials.boxnets import difference, on_lattice
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.rounding import coefficient_rounding
+from elvis.core.quantities.cells import Cells
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
+from elvis.core.validity import squares
+from elvis.core.validity.squares import lower_bound
+
+TEETH = 0.5
+COUNT, SAMPLES = 60, 200
+#: a comparison of a value with a bound that it attains: both are rounded a few times
+ATTAINED = 1 + 1e-13
+
+
+def corners_of(rng, middle, radius):
+    """(SAMPLES, …) corners of the box round each middle."""
+    return middle + radius * rng.choice([-1.0, 1.0], (SAMPLES, *middle.shape))
+
+
+def random_matrices(rng):
+    middle, radius = rng.normal(size=(COUNT, 3, 3)), rng.uniform(0.2, 1.0, (COUNT, 3, 3))
+    return MatrixRange(middle, radius), corners_of(rng, middle, radius)
+
+
+def cofactors(rng):
+    matrices, corners = random_matrices(rng)
+    found = matrices.cofactors()
+    rows = corners[..., [1, 2, 0], :], corners[..., [2, 0, 1], :]
+    for i, j in np.ndindex(3, 3):
+        yield np.abs(np.cross(*rows)[..., i, j] - found.middle[:, i, j]), found.radius[:, i, j]
+
+
+def sums_of_minors(rng):
+    matrices, corners = random_matrices(rng)
+    middle, radius = matrices.sum_of_minors()
+    trace = np.einsum("snii->sn", corners)
+    yield np.abs(0.5 * (trace**2 - np.einsum("snij,snji->sn", corners, corners)) - middle), radius
+
+
+def shifted_matrices(rng):
+    matrices, corners = random_matrices(rng)
+    numbers, errors = rng.normal(size=COUNT), np.full(COUNT, 0.1)
+    found = matrices.shifted(numbers, errors)
+    for sign in (-1, 1):
+        values = corners - (numbers + sign * errors)[:, None, None] * np.eye(3)
+        yield np.abs(values - found.middle), found.radius
+
+
+def ranges_of_nets(rng):
+    nets = rng.normal(size=(COUNT, 9, 3, 2))
+    found = MatrixRange.of_nets(nets)
+    values = on_lattice(nets.reshape(-1, 3, 2), np.linspace(0, 1, 5)).reshape(COUNT, 3, 3, -1)
+    yield np.abs(np.moveaxis(values, -1, 0) - found.middle), found.radius
+
+
+def eigenvalues(rng):
+    """Of an eigenvalue 0 and a block with complex ones: the first entry is known, everything else is in a range."""
+    middle = np.zeros((COUNT, 3, 3))
+    middle[:, 1:, 1:] = [[1.0, -2.0], [2.0, 1.5]] + 0.3 * rng.normal(size=(COUNT, 2, 2))
+    radius = rng.uniform(0.02, 0.15, (COUNT, 3, 3))
+    radius[:, 0, 0] = 0.0
+    slopes = [MatrixRange(rng.normal(size=(COUNT, 3, 3)), rng.uniform(0.1, 0.5, (COUNT, 3, 3))) for _ in range(3)]
+    for slope in slopes:
+        slope.middle[:, 0, 0] = slope.radius[:, 0, 0] = 0.0
+    known = Eigenvalue.of(MatrixRange(middle, radius), slopes)
+    assert known.is_known.mean() > 0.2
+    matrices = corners_of(rng, middle, radius)[:, known.is_known]
+    values, vectors = np.linalg.eig(matrices)
+    which = np.abs(values.imag).argmin(axis=-1)[..., None]
+    own = np.take_along_axis(values, which, -1)[..., 0].real
+    yield np.abs(own), known.error[known.is_known]
+    right = np.take_along_axis(vectors, which[..., None, :], -1)[..., 0].real
+    left = np.take_along_axis(np.linalg.inv(vectors), which[..., None], -2)[..., 0, :].real
+    left /= np.einsum("sni,sni->sn", left, right)[..., None]
+    for k, slope in enumerate(slopes):
+        # the worst derivative of entries in the range has the signs of the eigenvectors' products
+        both = np.einsum("sni,snj->snij", left, right)
+        worst = slope.middle[known.is_known] + np.sign(both) * slope.radius[known.is_known]
+        found = np.abs(np.einsum("snij,snij->sn", both, worst))
+        yield found, known.slope_error[known.is_known, k]
+
+
+def graphs_of_eigenvalues(rng):
+    """(gradient - eigenvalue) velocity, combined, at the corners of boxes, whose coefficients are values."""
+    gradient = np.zeros((COUNT, 3, 3, 2, 2, 2))
+    gradient[:, 1:, 1:] = np.reshape([[1.0, -2.0], [2.0, 1.5]], (2, 2, 1, 1, 1))
+    gradient += 0.05 * rng.normal(size=gradient.shape)
+    above = rng.normal(size=(COUNT, 3, 2, 2, 2))
+    boxes = CoreBoxes.whole(np.arange(COUNT), above, gradient.reshape(COUNT, 9, 2, 2, 2), np.zeros(COUNT), True)
+    graphs = by_eigenvalue(boxes, None)
+    assert graphs.is_known.mean() > 0.2
+    for corner in product([0, -1], repeat=3):
+        matrices, velocity = gradient[(..., *corner)], boxes.above[(..., *corner)]
+        values = np.linalg.eigvals(matrices)
+        own = np.take_along_axis(values, np.abs(values.imag).argmin(axis=1)[:, None], 1)[:, 0].real
+        zero = np.einsum("nij,nj->ni", matrices, velocity) - own[:, None] * velocity
+        away = np.abs(np.einsum("nai,ni->na", graphs.combining, zero) - graphs.nets[(..., *corner)])
+        yield away[graphs.is_known], graphs.errors[graphs.is_known]
+
+
+def differences_of_nets(rng):
+    """Operands that are off by what they say, in opposite ways."""
+    first, second = (
+        Nets(rng.normal(size=(COUNT, *sizes)), rng.uniform(0.05, 0.2, COUNT)) for sizes in ((3, 4), (4, 2))
+    )
+    found = first.minus(second)
+    for sign in (-1, 1):
+        moved = [own.values + sign * way * own.error[:, None, None] for own, way in ((first, 1), (second, -1))]
+        away = np.abs(difference(*moved) - found.values)
+        yield away.max(axis=(1, 2)), found.error
+
+
+def gradients_on_stretched_elements(rng):
+    """x = xi + n (xi^2 - 1) / 2 on [-1, 1]: the field xi has the derivative 1 / (1 + n xi) along x."""
+    for stretch in (0.3, 0.6, 0.8):
+        mesh = curved(grid(Shape.QUADRILATERAL, 1), lambda p, n=stretch: p + n * p * (p - 1) * [1.0, 0, 0], 3)
+        bare = patches(Dataset(mesh))[0]
+        expansion = modified(Shape.QUADRILATERAL, (2, 2))
+        bernstein = np.array([[0.0, 1.0, 0.0, 1.0]])
+        modal = np.linalg.solve(to_bernstein(expansion).T, bernstein.T).T
+        patch = replace(bare, fields=(expansion,), coefficients=(modal,))
+        cells = Cells.of(patch, ["u"], None, np.arange(1), True)
+        low, high = cells._gradient(0, 0)
+        middle, radius = (low + high) / 2, (high - low) / 2
+        ends = 1 / (1 + stretch * np.array([-1.0, 1.0]))
+        yield np.abs(ends - middle).max(keepdims=True), radius
+
+
+def shares_near_zero(rng):
+    """The part of [0, 1] or of the square where a polynomial is within something of zero."""
+    places = np.linspace(0, 1, 2001)
+    for sizes in ((2,), (3,), (2, 2)):
+        nets = rng.normal(size=(COUNT, *sizes))
+        within = rng.uniform(0.02, 0.1, COUNT)
+        values = on_lattice(nets, places if len(sizes) == 1 else places[::20]).reshape(COUNT, -1)
+        counted = (np.abs(values) <= within[:, None]).mean(axis=1)
+        yield counted, np.minimum(_shares(nets, within), 1.0) + 2e-2 * (len(sizes) - 1) + 1e-3
+
+
+def boxes_in_single_precision(rng):
+    """Of corners of all sizes: what their coordinates may be off by lies within, in exact comparison."""
+    low = rng.uniform(-1, 1, (20_000, 3)) * 10.0 ** rng.uniform(-30, 30, (20_000, 1))
+    high = low + rng.uniform(0, 1, low.shape) * np.abs(low).max(axis=1, keepdims=True) * 10.0 ** rng.uniform(
+        -20, 0, (20_000, 1)
+    )
+    box = outward(low, high, 0.0).astype(float)
+    rounding = (ROUNDINGS - 1) * np.finfo(float).eps * np.maximum(np.abs(low), np.abs(high)).max(axis=1, keepdims=True)
+    room = (
+        np.spacing(np.maximum(np.abs(box[:, :3]), np.abs(box[:, 3:])).astype(np.float32)).astype(float) + 2 * rounding
+    )
+    yield rounding, low - box[:, :3]
+    yield rounding, box[:, 3:] - high
+    yield low - box[:, :3], room
+    yield box[:, 3:] - high, room
+
+
+def boxes_without_rounding(rng):
+    """Corners that 32-bit floats nearly hold: nothing but the rounding of coordinates moves them."""
+    exact = rng.uniform(1, 2, (1000, 3)).astype(np.float32).astype(float)
+    eps = np.finfo(float).eps
+    for ulps in (-0.9, 0.9):
+        low = exact * (1 + ulps * ROUNDINGS * eps)
+        box = outward(low, low, 0.0).astype(float)
+        off = (ROUNDINGS - 1) * eps * low.max(axis=1, keepdims=True)
+        assert (box[:, :3] <= low - off).all()
+        assert (box[:, 3:] >= low + off).all()
+    yield np.ones(1), np.ones(1)
+
+
+def hulls_of_elements(rng):
+    """Points count for an element by TOLERANCE beyond it; s of its box is within TOLERANCE of [0, 1]."""
+    for shape in (Shape.QUADRILATERAL, Shape.HEXAHEDRON, Shape.SEGMENT):
+        (patch,) = patches(Dataset(grid(shape, 1)))
+        d = shape.dimension
+        low, high = hulls(patch, 0, 3)
+        for sign in (-1.0, 1.0):
+            corner = positions(patch, np.zeros(1, int), np.full((1, d), sign * (1 + 2 * TOLERANCE)))[0, :d]
+            end = low.min(axis=0)[:d] if sign < 0 else high.max(axis=0)[:d]
+            yield sign * (corner - (sign > 0)), sign * (end - (sign > 0)) + 1e-15
+
+
+def valleys(rng):
+    """Bounds by sums of squares of (a x + b y - c)^2, whose least value 0 isn't exceeded, at any size."""
+    for size in 10.0 ** np.arange(-3, 4):
+        for a, b in rng.uniform(0.3, 1.0, (4, 2)):
+            c = a * rng.uniform(0.2, 0.8)
+            linear = np.array([[-c, b - c], [a - c, a + b - c]])
+            net = square_of(linear) * size
+            bound = lower_bound(net, -1e-9 * size)
+            assert -1e-9 * size <= bound <= 0.0
+    yield np.ones(1), np.ones(1)
+
+
+def square_of(linear):
+    """(3, 3) box net of the square of a bilinear function with a net (2, 2)."""
+    found = np.zeros((3, 3))
+    weight = np.array([1.0, 2.0, 1.0])
+    for i, j, k, m in product(range(2), repeat=4):
+        found[i + k, j + m] += linear[i, j] * linear[k, m]
+    return found / (weight[:, None] * weight)
+
+
+CLAIMS = [
+    cofactors,
+    sums_of_minors,
+    shifted_matrices,
+    ranges_of_nets,
+    eigenvalues,
+    graphs_of_eigenvalues,
+    differences_of_nets,
+    gradients_on_stretched_elements,
+    shares_near_zero,
+    boxes_in_single_precision,
+    boxes_without_rounding,
+    hulls_of_elements,
+    valleys,
+]
+#: the eigenvalue's bound 2 |D| / Q takes all factors of D as independent: wide, but of the right order
+WIDE = {graphs_of_eigenvalues: 0.1}
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_values_lie_within_bounds_and_some_near_their_ends(claim):
+    nearest = []
+    for found, bound in claim(np.random.default_rng(7)):
+        assert (found <= bound * ATTAINED).all()
+        nearest.append(float((found / bound).max()))
+    assert max(nearest) > WIDE.get(claim, TEETH), nearest
+
+
+#: unit roundoff of the model: so coarse that its square counts
+COARSE = 2.0**-11
+
+
+def adversarial(terms):
+    """The sum of terms (n,) one after another, each product and each sum rounded away from zero."""
+    found = 0.0
+    for term in terms:
+        found = (found + term * (1 + COARSE)) * (1 + COARSE)
+    return found
+
+
+@pytest.mark.parametrize("shape", list(Shape))
+def test_roundings_of_coefficients_are_all_counted(shape):
+    """All terms of one sign, all roundings away from zero: within the bound, above an eighth of it."""
+    expansion = modified(shape, (4,) * shape.dimension)
+    matrix = np.abs(to_bernstein(expansion)) * (1 + COARSE) ** (4 * shape.dimension)
+    found = np.array([adversarial(column) for column in matrix.T])
+    exact = np.abs(to_bernstein(expansion)).sum(axis=0)
+    bound = float(coefficient_rounding(expansion, np.ones(len(matrix)), unit=COARSE))
+    away = (found - exact).max()
+    if shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON):
+        # these are computed direction by direction, with fewer roundings
+        away = by_directions(expansion)
+    assert bound / 8 < away <= bound
+
+
+def by_directions(expansion):
+    """The greatest error of coefficients that are computed one direction after another."""
+    line = np.abs(to_bernstein(modified(Shape.SEGMENT, (expansion.modes[0],))))
+    exact, found = line.sum(axis=0).max(), 1.0
+    for _ in expansion.modes:
+        found *= max(adversarial(column * (1 + COARSE) ** 4) for column in line.T)
+    return found - exact ** len(expansion.modes)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_points_a_few_roundings_outside_are_not_called_outside_far_away(axis):
+    """Coordinates of a point are rounded; elements are 1e-4 long at 1e6, where that is 1e-6 of them."""
+    away = 1e6
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    far = curved(replace(mesh, vertices=mesh.vertices * 1e-4 + away), lambda p: p, 3)
+    (patch,) = patches(Dataset(far))
+    for end, way in ((0.0, -1), (1e-4, 1)):
+        points = np.full((8, 3), away + 5e-5)
+        points[:, axis] = away + end + way * np.arange(8) * np.spacing(away)
+        status = invert(patch, np.zeros(8, int), points, prove=False).status
+        assert (status != Status.OUTSIDE).all()
+
+
+def test_coefficients_of_magnitudes_bound_coefficients():
+    """Magnitudes of all terms, not of their sum."""
+    expansion = modified(Shape.TRIANGLE, (4, 4))
+    signs = np.sign(to_bernstein(expansion)).T
+    for column, sign in enumerate(signs):
+        found = bernstein_coefficients(expansion, sign)[column]
+        assert bernstein_coefficients(expansion, sign, magnitudes=True)[column] >= abs(found) / ATTAINED
+
+
+def test_bounds_by_squares_allow_for_rounding(monkeypatch):
+    """Each coefficient of what is left is rounded upwards, as often as terms are added: the bound isn't above 0."""
+    monkeypatch.setattr(squares, "_UNIT", COARSE)
+    enlarge, above = squares._enlarge, 0.0
+    for a, b in np.random.default_rng(3).uniform(0.3, 1.0, (6, 2)):
+        net = square_of(np.array([[-a / 2, b - a / 2], [a / 2, a / 2 + b]]))
+        roundings = COARSE * sum(net.shape) * np.abs(net).max()
+        monkeypatch.setattr(squares, "_enlarge", lambda own, shape, off=roundings: enlarge(own, shape) - off)
+        bound = squares._without_squares(net)
+        assert -16 * roundings < bound <= 0.0
+        above = max(above, bound / roundings)
+    assert above > -16
+
+
+def test_bounds_of_differences_hold_what_nets_are_rounded_by(monkeypatch):
+    """Nets that are off by a part of the difference bound it by that much more, also after boxes were halved."""
+    part, compose = 0.02, Composition.compose
+
+    def off(self, boxes, allowed=0.0):
+        for group, own in compose(self, boxes, allowed):
+            yield group, replace(own, limit=own.limit + part, slack=own.slack + part)
+
+    monkeypatch.setattr(Composition, "compose", off)
+    one = with_field(grid(Shape.TRIANGLE, 1), lambda p: np.sin(2.8 * p[:, 0] + 2.9 * p[:, 1]), 3)
+    other = with_field(grid(Shape.QUADRILATERAL, 1), lambda p: 0 * p[:, 0], 2)
+    row = diff(one, other)[0]
+    assert row.bound >= row.linf + part * (1 - 1e-9)
+
+
+def test_errors_of_integrals_along_curves_hold_rounding(monkeypatch):
+    monkeypatch.setattr(along_curves, "_ROUNDING", 0.1)
+    (found,) = integrate(Dataset(grid(Shape.HEXAHEDRON, 1)), "1 + x", "line:0,0.1,0.2:1,0.1,0.2")
+    assert found.error >= 0.1 * found.value
