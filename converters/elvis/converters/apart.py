@@ -1,12 +1,13 @@
-"""Libraries at work in a process of their own, for damaged files crash some libraries or never end.
+"""Run libraries in a separate process, since damaged files crash some libraries or never end.
 
-What is read there comes back through a pipe, as plain numbers, texts and arrays; this process never lets the library
-read such a file.  The other may take memory and processor time as the size of its files allows, far more than sound
-files need.  It looks for modules where this one does, so that none of the folder it runs in is taken for a library.
-Where the system can, it is a copy of one that has loaded the library before (`elvis.converters.copies`).
+The results come back through a pipe, as plain numbers, texts and arrays; this process never lets the library read such
+a file.  The other process may use memory and processor time in proportion to the size of its files, far more than valid
+files need.  It searches modules in the same places as this one, so no file of the folder it runs in is mistaken for a
+library.  If the system permits, it is a copy of a process that has already loaded the library
+(`elvis.converters.copies`).
 
 A message is the length of a text, the text, and the bytes of arrays.  The text is JSON, in which ``{"array": [type,
-shape]}`` stands for the next of the arrays, and ``{"items": [[key, value], ...]}`` for a dictionary.
+shape]}`` represents the next of the arrays, and ``{"items": [[key, value], ...]}`` a dictionary.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class LibraryError(Exception):
 
     @property
     def reason(self) -> str:
-        """What the file is, as what a sentence says was found."""
+        """The reason for the "found" part of a message."""
         if self.is_out_of_time:
             return "one on which the library takes too long"
         return "one on which the library fails"
@@ -92,11 +93,11 @@ class Apart:
         self._end()
 
     def ask(self, method: str, *given: Any, size: int) -> Any:
-        """What a method of the object returns; FormatError and ElvisError as it raises them.
+        """The result of a method of the object; raises FormatError and ElvisError as the method does.
 
         given  numbers, texts, None, arrays, and lists and dictionaries of these
-        size   in bytes of the files that it reads for it, or of what it returns
-        LibraryError where the process ends, takes too long, or meets any other exception.
+        size   size in bytes of the files that it reads, or of its result
+        Raises LibraryError if the process ends, takes too long, or meets any other exception.
         """
         seconds = SECONDS + size // BYTES_PER_SECOND
         late: list[bool] = []
@@ -128,9 +129,9 @@ class Apart:
 
 
 def ignore_closed_pipes() -> None:
-    """Let writing to a pipe that is closed be an exception again, as Python has it.
+    """Make writing to a closed pipe an exception again, as Python does.
 
-    Gmsh's library, at its beginning, makes it end the process, without a word and without Python's knowledge.
+    When Gmsh's library starts, it sets this signal to end the process silently, without Python's knowledge.
     """
     ours = getattr(signal, "SIGPIPE", None)
     if ours is not None and signal.getsignal(ours) is signal.SIG_IGN:
@@ -141,7 +142,7 @@ def ignore_closed_pipes() -> None:
 def launched(worker: str, memory: int) -> subprocess.Popen[bytes] | Copy:
     """A process that serves a worker, asked through its input and answering through its output."""
     if IS_POSSIBLE:
-        with suppress(OSError):  # the library can't be loaded, as the next process will tell
+        with suppress(OSError):  # the library can't be loaded; the next process will report it
             return copied(worker, memory, _LOADING)
     places = [place for place in sys.path if place]
     program = _PROGRAM.format(places=places, worker=worker, memory=memory)
@@ -160,7 +161,7 @@ def make(worker: str) -> Any:
 
 
 def alone(worker: str, memory: int) -> NoReturn:
-    """Load a library, then reply to requests; the life of a process that is no copy."""
+    """Load a library, then reply to requests; main function of a process that is not a copy."""
     requests, replies = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)  # what the library reads and prints is none of the messages
@@ -170,7 +171,7 @@ def alone(worker: str, memory: int) -> NoReturn:
 
 
 def serve(made: Any, requests: int, replies: int, memory: int) -> NoReturn:
-    """Reply to the requests of a worker until there are no more."""
+    """Reply to the requests of a worker until none are left."""
     _limit("RLIMIT_CORE", 0)
     _limit("RLIMIT_AS", memory)
     with suppress(EOFError, OSError), os.fdopen(requests, "rb") as asked, os.fdopen(replies, "wb") as answers:
@@ -196,7 +197,7 @@ def _reply(made: object, method: str, given: Sequence[Any]) -> list[Any]:
 
 
 def send(stream: IO[bytes], value: Any) -> None:
-    """Write a message; TypeError for values that are none of those of `Apart.ask`."""
+    """Write a message; raises TypeError for values of types that `Apart.ask` does not list."""
     arrays: list[NDArray[Any]] = []
     text = json.dumps(_plain(value, arrays)).encode("ascii")
     stream.write(len(text).to_bytes(8, "little") + text)
@@ -224,7 +225,7 @@ class _Reader:
         self._stream, self._left = stream, left
 
     def value(self, plain: Any) -> Any:
-        """What a part of the text stands for."""
+        """The value of a part of the text."""
         if isinstance(plain, list):
             return [self.value(each) for each in plain]
         if not isinstance(plain, dict):

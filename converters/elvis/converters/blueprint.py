@@ -1,8 +1,8 @@
-"""Meshes of Conduit's Blueprint with high orders, as MFEM lays them out: nodes of Conduit, or dictionaries like them.
+"""Meshes of Conduit's Blueprint with high orders, in MFEM's layout: nodes of Conduit, or dictionaries like them.
 
-What MFEM calls a basis, as H1_3D_P2, names its finite element collection, and values are those of all its degrees of
+MFEM's basis, such as H1_3D_P2, is the name of its finite element collection.  Values belong to all its degrees of
 freedom, in the order that follows from the elements (Conduit documentation, Mesh Blueprint; MFEM documentation,
-ConduitDataCollection).  So a mesh is written down as MFEM's own text, which its library then evaluates.
+ConduitDataCollection).  The mesh is therefore written as MFEM's own text, which its library then evaluates.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def from_blueprint(mesh: Any, *, time: float | None = None) -> Dataset:
     mesh  a node of Conduit, or anything with names and values like it, such as nested dictionaries: coordsets,
           topologies, fields, state; or several such domains by name.  Topologies are unstructured, of one shape or
           mixed; ``grid_function`` names the field of their curved map.
-    time  of the data; that of ``state/time`` where it is not given
+    time  time of the data; by default ``state/time``
 
-    Fields with a basis have any order; those without are linear, or constant in elements.  A vector ``u`` becomes
-    ``u_x``, ``u_y``, ``u_z``; remarks of the dataset tell the measured error.  ElvisError where something is missing,
-    or is not what it should be.
+    Fields with a basis have any order; fields without a basis are linear, or constant in elements.  A vector ``u``
+    becomes ``u_x``, ``u_y``, ``u_z``; remarks of the dataset give the measured error.  Raises ElvisError if data are
+    missing or invalid.
     """
     pieces = [_piece(domain) for domain in _domains(mesh)]
     _check_same_fields(pieces)
@@ -61,7 +61,7 @@ def from_blueprint(mesh: Any, *, time: float | None = None) -> Dataset:
 
 
 def _children(node: Any) -> dict[str, Any]:
-    """What a node holds, by name; nothing where it is a value."""
+    """The children of a node, by name; empty for a value."""
     if isinstance(node, Mapping):
         return {str(name): child for name, child in node.items()}
     names = getattr(node, "child_names", None)
@@ -69,7 +69,7 @@ def _children(node: Any) -> dict[str, Any]:
 
 
 def _at(node: Any, path: str) -> Any:
-    """What is at a path below a node; None where that is not there."""
+    """The node at a path below a node; None if it does not exist."""
     for name in path.split("/"):
         node = _children(node).get(name)
     return node
@@ -111,7 +111,7 @@ def _fault(place: str, sentence: str) -> ElvisError:
 
 
 def _shown(value: Any) -> str:
-    """A value in a sentence: on one line, and not long."""
+    """A value for a message: on one line, and shortened."""
     return one_line(f"{value!s:.60}")
 
 
@@ -164,13 +164,13 @@ def _piece(domain: Any) -> Piece:
 
 
 def _topology_of(domain: Any, field: str) -> str | None:
-    """The name of the topology of a field; None where that is no name."""
+    """The name of the topology of a field; None if it is not a name."""
     found = _at(_at(domain, "fields"), f"{field}/topology") if "/" not in field else None
     return found if isinstance(found, str) else None
 
 
 def _main_topology(domain: Any) -> str:
-    """The topology that is no boundary of another."""
+    """The first topology that is not a boundary of another."""
     topologies = _children(_at(domain, "topologies"))
     boundaries = [_at(own, "boundary_topology") for own in topologies.values()]
     names = {own for own in boundaries if isinstance(own, str)}
@@ -185,7 +185,7 @@ def _main_topology(domain: Any) -> str:
 
 
 def _elements(topology: Any, name: str) -> Iterator[tuple[str, Ints]]:
-    """Shape and vertices of each element, in order; ElvisError for shapes that there are not, and loose ends."""
+    """Shape and vertices of each element, in order; raises ElvisError for unknown shapes and incomplete elements."""
     given = _needed(topology, "elements/connectivity", "vertices of elements")
     vertices = _whole_numbers(f"{name}: connectivity", given)
     shape = _name_at(topology, "elements/shape", "a shape")

@@ -64,7 +64,7 @@ class Cgns(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the steps of its base."""
+        """The times of the steps of its base."""
         path = single(paths)
         with opened(path) as root:
             return _times(_base(root)[0])
@@ -131,7 +131,7 @@ class Cgns(NodalConverter):
         return kept
 
     def _set_remarks(self, zones: Sequence[_ZoneReading]) -> None:
-        """What is known of all zones together."""
+        """Collect the remarks of all zones."""
         self.is_conforming = not any(reading.is_abutting for reading in zones)
         sizes = {reading.zone.points.dtype.itemsize for reading in zones}
         self.precision = SINGLE if np.dtype(np.float32).itemsize in sizes else DOUBLE
@@ -158,13 +158,13 @@ class Cgns(NodalConverter):
 
 
 class _Moment:
-    """What a base holds at a step, by the names in its iterative data; all of it where there is no step."""
+    """The content of a base at a step, by the names in its iterative data; all of it without steps."""
 
     def __init__(self, base: Node, step: int | None) -> None:
         self.base, self._step = base, step
 
     def zones(self) -> list[Node]:
-        """The zones, those of the step where it names them."""
+        """The zones; if the base names zones for the step, only these."""
         zones = self.base.labelled("Zone_t")
         iterative = next(iter(self.base.labelled("BaseIterativeData_t")), None)
         pointers = None if iterative is None else iterative.child("ZonePointers")
@@ -182,7 +182,7 @@ class _Moment:
         return next((name for name in names if name != _NULL), "GridCoordinates")
 
     def solutions(self, zone: Node) -> list[Node]:
-        """The solutions of a zone at the step: those that it names, and all where it names none at any step."""
+        """The solutions of a zone at the step: the named ones, or all if none is named at any step."""
         every = zone.labelled("FlowSolution_t")
         iterative = next(iter(zone.labelled("ZoneIterativeData_t")), None)
         arrays = [] if iterative is None else iterative.children
@@ -204,7 +204,7 @@ class _Moment:
 
 @dataclass(eq=False)
 class _ZoneReading:
-    """A zone as it is put into blocks, one for each of its groups of cells."""
+    """A zone that is converted into blocks, one for each of its groups of cells."""
 
     zone: Zone
     families: dict[str, Node]
@@ -329,7 +329,7 @@ class _ZoneReading:
 
 
 def _merge(found: dict[tuple[str, bool, str], list[NodalValues | None]], values: Values, solution: str) -> None:
-    """Put values to those of the same name on other cells; or by themselves, where both are on some cell."""
+    """Merge values with values of the same name on other cells; list them separately if both are on some cell."""
     key = (values.name, values.is_at_vertices, "")
     own = found.get(key)
     if own is None:
@@ -393,7 +393,7 @@ def _name_nodes(node: Node) -> list[Node]:
 
 
 def _names(node: Node, families: dict[str, Node]) -> list[str]:
-    """Names of the families that a node names: those that these belong to in turn, else their own."""
+    """Names of the families of a node: the families that contain these if any, else their own names."""
     found: list[str] = []
     for own in _name_nodes(node):
         name = own.text().split("/")[-1]
@@ -404,7 +404,7 @@ def _names(node: Node, families: dict[str, Node]) -> list[str]:
 
 
 def _units(base: Node) -> dict[str, str]:
-    """The units of a base by what they measure."""
+    """The units of a base by dimension."""
     for node in base.labelled("DimensionalUnits_t"):
         names = dict(zip(_UNITS, node.texts(), strict=False))
         return {f"unit of {what}": name for what, name in names.items() if name not in ("", _NULL, "UserDefined")}
@@ -412,7 +412,7 @@ def _units(base: Node) -> dict[str, str]:
 
 
 def _remarks(base: Node) -> list[str]:
-    """What is taken as it stands."""
+    """Remarks about values that are used without conversion."""
     kinds = [each.text() for each in base.labelled("DataClass_t")]
     scaled = [kind for kind in kinds if kind == "NormalizedByDimensional"]
     return ["values are normalized, and were taken as they stand"] if scaled else []

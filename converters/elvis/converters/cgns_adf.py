@@ -2,7 +2,7 @@
 
 Layout: comments at the head of ADF_internals.c of the CGNS library.  A file begins with a header.  A node is a record
 of 246 bytes with its name, label, table of children and data.  Pointers are a number of blocks of 4096 bytes and an
-offset.  Files of version A write pointers and dimensions as hexadecimal text, those of version B as numbers.
+offset.  Files of version A write pointers and dimensions as hexadecimal text, files of version B as numbers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _LEAD = _TAG + _POINTER
 _MOST_DIMENSIONS = 12
 _DEEPEST = 40
 
-#: NumPy's types of those that data may have
+#: NumPy's types for the types of data
 _TYPES = {
     "I4": "i4", "I8": "i8", "U4": "u4", "U8": "u8", "R4": "f4", "R8": "f8", "C1": "u1", "B1": "u1",
     "X4": "c8", "X8": "c16",
@@ -71,7 +71,7 @@ class _File:
             raise FormatError(f"expected a hexadecimal number at byte {start}, found {raw!r}") from None
 
     def number(self, start: int, count: int) -> int:
-        """A number that is text in files of version A alone."""
+        """A number that is text only in files of version A."""
         if self.is_text:
             return self.hexadecimal(start, count)
         return int.from_bytes(self.content(start, count), "big" if self.order == ">" else "little")
@@ -165,7 +165,7 @@ class AdfNode(Node):
 
 
 def _target(file: _File, link: str, place: str, depth: int) -> int:
-    """Where the node stands to which a link leads: a file and a path in it, with a > between."""
+    """The node to which a link leads: a file and a path in it, separated by >."""
     other, _, path = link.partition(">")
     if other:
         raise FormatError(f"expected data in the file itself, found a link to {other[:80]!r}", place=place)

@@ -2,7 +2,7 @@
 
 Node numbering: SIDS, "Unstructured Grid Element Numbering Conventions": corners, then nodes along the edges, then those
 inside the faces, then those inside the element in layers.  Inside a square they wind from its first corner inwards.
-Nodes are spaced evenly.  Notes in the standard place some of those of order 4 elsewhere, against its own figures of
+Nodes are spaced evenly.  Notes in the standard place some nodes of order 4 elsewhere, against its own figures of
 triangles: inside triangles at the centroids of their quarters, inside pyramids on lines to the apex.
 """
 
@@ -26,7 +26,8 @@ from elvis.plugins.projection.naming import local_sides
 #: numbers of types that are no elements of one shape
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
 
-#: types whose inner nodes notes in the standard place otherwise, and the type that has those on edges alone
+#: types whose inner nodes have other places according to notes in the standard, and the type with such nodes only on
+#: edges
 AMBIGUOUS = {46: 45, 47: 45, 49: 48, 50: 48, 52: 51, 53: 51}
 
 #: where nodes lie: everywhere, or only on edges, or only on edges and faces
@@ -251,9 +252,9 @@ def _inside(shape: Shape, order: int, by_notes: bool = False) -> list[Floats]:
 
 
 def _inside_pyramid(corners: Floats, order: int, by_notes: bool) -> list[Floats]:
-    """Nodes inside a pyramid: a layer at a height has an order that is less by the steps up to it.
+    """Nodes inside a pyramid: the order of a layer decreases by one per layer towards the apex.
 
-    By the notes, the four of PYRA_55 lie on the lines from the apex to the nodes inside the base.
+    According to the notes, the four of PYRA_55 lie on the lines from the apex to the nodes inside the base.
     """
     base, apex = corners[:4], corners[4]
     found = []
@@ -299,7 +300,7 @@ def _on_side(shape: Shape, side: tuple[int, ...], nodes: Floats) -> Ints:
     """Which of the nodes lie on a side: on the end, the line or the plane through its vertices."""
     vertices = shape.vertices[list(side)]
     edges = vertices[1:] - vertices[0]
-    # directions across the side: what is orthogonal to all of its edges
+    # directions across the side, orthogonal to all of its edges
     _, sizes, directions = np.linalg.svd(np.vstack([edges, np.zeros((1, shape.dimension))]))
     across = directions[int((sizes > 1e-9).sum()) :]
     return np.flatnonzero(np.abs((nodes - vertices[0]) @ across.T).max(axis=1) < 1e-9)

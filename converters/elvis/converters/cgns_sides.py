@@ -71,7 +71,7 @@ class ZoneSides:
 
     @cached_property
     def _every(self) -> dict[int, tuple[SideList, Ints]]:
-        """By number of corners: all sides of cells, and the vertices (n, k) at their corners."""
+        """All sides of cells, and the vertices (n, k) at their corners, by number of corners."""
         found: dict[int, list[tuple[SideList, Ints]]] = {}
         for number, group in enumerate(self.zone.cells):
             count = len(group.numbers)
@@ -85,7 +85,7 @@ class ZoneSides:
 
     @cached_property
     def _outer(self) -> dict[int, tuple[SideList, Ints]]:
-        """Sides that one cell has alone, likewise."""
+        """Sides of a single cell, in the same form."""
         result = {}
         for corners, (sides, table) in self._every.items():
             _, which = distinct_rows(table)
@@ -122,7 +122,7 @@ class ZoneSides:
         return np.unique(np.concatenate(found))
 
     def _whole(self, sides: SideList, marks: Bools) -> SideList:
-        """Those of whose sides every node is marked."""
+        """The sides whose nodes are all marked."""
         keep = np.zeros(len(sides), bool)
         for number, group in enumerate(self.zone.cells):
             for side, columns in enumerate(group.kind.side_nodes()):
@@ -224,12 +224,12 @@ def _location(node: Node) -> str:
 
 
 class Condition:
-    """A boundary condition: what it names in its zone.
+    """A boundary condition and the parts of its zone that it names.
 
     sides   of the cells
-    cells   numbers of cells, where it names these
+    cells   numbers of cells, if it names cells
     taken   numbers of elements that it names
-    warnings  what of it was left out
+    warnings  messages about omitted parts
     """
 
     def __init__(self, node: Node, zone: Zone, sides: ZoneSides) -> None:
@@ -331,7 +331,7 @@ class Condition:
         return faces
 
     def _of_vertices(self, points: Ints, is_range: bool) -> None:
-        """Faces between vertices: those of a flat range, or outer ones whose vertices are all listed."""
+        """Faces between vertices: the faces of a flat range, or outer faces whose vertices are all listed."""
         sizes = np.array(self.zone.sizes)
         if points.min() < 0 or (points >= sizes).any():
             expected = f"vertices up to {sizes.tolist()}"
@@ -366,6 +366,6 @@ def _flat_axis(points: Ints, sizes: Sequence[int]) -> int | None:
     ends = [{0, size - 1} for size in sizes]
     flat = [i for i, column in enumerate(points.T) if len(set(column[:1].tolist())) and np.ptp(column) == 0]
     at_end = [i for i in flat if int(points[0, i]) in ends[i]]
-    if len(at_end) > 1:  # a face has an index beyond those of cells along its own direction alone
+    if len(at_end) > 1:  # a face has an index beyond the range of cells only along its own direction
         at_end = [i for i in at_end if points[0, i] == sizes[i] - 1]
     return at_end[0] if len(at_end) == 1 else flat[0] if len(flat) == 1 else None

@@ -135,7 +135,7 @@ class Interpolation:
 
 
 def read_interpolation(node: Node) -> Interpolation:
-    """What a node SolutionInterpolation_t says."""
+    """The content of a node SolutionInterpolation_t."""
     number, degree, temporal = node.ints(3).tolist()
     shape = basic_shape(number)
     kind = next((each.text() for each in node.labelled("InterpolationType_t")), "")
@@ -168,8 +168,8 @@ class Solutions:
     """The solutions of a zone.
 
     families       nodes of the families of the zone, which hold its interpolations
-    on_groups      places of the vertices of each group of cells
-    warnings       what was left out
+    on_groups      positions of the vertices of each group of cells
+    warnings       messages about omitted parts
     """
 
     def __init__(self, zone: Zone, families: Sequence[Node], places: Sequence[NodalValues]) -> None:
@@ -224,13 +224,13 @@ class Solutions:
 
     @property
     def _ends(self) -> Ints:
-        """Where the cells of each group end in the list of all but the last."""
+        """Ends of the cells of each group, except the last, in the list of all."""
         return np.cumsum([len(group.numbers) for group in self.zone.cells])[:-1]
 
     def _first(self, counts: Ints, chosen: Ints | None, node: Node) -> Ints:
-        """(n,) the first value of each cell, group by group; -1 for those that are not chosen.
+        """(n,) the first value of each cell, group by group; -1 for cells that are not chosen.
 
-        Values come in the order of the cells' numbers, whatever their types, or in that in which they are named.
+        Values come in the order of the cells' numbers, independent of their types, or in the order of ``chosen``.
         counts  (n,) of values in each cell
         """
         numbers = np.concatenate([group.numbers for group in self.zone.cells])
@@ -309,7 +309,7 @@ class Solutions:
         return functions.at(np.zeros((1, way.shape.dimension))).shape[1] if way.kind == _SAME else way.count
 
     def _interpolations(self, degree: int | None, temporal: int) -> dict[Shape, Interpolation]:
-        """By shape, those of the families of the zone; without a degree the only one."""
+        """The interpolations of the zone's families, by shape; the only one for each shape if no degree is given."""
         found: dict[Shape, Interpolation] = {}
         for family in self._families:
             for node in family.labelled("SolutionInterpolation_t"):

@@ -1,8 +1,8 @@
 """The tree of nodes that a CGNS file is, in either container.
 
-Each node has a name, a label that tells what it is, children, and an array.  Arrays are laid out as in Fortran; here
-they come with their dimensions reversed, so that the first index of the standard is the last one.  Mapping to HDF5:
-CGNS documentation, "CGNS/HDF5 - An HPC implementation".
+Each node has a name, a label for its type, children, and an array.  Arrays are laid out as in Fortran; here they come
+with their dimensions reversed, so that the first index of the standard is the last one.  Mapping to HDF5: CGNS
+documentation, "CGNS/HDF5 - An HPC implementation".
 """
 
 from __future__ import annotations

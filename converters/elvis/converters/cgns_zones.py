@@ -38,7 +38,7 @@ _REORDERED = 3100
 _CUBIC = 3200
 _PYRA_5, _PYRA_13, _PYRA_14 = 12, 21, 13
 
-#: coordinates that make a place, and those of cylinders
+#: cartesian coordinates, and cylindrical ones
 _CARTESIAN = ("CoordinateX", "CoordinateY", "CoordinateZ")
 _CYLINDRICAL = ("CoordinateR", "CoordinateTheta")
 
@@ -61,11 +61,11 @@ class Group:
 class Zone:
     """A zone of a base.
 
-    sizes   vertices along each direction of a structured zone; of an unstructured one, how many there are in all
-    points  (n, 3) or (n, 2) where the vertices lie, the first direction fastest
+    sizes   vertices along each direction of a structured zone; total number of vertices of an unstructured one
+    points  (n, 3) or (n, 2) positions of the vertices, the first direction fastest
     cells   elements of the dimension of the base, in the order of their numbers
     others  elements of lower dimension
-    notes, warnings  what was decided in reading, and what is in doubt
+    notes, warnings  decisions made during reading, and doubts
     """
 
     node: Node
@@ -85,7 +85,7 @@ class Zone:
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices, those of rind planes left out."""
+        """Number of vertices, without rind planes."""
         return math.prod(self.sizes)
 
     @property
@@ -125,7 +125,7 @@ def read_zone(node: Node, dimension: int, physical: int, version: int, coordinat
 
 
 def rind_of(node: Node, directions: int) -> list[tuple[int, int]]:
-    """Planes, points or elements before and behind those of a zone, in each direction."""
+    """Number of rind planes, points or elements before and after the zone, in each direction."""
     rind = node.child("Rind")
     if rind is None:
         return [(0, 0)] * directions
@@ -136,7 +136,7 @@ def rind_of(node: Node, directions: int) -> list[tuple[int, int]]:
 
 
 def core_of(node: Node, sizes: Sequence[int], rind: Sequence[tuple[int, int]]) -> Floats:
-    """(n,) the numbers of an array over a zone, without those of rind planes, the first direction fastest."""
+    """(n,) the numbers of an array over a zone, without rind planes, the first direction fastest."""
     whole = [n + low + high for n, (low, high) in zip(sizes, rind, strict=True)]
     found = node.array()
     flat = found is not None and len(whole) > 1 and found.ndim == 1
@@ -190,7 +190,7 @@ def _structured_cells(zone: Zone) -> Group:
 
 
 def _groups(section: Node, version: int, zone: Zone) -> list[Group]:
-    """The elements of a section by type, those of its rind left out."""
+    """The elements of a section by type, without its rind."""
     number = _current(int(section.ints(2)[0]), version)
     first, last = section.required("ElementRange").ints(2).tolist()
     count = last - first + 1
@@ -283,7 +283,7 @@ def _walked(table: Ints, count: int, version: int, section: Node) -> Ints:
 
 
 def _known_count(number: int, section: Node) -> int:
-    """How many nodes a type has; FormatError for polygons, polyhedra and what is no type."""
+    """Number of nodes of a type; raises FormatError for polygons, polyhedra and invalid types."""
     nodes = node_count(number)
     if nodes is not None:
         return nodes
@@ -298,8 +298,8 @@ def _known_count(number: int, section: Node) -> int:
 def _current(number: int, version: int) -> int:
     """The number that a type has now.
 
-    Pyramids of 13 nodes came with version 3.0 and got another number with 3.1.  Before 3.2, a number above that of
-    polygons meant a polygon with so many nodes.
+    Pyramids of 13 nodes came with version 3.0 and got another number with 3.1.  Before 3.2, a number above the number
+    of polygons meant a polygon, with the difference as its number of nodes.
     """
     own = number
     if version < _PYRAMIDS:

@@ -1,10 +1,10 @@
-"""Processes that have loaded a library, and copies of them, each of which reads the files of one question.
+"""Processes that have loaded a library, and copies of them; each copy reads the files of one request.
 
-To load a library takes longer than to read most files.  So the first question starts a process that loads it and reads
-nothing, the library's origin; whatever reads a file is a copy of that process (POSIX fork), which ends with its object.
-What a damaged file does to a copy, no other one sees.  An origin that nobody asks for a while ends.
+Loading a library takes longer than reading most files.  The first request therefore starts the origin, a process that
+loads the library and reads nothing; every file is read by a copy of that process (POSIX fork), which ends with its
+object.  The damage that a file does to one copy does not affect others.  An origin ends after a while without requests.
 
-On Linux alone: elsewhere copies of processes that have loaded libraries of the system may fail.
+Only on Linux: elsewhere, copies of processes that have loaded system libraries may fail.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ multiply({channel!r}, lambda: make({worker!r}), serve)
 
 
 class Copy:
-    """A process that was copied, as `subprocess.Popen` shows one.
+    """A copied process, with the interface of `subprocess.Popen`.
 
-    stdin, stdout  what it is asked through, and answers through
+    stdin, stdout  pipes for requests and replies
     """
 
     def __init__(self, origin: _Origin, pid: int, stdin: int, stdout: int) -> None:
@@ -89,7 +89,7 @@ class _Origin:
         weakref.finalize(self, _closed, self._channel, self._process)
 
     def copy(self, memory: int) -> Copy:
-        """A copy that may take so many bytes of memory; OSError where the origin has ended, or doesn't reply."""
+        """A copy that may use ``memory`` bytes of memory; raises OSError if the origin has ended, or doesn't reply."""
         requests, replies = os.pipe(), os.pipe()
         try:
             pid = self._ask(["copy", memory, os.getcwd()], [requests[0], replies[1]])
@@ -103,14 +103,14 @@ class _Origin:
         return Copy(self, pid, requests[1], replies[0])
 
     def status(self, pid: int) -> int:
-        """How a copy has ended; as if it had failed where the origin has ended, too."""
+        """Exit status of a copy; 1, as after a failure, if the origin has also ended."""
         try:
             return self._ask(["status", pid])
         except OSError:
             return 1
 
     def forget(self, pid: int) -> None:
-        """Tell that nobody will ask how a copy has ended."""
+        """Report that the status of a copy will not be requested."""
         with suppress(OSError):
             self._send(["forget", pid])
 
@@ -127,7 +127,7 @@ class _Origin:
         socket.send_fds(self._channel, [json.dumps(message).encode("ascii")], files or [], socket.MSG_NOSIGNAL)
 
 
-#: origins by this process, worker and places where modules are looked for
+#: origins by this process, worker and search paths of modules
 _ORIGINS: dict[tuple[int, str, tuple[str, ...]], _Origin] = {}
 _ORIGINS_LOCK = Lock()
 

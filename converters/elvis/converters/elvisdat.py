@@ -1,6 +1,6 @@
 """Volumes of the first ElVis (.dat): straight hexahedra and prisms with a field in Legendre and Jacobi polynomials.
 
-A header of 24 characters, 1 to tell the byte order, the number of elements; each element gives its type, range, eight
+A header of 24 characters, a 1 for the byte order, the number of elements; each element gives its type, range, eight
 vertices, degrees and coefficients, the last index fastest.
 """
 
@@ -23,7 +23,7 @@ from elvis.plugins.conversion import Elements, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
 
-#: numbers of types; those of tetrahedra and pyramids were never written
+#: numbers of types; tetrahedra and pyramids were never written
 _SHAPES = {1: Shape.HEXAHEDRON, 3: Shape.PRISM}
 
 _HEADER, _START, _HIGHEST, _FIRST_RUN = 24, 32, 30, 64

@@ -35,7 +35,7 @@ class EvaluatedValues(NodalValues):
 
     @property
     def order(self) -> int:
-        """The degree that the library tells."""
+        """The degree that the library reports."""
         return self.degree
 
     def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
@@ -43,7 +43,7 @@ class EvaluatedValues(NodalValues):
         return np.asarray(self.at(rows, points)[:, :, number])
 
     def at(self, rows: slice | Ints, points: Floats) -> Floats:
-        """(r, n, c) values; those of the last question are kept, as components are asked for one after another."""
+        """(r, n, c) values; the last result is cached, since components are requested one after another."""
         if self.last and self.last[0][0] is rows and self.last[0][1] is points:
             return self.last[0][2]
         found = self.evaluate(self.elements[rows], points)

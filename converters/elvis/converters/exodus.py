@@ -24,8 +24,8 @@ from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
 from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalValues, ShapeFunctions, space_size
 
-#: the end of the name of a file: the number of a mesh in a sequence of meshes, then how many processes wrote the files
-#: of a state, and which of them wrote this one
+#: End of a file's name: the number of a mesh in a sequence of meshes, then the number of processes that wrote the files
+#: of a state, and the number of the one that wrote this file
 _MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?")
 
 #: elements with nodes in the middle of triangles, and whether tetrahedra and prisms have one inside
@@ -82,7 +82,7 @@ class Exodus(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the variables, which all files of a state have."""
+        """The times of the variables, which all files of a state share."""
         return _times(Variables(paths[0]))
 
     def __init__(self, paths: Sequence[Path], step: str | None = None) -> None:
@@ -97,7 +97,7 @@ class Exodus(NodalConverter):
         self._read_variables(number)
 
     def _read_blocks(self) -> None:
-        """Blocks of the highest dimension; those of lower dimension are counted."""
+        """Blocks of the highest dimension; elements of lower dimension are counted."""
         first = 0
         for piece in self._pieces:
             first = self._read_piece(piece, first)
@@ -172,9 +172,9 @@ class Exodus(NodalConverter):
     def _sides(
         self, piece: ExodusPiece, firsts: Mapping[int, int], elements: Ints, sides: Ints
     ) -> Iterator[tuple[int, Ints, Ints]]:
-        """Blocks, elements and their local sides: those of sides (n,) of elements (n,) of a file.
+        """Blocks, elements and their local sides, for sides (n,) of elements (n,) of a file.
 
-        firsts  the first edge among the sides of the plane elements of each block
+        firsts  for each block of plane elements, the first edge among their sides
         """
         for at, ((owner, number), block) in enumerate(zip(self._owners, self.blocks, strict=True)):
             if owner is not piece or not len(block):
@@ -187,7 +187,7 @@ class Exodus(NodalConverter):
                 yield at, rows[is_side], local[sides[here][is_side] - first]
 
     def _faces_of_shells(self, piece: ExodusPiece, elements: Ints, sides: Ints) -> Iterator[Ints]:
-        """Vertices of the faces of shells on a mesh of volumes, of which they are sides."""
+        """Vertices of the faces of shells that are sides of a mesh of volumes."""
         if not any(block.shape.dimension == 3 for block in self.blocks):
             return
         for number, block in piece.blocks.items():
@@ -236,7 +236,7 @@ def _joined_by_place(blocks: Sequence[Elements]) -> list[Elements]:
 
 
 def _marks(path: Path) -> re.Match[str]:
-    """The marks in the name of a file; a name such as case.1.2 has none, as there is no process 2 of 1."""
+    """The marks in the name of a file; a name such as case.1.2 has none, since process 2 of 1 cannot exist."""
     marks = _MARKS.fullmatch(path.name)
     assert marks is not None  # all of the name may be the stem
     if marks["count"] is None or int(marks["number"]) < int(marks["count"]):
@@ -252,7 +252,7 @@ def _process(path: Path) -> int:
 
 
 def _missing_processes(paths: Sequence[Path]) -> list[str]:
-    """A sentence if the names tell that there are files of other processes."""
+    """A message if the names show that files of other processes exist."""
     count = max(int(_marks(path)["count"] or 1) for path in paths)
     if len(paths) == count:
         return []
@@ -260,7 +260,7 @@ def _missing_processes(paths: Sequence[Path]) -> list[str]:
 
 
 def _labels(file: Variables, what: str, noun: str) -> Callable[[int], str]:
-    """Names of blocks or side sets by number: those of the file, else the noun with the id or the number."""
+    """Names of blocks or side sets by number: the names in the file, or else the noun with the id or the number."""
     names = file.texts(f"{what}_names")
     ids = file.ints(f"{what}_prop1").tolist() if f"{what}_prop1" in file else []
 

@@ -1,4 +1,4 @@
-"""Exodus II files as arrays, in either container of netCDF, and what is known of their types of elements.
+"""Exodus II files as arrays, in either container of netCDF, and their types of elements.
 
 Layout and numbering: Schoof and Yarberry, EXODUS II: A Finite Element Data Model, 1994, and its later releases.
 """
@@ -97,7 +97,7 @@ SIDES: Mapping[Shape, list[tuple[int, ...]]] = {
 
 
 def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
-    """The shape of a type of elements; None for lines and points, FormatError for what can't be converted."""
+    """The shape of a type of elements; None for lines and points; raises FormatError for unsupported types."""
     kind = re.sub(r"[^A-Z].*", "", name.upper())
     if kind.startswith(("BAR", "BEAM", "TRUSS", "EDGE", "SPHERE", "CIRCLE", "NULL")):
         return None
@@ -167,7 +167,7 @@ class Variables:
         return self._container.types[name]
 
     def texts(self, name: str) -> list[str]:
-        """An array of characters, as texts; none where there is no such variable."""
+        """An array of characters, as texts; empty if the variable does not exist."""
         if name not in self:
             return []
         rows = np.atleast_2d(self[name])
@@ -230,7 +230,7 @@ def _mapped(path: Path) -> Any:
 
     class Mapped(netcdf_file):  # type: ignore[misc]
         def close(self) -> None:
-            # arrays that die together with the file are told of as if they were still in use
+            # arrays that are freed together with the file cause a warning that they are still in use
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)
                 super().close()
@@ -241,7 +241,7 @@ def _mapped(path: Path) -> Any:
 
 
 class _CheckedFile:
-    """A file, of which no more is asked than it holds, whatever its header says."""
+    """A file from which reads are limited to its actual size, independent of its header."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._size = path.open("rb"), path.stat().st_size
@@ -273,7 +273,7 @@ class _Hdf5:
             for name in file:
                 own = file.get(name, getlink=True)
                 found = file[name] if isinstance(own, h5py.HardLink) else None
-                # the library opens the files of a virtual dataset to tell its shape
+                # the library opens the files of a virtual dataset to determine its shape
                 if isinstance(found, h5py.Dataset) and not found.is_virtual:
                     attributes, shape = found.attrs, found.shape
                     self.types[name] = text(attribute(found, "elem_type")) if "elem_type" in attributes else ""

@@ -75,7 +75,7 @@ class ExodusPiece:
         return shape, nodes
 
     def sides(self, number: int) -> tuple[Ints, Ints]:
-        """Elements (n,) and their sides (n,) in a set, without those of elements that an earlier file has."""
+        """Elements (n,) and their sides (n,) in a set, without elements that are copies of an earlier file's."""
         elements, sides = self.file.ints(f"elem_ss{number}") - 1, self.file.ints(f"side_ss{number}") - 1
         if len(elements) != len(sides):
             expected = f"{len(elements)} sides"
@@ -148,7 +148,7 @@ def _are_shared(numbers: Sequence[Ints], places: Sequence[Floats]) -> bool:
 
 
 def _mark_copies(pieces: Sequence[ExodusPiece]) -> None:
-    """Mark the elements whose nodes are those of an earlier one."""
+    """Mark the elements whose nodes equal the nodes of an earlier one."""
     by_width: dict[int, list[tuple[ExodusPiece, int, Ints]]] = {}
     for piece in pieces:
         start = 0

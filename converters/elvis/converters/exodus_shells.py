@@ -32,10 +32,10 @@ class _PlaneBlock(NamedTuple):
 
 
 class PlaneSides(NamedTuple):
-    """How the sides of plane elements count.
+    """Numbering of the sides of plane elements.
 
-    firsts    of each block of plane elements the number, from 0, of the side that is their first edge
-    warnings  a sentence where side sets fit two ways of counting
+    firsts    for each block of plane elements the number, from 0, of the side that is their first edge
+    warnings  a message if side sets fit two ways of counting
     """
 
     firsts: dict[int, int]
@@ -72,8 +72,10 @@ def _stated(kind: str, shape: Shape, space: int) -> int | None:
 
 
 def _likely(piece: ExodusPiece, blocks: dict[int, _PlaneBlock], doubtful: set[int]) -> tuple[int, tuple[str, ...]]:
-    """The first edge by which fewer sides of the sets lie inside of the mesh; that of the library, and a sentence on
-    that, where none is better."""
+    """The first edge for which fewer sides of the sets lie inside the mesh.
+
+    The library's choice, with a message, if neither is better.
+    """
     outer = _outer(blocks)
     inside = {0: 0, FACES_OF_SHELLS: 0}
     count_of_sides = 0
@@ -100,7 +102,7 @@ def _sets(piece: ExodusPiece) -> list[tuple[Ints, Ints]]:
 
 
 def _outer(blocks: dict[int, _PlaneBlock]) -> dict[int, Bools]:
-    """Of each block (n, edges) whether an edge belongs to one element alone."""
+    """For each block, (n, edges) whether an edge belongs to only one element."""
     every = np.concatenate([block.edges.reshape(-1, 2) for block in blocks.values()])
     _, which, counts = np.unique(every, axis=0, return_inverse=True, return_counts=True)
     is_single = counts[which.reshape(-1)] == 1

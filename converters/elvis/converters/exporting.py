@@ -1,8 +1,8 @@
-"""Native data at the nodes of other programs' cells: what exports have in common.
+"""Native data at the nodes of other programs' cells: the common part of exports.
 
 Every element becomes one cell of the lowest order that holds its map and its fields.  Pyramids and prisms that a
-program's own don't hold become hexahedra, of which a face or an edge is collapsed: there every function of theirs is a
-polynomial.
+program's own cells cannot represent become hexahedra with a collapsed face or edge: there all their functions are
+polynomials.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _AT_ONCE = 1 << 12
 class Cell:
     """A kind of cells of another program.
 
-    number  of the kind in its files
-    nodes   (k, d) reference coordinates of the nodes, in those of ``shape``
+    number  number of the type in its files
+    nodes   (k, d) reference coordinates of the nodes, in the coordinates of ``shape``
     """
 
     shape: Shape
@@ -47,7 +47,7 @@ class Cell:
 
 
 class Target(ABC):
-    """The cells of a program: of which kinds and orders, and which functions go with their nodes."""
+    """The cells of a program: their shapes and orders, and the functions of their nodes."""
 
     #: the highest order of its cells, of pyramids that are the native ones of that order, and of prisms
     highest: int
@@ -86,7 +86,7 @@ class Piece:
 
 @dataclass(eq=False)
 class Export:
-    """All pieces of a dataset, the names of the fields, and what was lost: of the coordinates, then of each field."""
+    """All pieces of a dataset, the names of the fields, and the losses: of the coordinates, then of each field."""
 
     names: tuple[str, ...]
     pieces: list[Piece] = field(default_factory=list)
@@ -118,10 +118,9 @@ def title(composite: Composite, mesh: Mesh) -> str:
 
 
 def left_out(dataset: Dataset, written: Collection[str] = (), *, has_time: bool = True) -> list[str]:
-    """Sentences on what a file lacks: composites but those of the titles ``written``, metadata, sections of a session,
-    the time.
+    """Messages about omissions: composites other than ``written``, metadata, sections of a session, the time.
 
-    Regions without a name that only tell shapes apart are not counted, nor is what a conversion itself has noted.
+    Unnamed regions that only separate shapes are ignored, and so are notes of an earlier conversion.
     """
     mesh, known = dataset.mesh, {CONVERTED, REPORT, MAP_KEY, "Time"}
     composites = [own for own in mesh.composites if any(len(ids) for _, ids in own.parts)]

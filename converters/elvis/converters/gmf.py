@@ -1,7 +1,7 @@
 """GMF meshes and solutions (.mesh, .meshb, .sol, .solb) of any order, as libMeshb writes them and Vizir reads them.
 
-Tables in the files say which node is where, in the lattice of an element and in that of a solution; a flag says whether
-nodes are control points instead.  Layout: libMeshb, documentation of version 7.
+Tables in the files give the order of nodes in the lattice of an element and of a solution; a flag marks nodes that are
+control points.  Layout: libMeshb, documentation of version 7.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Gmf(NodalConverter):
         return found
 
     def _declared(self, dimension: int) -> Declared:
-        """Rows of the tables of elements, and of those of one dimension less by reference."""
+        """Rows of the tables of elements, and rows of one dimension lower by reference."""
         counts: dict[str, int] = {}
         elements = 0
         for name, section in self._mesh.sections.items():
@@ -254,7 +254,7 @@ def _sections(mesh: GmfFile, dimension: int) -> list[tuple[str, int, str]]:
 
 
 def _suffixes(kind: int, dimension: int) -> tuple[str, ...]:
-    """What tells the components of a field of a type apart."""
+    """Suffixes that distinguish the components of a field of a type."""
     axes = "xyz"[:dimension]
     named = {1: ("",), 2: tuple(f"_{a}" for a in axes), 3: tuple(f"_{ab}" for ab in _SYMMETRIC[dimension])}
     suffixes = named.get(kind, tuple(f"_{a}{b}" for a in axes for b in axes))
@@ -273,7 +273,7 @@ def _functions(shape: Shape, order: int, entries: Ints, is_bezier: bool, path: P
 
 
 def _solution_functions(file: GmfFile, place: str, shape: Shape, section: Section) -> ShapeFunctions:
-    """The functions of the nodes of a solution, which a table of positions or the degree tells."""
+    """The functions of the nodes of a solution, given by a table of positions or by the degree."""
     if not 0 <= section.degree <= _HIGHEST_DEGREE:
         expected = f"a degree from 0 to {_HIGHEST_DEGREE}"
         raise FormatError(f"expected {expected}, found {section.degree}", file=file.path, place=place)

@@ -59,11 +59,11 @@ _ORDERING = (141, 127, 128, 142)
 
 @dataclass(frozen=True)
 class Keyword:
-    """What follows a keyword: ``reals`` and then ``integers`` a row; a solution where ``solution`` says of which sort.
+    """The data of a keyword: ``reals`` and then ``integers`` per row; ``solution`` gives the kind of a solution.
 
-    reals     -1 stands for the dimension
-    is_single whether one row follows, and no number of rows
-    solution  "": none; "sol": one node an element; "ho": with degree and number of nodes
+    reals     -1 for the dimension
+    whether a single row follows, without a number of rows
+    solution  "": none; "sol": one node per element; "ho": with degree and number of nodes
     """
 
     code: int

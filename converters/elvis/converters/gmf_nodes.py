@@ -10,7 +10,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.shapes import Shape
 from elvis.plugins.nodal import ShapeFunctions, affine_image, bernstein, native_points, nearest_nodes, space_size
 
-#: at least this many elements tell where nodes lie that no table orders
+#: minimum number of elements from which the order of nodes without a table is determined
 _COMPARED = 200
 
 #: of a triangle, tetrahedron or the triangle of a prism: numbers of barycentric coordinates

@@ -1,6 +1,6 @@
 """Gmsh files: meshes of any order with their physical groups, and the data that goes with them.
 
-Values are evaluated by the functions of their interpolation scheme where they have one, else by those of the elements.
+Values are evaluated by the functions of their interpolation scheme if they have one, or else of the elements.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from elvis.plugins.declared import Declared
 from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, component_names
 from elvis.plugins.recognition import found_instead
 
-#: how many bytes tell what a file is, comments at its beginning included
+#: number of bytes that identify a file, including comments at its beginning
 _HEAD = 1 << 16
 
 
-#: which nodes of an element have values: none that could be taken, the corners alone, all
+#: nodes of an element that have values: none usable, only the corners, all
 _NOWHERE, _AT_CORNERS, _EVERYWHERE = 0, 1, 2
 
 
@@ -51,7 +51,7 @@ class _Values:
 
     @classmethod
     def of(cls, name: str, sections: Sequence[Section]) -> _Values:
-        """Those of sections that are pieces of one field."""
+        """The values of sections that are pieces of one field."""
         parts = [section.read() for section in sections]
         tags, counts, table = (np.concatenate([part[i] for part in parts]) for i in range(3))
         starts = np.cumsum(counts) - counts
@@ -59,9 +59,10 @@ class _Values:
         return cls(name, sections[0], tags[order], starts[order], counts[order], table)
 
     def extent(self, group: Group, mesh: Mesh) -> Ints:
-        """(n,) which nodes of the elements of a group have values, for values of elements all or none.
+        """(n,) the nodes of the elements of a group that have values; for values of elements all or none.
 
-        Corners alone count only if no other nodes have values: fields of lower order than the mesh are written so.
+        Corners count on their own only if no other nodes have values: fields of lower order than the mesh are written
+        in this way.
         """
         if self.section.kind != "NodeData":
             return np.where(np.isin(group.tags, self.tags), _EVERYWHERE, _NOWHERE)
@@ -74,7 +75,7 @@ class _Values:
         return result
 
     def places(self, group: Group, mesh: Mesh, is_at_corners: bool) -> tuple[Ints, Ints]:
-        """Where the values of each element of a group begin, (n, nodes or 1), and how many these are."""
+        """First values of each element of a group, (n, nodes or 1), and their numbers."""
         if self.section.kind == "NodeData":
             count = len(group.kind.corners) if is_at_corners else group.nodes.shape[1]
             wanted = mesh.tags[group.nodes[:, :count]]
@@ -136,7 +137,7 @@ class Gmsh(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the field that has most."""
+        """The times of the field with the most steps."""
         found: dict[tuple[str, str], set[tuple[float, int]]] = {}
         for section in (section for path in paths for section in scan(path).sections):
             found.setdefault((section.name, section.kind), set()).add((section.time, section.step))
@@ -178,7 +179,7 @@ class Gmsh(NodalConverter):
         self.warnings = [mesh.omission] if mesh.omission else []
 
     def _split(self, read: Sequence[_Values]) -> None:
-        """Part groups of elements of which some have values that others lack, so that each field is on whole groups."""
+        """Divide groups of elements if only some have certain values, so that each field is on whole groups."""
         groups = []
         for group in self._groups:
             columns = [values.extent(group, self._mesh) for values in read]
@@ -203,7 +204,7 @@ class Gmsh(NodalConverter):
         self.add_field(values.name, labels, found, values.section.kind == "NodeData")
 
     def _on_group(self, group: Group, values: _Values, is_at_corners: bool) -> NodalValues:
-        """The values on a group whose elements all have them, at all nodes or at corners alone."""
+        """The values on a group whose elements all have them, at all nodes or only at corners."""
         section, starts, counts = values.section, *values.places(group, self._mesh, is_at_corners)
         if section.kind == "ElementData":
             return NodalValues(values.table[starts], None)
@@ -276,7 +277,7 @@ def _block(group: Group, mesh: Mesh) -> Elements:
 
 
 def _series(sections: Sequence[Section], step: int) -> list[tuple[str, str, list[Section]]]:
-    """Of each field the sections of one step: of that with a number."""
+    """For each field, the sections of the step with a number."""
     found: dict[tuple[str, str], dict[tuple[float, int], list[Section]]] = {}
     for section in sections:
         found.setdefault((section.name, section.kind), {}).setdefault((section.time, section.step), []).append(section)

@@ -15,7 +15,7 @@ from pathlib import Path
 from elvis.converters.inputs import is_count
 from elvis.core.errors import FormatError
 
-#: the integers that begin a section of version 4.1, and those that begin its blocks
+#: the integers at the beginning of a section of version 4.1, and at the beginning of its blocks
 _HEAD, _BLOCK = "4Q", "3iQ"
 
 _FORMAT = re.compile(rb"\$MeshFormat\s*\n(\S+)\s+1\s+8[ \t\r]*\n")
@@ -51,7 +51,7 @@ def check(path: Path, raw: bytes | mmap, width: Callable[[int], int]) -> Counter
 def _new_nodes(
     raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
 ) -> int:
-    """Where the nodes of version 4.1 end."""
+    """End of the nodes of version 4.1."""
     blocks, *_ = struct.unpack_from(order + _HEAD, raw, at)
     at += 32
     for _ in range(_plausible(blocks, at, stop)):
@@ -65,7 +65,7 @@ def _new_nodes(
 def _new_elements(
     raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
 ) -> int:
-    """Where the elements of version 4.1 end."""
+    """End of the elements of version 4.1."""
     blocks, *_ = struct.unpack_from(order + _HEAD, raw, at)
     at += 32
     for _ in range(_plausible(blocks, at, stop)):
@@ -80,7 +80,7 @@ def _new_elements(
 def _old_nodes(
     raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
 ) -> int:
-    """Where the nodes of version 2 end."""
+    """End of the nodes of version 2."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
     return line + 1 + int(text) * 28 if is_count(text) else -1
@@ -89,7 +89,7 @@ def _old_nodes(
 def _old_elements(
     raw: bytes | mmap, at: int, order: str, width: Callable[[int], int], stop: int, counts: Counter[int]
 ) -> int:
-    """Where the elements of version 2 end."""
+    """End of the elements of version 2."""
     line = raw.find(b"\n", at, stop)
     text = raw[at:line].strip() if line >= 0 else b""
     left, at = int(text) if is_count(text) else -1, line + 1
@@ -106,7 +106,7 @@ def _old_elements(
 
 
 def _plausible(blocks: int, at: int, stop: int) -> int:
-    """The number of blocks, no more than there are bytes for."""
+    """The number of blocks, limited by the number of bytes."""
     return min(blocks, 1 + (stop - at) // 20)
 
 

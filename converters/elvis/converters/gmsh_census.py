@@ -1,6 +1,6 @@
 """Elements of a Gmsh file, counted by type from the file itself, before its library reads it.
 
-The library tells one type for each family and entity, and writes past its arrays if an entity has several, such as
+The library assumes one type for each family and entity, and writes past its arrays if an entity has several, such as
 triangles of orders 1 and 2.  Layout: Gmsh reference manual, chapter "MSH file format"; versions 1, 2 and 4.
 """
 
@@ -46,7 +46,7 @@ def census(raw: bytes | mmap, width: Callable[[int], int]) -> Counter[int] | Non
 
 
 def _numbers(section: re.Match[bytes] | None) -> Floats | None:
-    """The numbers of a section; None if there is no such section, or it holds anything else."""
+    """The numbers of a section; None if the section is missing, or holds anything else."""
     if section is None:
         return None
     with warnings.catch_warnings():
@@ -59,7 +59,7 @@ def _numbers(section: re.Match[bytes] | None) -> Floats | None:
 
 
 def _in_blocks(numbers: Floats, width: Callable[[int], int]) -> Counter[int] | None:
-    """Those of version 4: blocks of elements of one type, each of which is a tag and its nodes."""
+    """Elements of version 4: blocks of elements of one type, each element a tag and its nodes."""
     found: Counter[int] = Counter()
     # version 4.1 has two more numbers, the least and the greatest tag, before the blocks
     for start in (4, 2):
@@ -77,7 +77,7 @@ def _in_blocks(numbers: Floats, width: Callable[[int], int]) -> Counter[int] | N
 
 
 def _listed(numbers: Floats, head: Callable[[int], int], width: Callable[[int], int]) -> Counter[int] | None:
-    """Those of versions 1 and 2: a number of elements, then each with its type in the second column.
+    """Elements of versions 1 and 2: a number of elements, then each with its type in the second column.
 
     head  number of columns before the nodes, from the number in the third column
     """

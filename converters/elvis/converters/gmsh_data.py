@@ -22,7 +22,7 @@ from elvis.core.shapes import Shape
 
 MAGIC = b"$MeshFormat"
 
-#: the time of data that tell none: one object, so that keys with it are equal
+#: the time of data without a time: one object, so that keys with it are equal
 UNKNOWN = float("nan")
 
 #: how files of version 1 begin, and the ends of their sections
@@ -126,10 +126,10 @@ def _integers(values: Floats) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A data section; values are read when they are asked for.
+    """A data section; values are read on demand.
 
     kind     NodeData, ElementData or ElementNodeData
-    schemes  by shape, those that the section names; empty where it names none
+    schemes  by shape, the schemes that the section names; empty if it names none
     """
 
     path: Path
@@ -203,11 +203,11 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a file holds in addition to its mesh; ``mesh`` are the ranges of bytes of that, where it comes first.
+    """The content of a file in addition to its mesh; ``mesh`` holds its ranges of bytes if it comes first.
 
     The library writes the mesh again with each set of data that it appends.
 
-    is_plain  whether the file begins with its format and holds nothing but a mesh
+    is_plain  whether the file begins with its format and contains only a mesh
     is_partition  whether the mesh is divided into partitions
     """
 
@@ -272,7 +272,7 @@ def _has_partition_tags(section: bytes, head: bytes, order: str) -> bool:
 
 
 def beginning(data: bytes | mmap.mmap) -> int:
-    """Where a file, or its first bytes, names its format, behind comments if need be; -1 where it doesn't."""
+    """The position of the format section in a file, or its first bytes, possibly after comments; -1 without one."""
     at = 0
     while (found := _BEFORE.match(data, at)) is not None:
         name = b"$" + found[1]
@@ -285,7 +285,7 @@ def beginning(data: bytes | mmap.mmap) -> int:
 
 
 def _after(data: bytes | mmap.mmap, found: re.Match[bytes]) -> int:
-    """Where a section without meaning ends; the end of its first line where it has no other."""
+    """The end of a section without meaning; the end of its first line if it is not closed."""
     stop = data.find(b"\n$End" + found[1], found.end() - 1)
     if stop < 0:
         return found.end()
@@ -294,7 +294,7 @@ def _after(data: bytes | mmap.mmap, found: re.Match[bytes]) -> int:
 
 
 def _of_version_1(path: Path, data: mmap.mmap, start: int) -> Contents:
-    """A mesh alone, from ``start`` on; FormatError where one of its sections is missing."""
+    """A file with only a mesh, from ``start`` on; raises FormatError if one of its sections is missing."""
     for name in _SECTIONS_1:
         if data.find(name, start) < 0:
             raise FormatError(f"expected {name.decode()}, found the end", file=path)
@@ -302,7 +302,7 @@ def _of_version_1(path: Path, data: mmap.mmap, start: int) -> Contents:
 
 
 def _closing(path: Path, data: mmap.mmap, found: re.Match[bytes]) -> tuple[int, int]:
-    """Where the contents of a section end, and the section."""
+    """The ends of a section's contents, and of the section."""
     closing = b"$End" + found[1]
     stop = data.find(closing, found.end())
     if stop < 0:

@@ -164,7 +164,7 @@ def _tags(piece: Piece) -> Ints:
 
 
 class _Model:
-    """The library's model of a mesh, as it is put together: an entity for each part of a piece that has one name."""
+    """The library's model of a mesh, built step by step: an entity for each part of a piece with one name."""
 
     def __init__(self, target: GmshTarget, mesh: Mesh) -> None:
         self._target, self._gmsh, self._mesh = target, target.gmsh, mesh
@@ -211,7 +211,7 @@ class _Model:
         )
 
     def _regions(self, piece: Piece) -> Iterator[tuple[list[str], Ints]]:
-        """Names of the regions, which may overlap, and the rows of the elements of a piece that are in these alone."""
+        """Names of the regions, which may overlap, and the rows of the elements of a piece that are only in these."""
         ids, shape = piece.patch.element_ids, piece.patch.shape
         titles, is_in = [], [np.empty((0, len(ids)), bool)]
         for composite in self._mesh.composites:

@@ -29,7 +29,7 @@ def joined(meshes: Sequence[Mesh], paths: Sequence[Path], has_element_data: bool
     copies, groups, is_ambiguous = _each_once(groups)
     if is_ambiguous and has_element_data:
         raise FormatError("expected parts of one mesh, found other elements of equal numbers", file=paths[1])
-    if is_ambiguous:  # files of version 2 may number the elements of each partition anew
+    if is_ambiguous:  # files of version 2 may renumber the elements of each partition
         groups = _numbered_anew(groups)
     stated = [mesh.declared for mesh in meshes]
     counts = [count for count in stated if count is not None]
@@ -70,9 +70,9 @@ def _renumbered(mesh: Mesh, tags: Ints) -> list[Group]:
 
 
 def _each_once(groups: Sequence[Group]) -> tuple[int, list[Group], bool]:
-    """The groups without elements that come again, told by their nodes, one group for each kind and its regions.
+    """The groups without repeated elements, identified by their nodes; one group for each kind and its regions.
 
-    Returns how many come again, the groups, and whether elements and their numbers are not one to one.
+    Returns the number of repeated elements, the groups, and whether the relation of elements to numbers is ambiguous.
     """
     by_kind: dict[tuple[str, ...], list[Group]] = {}
     for group in groups:

@@ -1,4 +1,4 @@
-"""What Gmsh's library does with a file, in a process of its own: its mesh as numbers, texts and arrays."""
+"""Worker for Gmsh's library in a separate process: its mesh as numbers, texts and arrays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,9 @@ class Library:
         self._gmsh: Any = gmsh
 
     def mesh(self, path: str, named: str) -> dict[str, Any]:
-        """What makes an `elvis.converters.gmsh_mesh.Mesh`; FormatError, naming ``named``, with the first complaint.
+        """The data of an `elvis.converters.gmsh_mesh.Mesh`.
+
+        Raises FormatError, naming ``named``, with the first complaint.
 
         The kinds are dictionaries, the groups lists that begin with the number of their kind.
         """
@@ -78,7 +80,7 @@ class Library:
                 return census(raw, width) if counts is None else counts
 
     def _load(self, path: str, named: Path) -> list[str]:
-        """What the library warns of when it opens a file; FormatError with its first complaint."""
+        """The library's warnings when it opens a file; raises FormatError with its first complaint."""
         lines = self._log(path)
         errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
         if errors:
@@ -185,7 +187,7 @@ class _Reading:
         """Elements asked for by their tags: the library overruns its arrays if it is asked for mixed families."""
         found: defaultdict[tuple[int, int, int], list[tuple[int, Ints]]] = defaultdict(list)
         for tag in range(1, int(self.gmsh.model.mesh.getMaxElementTag()) + 1):
-            with suppress(Exception):  # there is no element of this tag
+            with suppress(Exception):  # this tag has no element
                 kind, nodes, d, entity = self.gmsh.model.mesh.getElement(tag)
                 found[d, entity, int(kind)].append((tag, np.asarray(nodes, np.int64)))
         for (d, entity, kind), elements in found.items():
@@ -206,9 +208,9 @@ class _Reading:
             self.sides.setdefault(name, []).append(table[:, :corners])
 
     def _distinct_groups(self, tags: Ints) -> list[list[Any]]:
-        """Number of the kind, regions, tags and nodes of the elements in the same regions, each of which counts once.
+        """Number of the kind, regions, tags and nodes of the elements in the same regions; each element counts once.
 
-        Versions 1 and 2 list an element again, with another number, for each physical group that it is in.
+        Versions 1 and 2 repeat an element, with another number, for each physical group that contains it.
         """
         groups: list[list[Any]] = []
         for number, kind in enumerate(self.kinds):
@@ -255,7 +257,7 @@ class _Reading:
         return [name or f"physical{number}" for name, number in named]
 
     def _rows(self, tags: Ints, nodes: Ints) -> Ints:
-        """Rows of the places of nodes given by tag; ``tags`` are those of all, sorted."""
+        """Rows of the positions of nodes given by tag; ``tags`` holds all tags, sorted."""
         rows = np.minimum(np.searchsorted(tags, nodes), len(tags) - 1)
         if not np.array_equal(tags[rows], nodes):
             missing = np.setdiff1d(nodes, tags)[0]
@@ -263,7 +265,7 @@ class _Reading:
         return rows
 
     def _kind(self, number: int) -> dict[str, Any]:
-        """A type of elements with its functions, taken from the library at as many points as tell them."""
+        """A type of elements with its functions, sampled from the library at enough points to determine them."""
         name, dimension, order, count, local, corners = self.gmsh.model.mesh.getElementProperties(number)
         shape = _SHAPES.get(name.split()[0])
         nodes = np.asarray(local, np.float64).reshape(count, -1)[:, :dimension]
@@ -291,14 +293,14 @@ class _Reading:
 
 def _alike(is_in: Bools, regions: Sequence[tuple[str, ...]]) -> Iterator[tuple[list[str], Ints]]:
     """Names of the regions, and the elements in exactly these, of elements that are (n, regions) in some of them."""
-    patterns, which = np.unique(~is_in, axis=0, return_inverse=True)  # those of the first regions come first
+    patterns, which = np.unique(~is_in, axis=0, return_inverse=True)  # the first regions come first
     for number, pattern in enumerate(patterns):
         names = [name for own, is_out in zip(regions, pattern, strict=True) if not is_out for name in own]
         yield list(dict.fromkeys(names)), np.flatnonzero(which.reshape(-1) == number)
 
 
 def _name(ask: Callable[[int, int], str], dimension: int, number: int) -> str:
-    """A name that the library keeps; none where it is no UTF-8, which the library doesn't tell."""
+    """A name stored by the library; empty if it is not UTF-8, which the library doesn't check."""
     try:
         return ask(dimension, number)
     except UnicodeDecodeError:

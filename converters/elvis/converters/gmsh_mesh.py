@@ -47,7 +47,7 @@ class Kind:
 
     @classmethod
     def from_message(cls, plain: Mapping[str, Any]) -> Kind:
-        """One that another process has told: all of its own by name, the functions by what makes them."""
+        """A kind from another process's message: all fields by name, the functions by their data."""
         shape, nodes, corners = Shape[plain["shape"]], plain["nodes"], plain["corners"]
         functions = Functions(shape, plain["degree"], nodes[corners], plain["coefficients"])
         return cls(plain["name"], shape, nodes, corners, functions)
@@ -69,10 +69,10 @@ class Group:
 
 @dataclass(eq=False)
 class Mesh:
-    """What a file's mesh holds; ``sides`` are numbers of nodes at the corners of elements one dimension lower.
+    """The content of a file's mesh; ``sides`` holds numbers of nodes at the corners of elements one dimension lower.
 
-    declared  number of the elements of the highest dimension that the file lists, each once; None if it isn't known
-    partitions, partition_count   of which the elements are, and how many the mesh has
+    declared  number of distinct elements of the highest dimension that the file lists; None if unknown
+    partitions, partition_count   partitions of the elements, and number of partitions of the mesh
     """
 
     tags: Ints
@@ -87,7 +87,7 @@ class Mesh:
 
     @property
     def omission(self) -> str:
-        """A sentence if there are elements of some of the partitions alone."""
+        """A message if only some of the partitions have elements."""
         if not 0 < len(self.partitions) < self.partition_count:
             return ""
         return (
@@ -96,7 +96,7 @@ class Mesh:
 
 
 class Functions(ShapeFunctions):
-    """Functions that are combinations of those of a complete space.
+    """Functions that are combinations of functions of a complete space.
 
     frame         (n_vertices, d) the library's reference coordinates of our vertices
     coefficients  (modes, functions)
@@ -119,7 +119,7 @@ class Functions(ShapeFunctions):
     def fit(
         cls, shape: Shape, frame: Floats, evaluate: Callable[[Floats], Floats], orders: range = range(HIGHEST + 1)
     ) -> Functions | None:
-        """Of functions given by their values at points (n, 3); None where they are in no space of these orders."""
+        """Fit functions given by their values at points (n, 3); None if they are in no space of these orders."""
         for order in orders:
             eta = tensor_nodes(_BOXES[shape.dimension], tuple(gauss(order + 2)[0].tolist()))
             own = uncollapse(shape, eta)
@@ -127,7 +127,7 @@ class Functions(ShapeFunctions):
             points[:, : shape.dimension] = affine_image(own, shape.vertices, frame)
             with np.errstate(over="ignore", invalid="ignore"):
                 table, wanted = space_values(shape, order, own, PyramidSpace.RATIONAL), evaluate(points)
-            if not np.isfinite(wanted).all():  # of which least squares may never end
+            if not np.isfinite(wanted).all():  # least squares might not terminate for these
                 return None
             coefficients = np.asarray(np.linalg.lstsq(table, wanted, rcond=None)[0], np.float64)
             if np.abs(table @ coefficients - wanted).max() <= _ROUNDING * np.abs(wanted).max():

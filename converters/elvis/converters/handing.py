@@ -38,15 +38,15 @@ def to_pyvista(
 ) -> Any:
     """A pyvista.UnstructuredGrid of the dataset.
 
-    quantities  what its points carry: as `sample` takes them; None for all fields
+    quantities  values at its points, as in `sample`; None for all fields
     refinement  every element is cut into linear cells, 2^refinement along an edge; None: every element becomes one
                 Lagrange cell of its own order, which PyVista draws by linear pieces
-    max_error   the largest error that may be made, as a share of a quantity's range
+    max_error   the largest permitted error, as a share of a quantity's range
 
-    Cell data ``element`` are the ids of elements; points belong to one element each, so jumps stay.  Field data
-    ``error of NAME`` are the largest difference to the exact values, measured between the points, and its share of the
-    range; ``error of coordinates`` is that of the cells' shape.
-    ElvisError where an error is larger than allowed, for Lagrange cells along Fourier directions, and without PyVista.
+    Cell data ``element`` are the ids of elements; each point belongs to one element, so jumps are preserved.  Field
+    data ``error of NAME`` are the largest difference from the exact values, measured between the points, and its share
+    of the range; ``error of coordinates`` measures the cells' shape.  Raises ElvisError if an error is larger than
+    allowed, for Lagrange cells along Fourier directions, and without PyVista.
     """
     pyvista = require_module("pyvista", "to_pyvista", "notebook")
     losses: Sequence[Loss]
@@ -99,7 +99,7 @@ def _elements(linear: LinearCells) -> list[Ints]:
 
 
 def _in_order(shape: Shape, rows: Ints) -> Ints:
-    """Cells (m, v) with their corners in the order of VTK: that of unit elements."""
+    """Cells (m, v) with their corners in VTK's order, which unit elements also use."""
     return np.asarray(rows[:, np.argsort(UNIT[shape].corners)])
 
 

@@ -1,6 +1,6 @@
-"""What converters of HDF5 files share: opening, sniffing, and reading with errors that name what is missing.
+"""Common functions of converters of HDF5 files: opening, sniffing, and reading with errors that name missing data.
 
-Nothing is read that the file does not hold itself, and no memory taken that it cannot fill.
+Only data stored in the file itself are read, and no memory is allocated that it cannot fill.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def ints(file: h5py.File, name: str, *shape: int | None) -> Ints:
 
 
 def floats(file: h5py.File, name: str, *shape: int | None) -> Floats:
-    """Numbers of a dataset, likewise."""
+    """Floating-point numbers of a dataset, checked like `ints`."""
     return np.asarray(_numbers(file, name, "iuf", shape), np.float64)
 
 

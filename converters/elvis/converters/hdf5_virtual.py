@@ -1,10 +1,10 @@
 """Virtual datasets of HDF5, whose rows lie in other files of the same folder.
 
-Neko keeps the values of each step in a file of its own, VTK those of each part.  The library opens such files by
-itself, even to tell a length, and waits forever where one is a pipe.  So the table of sources is read here, each file
-is checked before it is opened, and rows that no file holds are an error and no fill values.
+Neko stores the values of each step in a file of its own, and VTK the values of each part.  The library opens such files
+on its own, even to determine a length, and waits forever if one is a pipe.  The table of sources is therefore read
+here, each file is checked before it is opened, and rows without a file are an error instead of fill values.
 
-Layout: HDF5 Reference Manual, H5Pset_virtual.  In a name with ``%b`` the number of a block stands there.
+Layout: HDF5 Reference Manual, H5Pset_virtual.  ``%b`` in a name represents the number of a block.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def source_files(file: h5py.Group) -> list[Path]:
 
 @dataclass(frozen=True)
 class _Source:
-    """Rows ``first`` to ``first + count`` are those of a dataset ``name`` in a file from its row ``start`` on."""
+    """Source of rows ``first`` to ``first + count``: a dataset ``name`` in a file from its row ``start`` on."""
 
     first: int
     count: int
@@ -63,9 +63,9 @@ class _Source:
 
 
 class VirtualDataset:
-    """A dataset in whole rows of other files, read like one of h5py's by slices of rows.
+    """A dataset in whole rows of other files, with h5py's interface for slices of rows.
 
-    Raises FormatError for sources outside the file's folder, and for those that hold parts of rows.
+    Raises FormatError for sources outside the file's folder, and for sources that hold parts of rows.
     """
 
     def __init__(self, found: h5py.Dataset) -> None:

@@ -138,7 +138,7 @@ class _Lines:
 
 
 def _transfinite(line: Floats, curves: Floats) -> Floats:
-    """(m^2, 2) the nodes of an element: what is ruled between opposite edges, less what is bilinear between corners.
+    """(m^2, 2) the nodes of an element: ruled between opposite edges, minus the bilinear part between corners.
 
     Kopriva, Implementing Spectral Methods for Partial Differential Equations, 2009, algorithm 98.
     """

@@ -82,7 +82,7 @@ class Hopr(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """That of the state."""
+        """The time of the state."""
         _, state = _roles(paths)
         if state is None:
             return ()
@@ -287,7 +287,7 @@ class SubCells(NodalValues):
 
 
 def _periodic_conditions(file: h5py.File, count: int) -> Ints:
-    """Numbers of the boundary conditions that are periodic: those of type 1, all where the file tells no types."""
+    """Numbers of the periodic boundary conditions: the conditions of type 1, or all if the file has no types."""
     numbers = np.arange(1, count + 1)
     if "BCType" not in file:
         return numbers
@@ -312,12 +312,12 @@ def _declared(file: h5py.File) -> Declared:
 
 
 def _small_sides(neighbours: Ints) -> Ints:
-    """How many small sides follow sides, by the numbers of their neighbours: those of mortars are -1, -2 or -3."""
+    """Number of small sides after each side, from its neighbour's number, which is -1, -2 or -3 for mortars."""
     return np.where(neighbours == -1, 4, np.where((neighbours == -2) | (neighbours == -3), 2, 0))
 
 
 def _widths(file: h5py.File, count: int) -> Floats:
-    """(count,) widths of sub-cells in the reference element: those of the file, else all the same."""
+    """(count,) widths of sub-cells in the reference element: from the file, or else equal."""
     if "FV_w" not in file.attrs:
         return np.full(count, 2 / count)
     widths = np.asarray(attributes(file, "FV_w"), np.float64)
@@ -328,7 +328,7 @@ def _widths(file: h5py.File, count: int) -> Floats:
 
 
 def _other_kind(path: Path) -> str:
-    """What an HDF5 file of FLEXI's tools holds that is neither mesh nor state, and what to do; empty for others."""
+    """A description of an HDF5 file of FLEXI's tools that is neither mesh nor state, with advice; empty for others."""
     import h5py
 
     if not path.is_file() or not h5py.is_hdf5(path):

@@ -102,7 +102,7 @@ class Horses(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """That of the solution."""
+        """The time of the solution."""
         return [header.time for path in paths if _kind(path) == "solution" and (header := header_of(path)) is not None]
 
     def __init__(self, paths: Sequence[Path], equations: str = "auto") -> None:
@@ -154,7 +154,7 @@ class Horses(NodalConverter):
         return 2 if is_level and self._shape is Shape.QUADRILATERAL else 3
 
     def _basis(self, head: Header, counts: Ints) -> TensorBasis:
-        """The functions of nodes of one family, of which there are ``counts`` in each direction."""
+        """The functions of nodes of one family, with ``counts`` in each direction."""
         return TensorBasis(self._shape, [_NODES[head.nodes](int(counts[axis]))[0] for axis in self._axes])
 
     def _add_variables(self, head: Header, layout: Layout, values: list[Record], equations: str) -> None:

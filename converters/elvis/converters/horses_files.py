@@ -47,7 +47,7 @@ _RECORD = struct.Struct("<5i")
 
 
 class Header(NamedTuple):
-    """What a file says of itself; ``nodes`` are 1 for Gauss and 2 for Gauss-Lobatto."""
+    """The header data of a file; ``nodes`` are 1 for Gauss and 2 for Gauss-Lobatto."""
 
     kind: int
     nodes: int
@@ -83,7 +83,7 @@ class Layout(NamedTuple):
 
 
 def header_of(path: Path) -> Header | None:
-    """The header of a file; None if it is none of HORSES3D's, told by its beginning."""
+    """The header of a file; None if the beginning shows that it is not from HORSES3D."""
     head = leading(path, _DATA)
     if len(head) < _DATA:
         return None
@@ -105,7 +105,7 @@ def read_records(path: Path, header: Header) -> tuple[Layout, list[Record]]:
 
 
 def _layouts(data: bytes, header: Header) -> Iterator[Layout]:
-    """The layouts that a file may have; the numbers of some arrays are told by its size alone."""
+    """The layouts that a file may have; only its size determines the numbers of some arrays."""
     if len(data) < _DATA + _RECORD.size:
         return
     first = _RECORD.unpack_from(data, _DATA)[1]
@@ -114,7 +114,7 @@ def _layouts(data: bytes, header: Header) -> Iterator[Layout]:
         for variables in range(1, _MOST_VARIABLES + 1):
             yield Layout((first, *(variables,) * (1 + gradients)))
     else:
-        # viscosities, all and that of eddies, and sources may follow
+        # viscosities (total and eddy) and sources may follow
         for after in ((), (1, 1), (first,), (1, 1, first)):
             yield Layout((first,) * (1 + gradients), after, header.kind in WITH_SENSOR)
 
@@ -192,7 +192,7 @@ class _Rows:
         return int(line)
 
     def integers(self, count: int) -> list[int]:
-        """The numbers of the next lines, of which there are so many."""
+        """The next ``count`` numbers, possibly from several lines."""
         words: list[str] = []
         while len(words) < count:
             words += self.line(f"{count} numbers").split()

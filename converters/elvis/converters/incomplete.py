@@ -1,10 +1,10 @@
 """Elements with fewer nodes than a complete space of their order has functions.
 
-Serendipity elements have nodes on their edges alone, or on edges and faces.  The spaces are hierarchical: they contain
+Serendipity elements have nodes only on their edges, or on edges and faces.  The spaces are hierarchical: they contain
 the functions of vertices, edges and, where these have nodes, faces, and no function that vanishes on all of these.
 Szabo and Babuska, Finite Element Analysis, 1991, chapters 6 and 13.  On quadrilaterals that is the space of CPEX 0045,
-table 1.  Where no standard says what a face or an element does between its nodes, its functions depend on the face
-alone, whichever elements share it.
+table 1.  If no standard defines the functions between the nodes of a face or an element, they depend only on the face,
+independent of the elements that share it.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _prism(order: int, has_faces: bool, points: Floats) -> list[Floats]:
 
 
 def incomplete_space(shape: Shape, order: int, has_faces: bool, points: Floats) -> Floats:
-    """(n, m) functions at reference points (n, d); not those of pyramids, which have no simple basis."""
+    """(n, m) functions at reference points (n, d); except for pyramids, which have no simple basis."""
     if shape is Shape.PRISM:
         columns = _prism(order, has_faces, points)
     elif shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
@@ -86,12 +86,12 @@ def incomplete_space(shape: Shape, order: int, has_faces: bool, points: Floats) 
 
 
 def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
-    """(n, m) quadratic functions, and those of third degree that are 1 in the middle of triangles.
+    """(n, m) quadratic functions, and functions of third degree that are 1 at the centre of triangles.
 
-    For triangles of 7 nodes and tetrahedra of 14; those of 15 have the function of fourth degree that is 0 on all
-    faces, too (``is_whole``).  Prisms of 21 nodes have the functions of these triangles times quadratic ones.  Prisms
-    of 20 lack the one that is 1 in the middle (``is_whole`` is False).  On pyramids of 18 nodes those of the triangles
-    are libMesh's.
+    For triangles of 7 nodes and tetrahedra of 14; tetrahedra of 15 also have the function of fourth degree that is 0 on
+    all faces (``is_whole``).  Prisms of 21 nodes have the functions of these triangles times quadratic ones.  Prisms of
+    20 lack the function that is 1 at the centre (``is_whole`` is False).  Pyramids of 18 nodes use libMesh's functions
+    for the triangles.
     """
     if shape is Shape.PYRAMID:
         return np.column_stack([space_values(shape, 2, points, PyramidSpace.RATIONAL), *_pyramid_bubbles(points)])
@@ -110,8 +110,8 @@ def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
 def _pyramid_bubbles(points: Floats) -> list[Floats]:
     """Functions of third degree on one triangle of a pyramid each, 0 on all other faces.
 
-    With collapsed coordinates x, y, the height z from 0 to 1 and c = 1 - z: c² z (1 - x²) (1 ± y)², and with x and y
-    exchanged.  libMesh/libmesh, fe_lagrange_shape_3D.C, PYRAMID18.
+    With collapsed coordinates x, y, the height z from 0 to 1 and c = 1 - z, they are c² z (1 - x²) (1 ± y)², and the
+    same with x and y exchanged.  Source: libMesh/libmesh, fe_lagrange_shape_3D.C, PYRAMID18.
     """
     x, y, height = collapse(Shape.PYRAMID, points).T
     z = (1 + height) / 2
@@ -119,15 +119,15 @@ def _pyramid_bubbles(points: Floats) -> list[Floats]:
     return [scale * (1 - p**2) * (1 + sign * q) ** 2 for p, q in ((x, y), (y, x)) for sign in (-1, 1)]
 
 
-#: what `CentredPyramid` adds to the functions of a pyramid of 18 nodes for corners of the base, its apex, edges of the
-#: base, the other edges, the base and the triangles: factors of c² z (1 - x²)(1 - y²) and of c z (1 - x²)(1 - y²), both
-#: scaled to be 1 at the node inside.  Those of VTK/Common/DataModel/vtkTriQuadraticPyramid.cxx.
+#: Coefficients that `CentredPyramid` adds to the functions of a pyramid of 18 nodes: for corners of the base, its apex,
+#: edges of the base, the other edges, the base and the triangles.  They are factors of c² z (1 - x²)(1 - y²) and of c z
+#: (1 - x²)(1 - y²), both scaled to be 1 at the node inside.  Source: VTK/Common/DataModel/vtkTriQuadraticPyramid.cxx.
 _TO_CENTRE = np.repeat(
     [[-27 / 512, 3 / 64], [-27 / 256, 1 / 8], [27 / 256, 0], [27 / 128, -3 / 16], [0, -9 / 16], [-243 / 1024, 0]],
     [4, 1, 4, 4, 1, 4],
     axis=0,
 )
-#: height of the node inside such a pyramid: that of the centroid
+#: height of the node inside such a pyramid, at the centroid
 _CENTRE = 0.25
 
 
@@ -159,7 +159,7 @@ class CentredPyramid(ShapeFunctions):
         self._surface = NodalFunctions(3, lambda points: bubble_space(Shape.PYRAMID, True, points), nodes)
 
     def tabulate(self, points: Floats) -> Floats:
-        """The functions, which are not all of the rational space: those of the centroid are of the tensor one."""
+        """The functions, some outside the rational space: the functions of the centroid are in the tensor space."""
         x, y, height = collapse(Shape.PYRAMID, points).T
         z = (1 + height) / 2
         scaled = (1 - x**2) * (1 - y**2) * z * (1 - z) / (_CENTRE * (1 - _CENTRE))
@@ -170,7 +170,7 @@ class CentredPyramid(ShapeFunctions):
 class ExtendedFunctions(ShapeFunctions):
     """Functions of a complete space whose values at missing nodes follow from the others.
 
-    extension  (complete, given) the values at all nodes of those that are there
+    extension  (complete, given) the values at all nodes from the values at the given ones
     """
 
     def __init__(self, basis: NodalBasis, extension: Floats) -> None:
@@ -182,18 +182,19 @@ class ExtendedFunctions(ShapeFunctions):
 
 
 def incomplete_functions(shape: Shape, order: int, has_faces: bool, nodes: Floats) -> ShapeFunctions:
-    """The functions of a serendipity element that is no pyramid."""
+    """The functions of a serendipity element other than a pyramid."""
     return NodalFunctions(order, lambda points: incomplete_space(shape, order, has_faces, points), nodes)
 
 
 def incomplete_pyramid(
     order: int, given: Floats, complete: Floats, faces: Sequence[tuple[Floats, Floats, Floats]]
 ) -> ShapeFunctions:
-    """The functions of a serendipity pyramid: faces have those of their own shapes, and the inside follows from them.
+    """The functions of a serendipity pyramid: faces use their own shapes' functions, and the inside follows from them.
 
-    given, complete  (n, 3) the nodes that it has, and all that the space of its order has
-    faces            of each face the given nodes (k, 3), the missing ones, and the functions of the first at the second
-    Inside, values are those of the functions of order 2 that fit the surface best, for no other vanishes on all of it.
+    given, complete  (n, 3) its nodes, and all nodes of the space of its order
+    faces            for each face the given nodes (k, 3), the missing ones, and the functions of the first at the
+                     second
+    Values inside come from the functions of order 2 that fit the surface best, since no other vanishes on all of it.
     """
     extension = np.zeros((len(complete), len(given)))
     row = {_key(node): i for i, node in enumerate(complete)}

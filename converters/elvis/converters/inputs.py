@@ -1,4 +1,4 @@
-"""What converters share about the files that they are given: how many, which is which, which step, which rows."""
+"""Common checks of converters' input: number of files, their roles, steps, rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEP = Option("step", "Step of a series in one file or of its index, counted fro
 
 
 def step_number(step: str | None, may_be_negative: bool = True) -> int:
-    """The step that `STEP` names, -1 for the last; ElvisError where it is no number."""
+    """The step that `STEP` names, -1 for the last; raises ElvisError if it is not a number."""
     if step is None:
         return -1
     digits = step.lstrip("-") if may_be_negative else step
@@ -28,7 +28,7 @@ def step_number(step: str | None, may_be_negative: bool = True) -> int:
 
 
 def is_count(word: str | bytes) -> bool:
-    """Whether a word is a whole number from 0 up that an array of numbers holds."""
+    """Whether a word is an integer from 0 up that fits an array of numbers."""
     return word.isdigit() and len(word) <= _DIGITS
 
 
@@ -61,9 +61,9 @@ def check_roles(meshes: int, others: int, what: str = "solution") -> None:
 def check_rows(
     rows: Ints, count: int, what: str, first: int = 0, file: str | Path | None = None, place: str | None = None
 ) -> None:
-    """FormatError unless all of ``rows``, which count from 0, are those of a table of ``count``.
+    """Raise FormatError unless all of ``rows``, which count from 0, are rows of a table of ``count``.
 
-    what   the table holds
+    what   noun for the content of the table
     first  of its numbers in the file
     """
     if rows.size and not 0 <= rows.min() <= rows.max() < count:

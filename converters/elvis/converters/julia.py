@@ -1,8 +1,8 @@
 """The arithmetic of Julia's functions of coordinates, as files of Trixi.jl hold them: read, never executed.
 
-A text defines functions by ``name(x, y) = ...`` or ``function name(x, y) ... end`` and assigns values to names.  What
-makes no formula (loops, conditions on coordinates, other calls) raises FormatError.  Values are arrays, a point each.
-Source of the precedences: Julia's manual, "Mathematical Operations and Elementary Functions".
+A text defines functions by ``name(x, y) = ...`` or ``function name(x, y) ... end`` and assigns values to names.  Code
+other than formulas (loops, conditions on coordinates, other calls) raises FormatError.  Values are arrays with one
+entry per point.  Source of the precedences: Julia's manual, "Mathematical Operations and Elementary Functions".
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _TOKEN = re.compile(
     re.S,
 )
 
-#: how strongly operators bind; those of equal strength are taken from the left, powers from the right
+#: precedence of operators; equal ones are evaluated from the left, powers from the right
 _BINDING = {"?": 1, "<": 3, ">": 3, "<=": 3, ">=": 3, "==": 3, "!=": 3, "+": 5, "-": 5, "*": 7, "/": 7, "÷": 7, "%": 7}
 _BINDING |= {"//": 8, "^": 11}
 #: signs, and factors that are written next to each other, as in ``2x``
@@ -93,7 +93,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 _CONSTANTS = {"pi": np.pi, "π": np.pi, "ℯ": np.e}
 
-#: words that begin what is no formula, and words before an assignment that change nothing here
+#: words that begin code other than formulas, and words before an assignment that have no effect here
 _NO_FORMULAS = ("if", "for", "while", "let", "begin", "do", "try", "quote", "struct", "using", "import", "module")
 _PASSED_OVER = ("const", "local", "global")
 
@@ -136,9 +136,9 @@ class Function:
 
 
 def definitions(code: str, known: Mapping[str, Value]) -> Scope:
-    """What a text defines, by name; FormatError where it isn't made of formulas.
+    """The names that a text defines; raises FormatError if it contains more than formulas.
 
-    known  further functions that it may call
+    known  additional functions that it may call
     """
     if len(code) > _MOST_CHARACTERS:
         raise FormatError(f"expected a text of at most {_MOST_CHARACTERS} characters, found {len(code)}")
@@ -166,7 +166,7 @@ def evaluated(function: Value, points: Sequence[Any]) -> list[Any]:
 
 @contextmanager
 def _formulas() -> Iterator[None]:
-    """What evaluates formulas of a file; FormatError for those that make no sense."""
+    """Context for evaluating formulas of a file; raises FormatError for invalid ones."""
     try:
         with np.errstate(all="ignore"):
             yield
@@ -176,7 +176,7 @@ def _formulas() -> Iterator[None]:
         raise FormatError("expected formulas of numbers and of functions with their arguments, found others") from None
 
 
-#: a name with what it gets, or an empty name for a value that is returned
+#: a name and its value, or an empty name for a returned value
 _Statement: TypeAlias = tuple[Sequence[str], Expression]
 
 
@@ -391,7 +391,7 @@ class _Reader:
         return self._tail(_variable(word))
 
     def _bracket(self) -> Expression:
-        """What stands in brackets: a value, a tuple, or the arguments of a function without a name."""
+        """The content of brackets: a value, a tuple, or the arguments of a function without a name."""
         start = self.place - 1
         parts = self._list(")")
         if self.word == "->":

@@ -1,7 +1,7 @@
-"""Linear cells in place of elements, for programs that know no others, with the error that they make.
+"""Linear cells instead of elements, for programs that support no others, with their error.
 
-Every element is cut uniformly; corners of cells have the exact places and values, and belong to one element, so that
-jumps stay.  What cells interpolate between is compared with the data inside of every cell.
+Every element is cut uniformly; corners of cells have the exact positions and values, and belong to one element, so
+jumps are preserved.  The interpolation within cells is compared with the data inside every cell.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ _CHECKS = 3
 _AT_ONCE = 1 << 18
 #: cells along a Fourier direction, at least, before they are cut
 _FEWEST = 4
-#: shape -> that of its cells along one more coordinate; for each vertex of these its own one, and whether it lies above
+#: for each shape, the shape of its cells along one more coordinate; for each of their vertices, its original vertex,
+#: and whether it lies above
 _EXTRUDED = {
     Shape.SEGMENT: (Shape.QUADRILATERAL, (0, 1, 1, 0), (0, 0, 1, 1)),
     Shape.TRIANGLE: (Shape.PRISM, (0, 1, 1, 0, 2, 2), (1, 1, 0, 0, 1, 0)),
@@ -58,7 +59,7 @@ class LinearCells:
 
 @dataclass(eq=False)
 class _Parts:
-    """What becomes of patches, one after another."""
+    """The results for patches, one after another."""
 
     count: int = 0
     points: list[Floats] = field(default_factory=list)
@@ -68,11 +69,11 @@ class _Parts:
 
 
 def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refinement: int) -> LinearCells:
-    """The dataset as linear cells, every element cut so often that it has 2^refinement cells along an edge.
+    """The dataset as linear cells, with every element cut into 2^refinement cells along an edge.
 
-    quantities  as `sample` takes them
-    Along a Fourier direction a period has as many cells as planes, or _FEWEST, each of them cut so, too.
-    ElvisError for what names no quantity.
+    quantities  as in `sample`
+    A period along a Fourier direction has as many cells as planes, or _FEWEST, each cut in the same way.  Raises
+    ElvisError for unknown quantities.
     """
     if not 0 <= refinement <= HIGHEST:
         raise ElvisError(f"expected a refinement from 0 to {HIGHEST}, found {refinement}")

@@ -36,15 +36,15 @@ def from_ngsolve(
     """The dataset of NGSolve's functions: ``from_ngsolve(gfu)``, or ``from_ngsolve(mesh, u=gfu, p=gfp)``.
 
     mesh    an ngsolve.Mesh, or a grid function, which knows its mesh and its name
-    fields  grid functions by name, as the keywords are, or coefficient functions, for which ``order`` must be given;
-            a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``, one on several
-            spaces ``u_1`` and ``u_2``
-    order   polynomial degree of all fields; where it is not given, that of the spaces, or a higher one for functions
-            that are no polynomials in the reference element, such as those of H(div) on curved elements
+    fields  grid functions by name, like the keywords, or coefficient functions, for which ``order`` must be given; a
+            vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``, one on several spaces
+            ``u_1`` and ``u_2``
+    order   polynomial degree of all fields; by default the degree of the spaces, or a higher one for functions that are
+            not polynomials in the reference element, such as H(div) functions on curved elements
     time    of the data
 
-    The library evaluates all functions.  Remarks of the dataset tell the error, measured at points that no fit has
-    used.  ElvisError where there is another thing.
+    The library evaluates all functions.  Remarks of the dataset give the error, measured at points outside the fit.
+    Raises ElvisError for invalid arguments.
     """
     if _is_ngsolve_function(mesh):
         mesh, fields = mesh.space.mesh, _with_first(mesh.name, mesh, fields)
@@ -65,12 +65,11 @@ def from_mfem(mesh: Any, fields: Any = None, *, time: float | None = None, **nam
     """The dataset of MFEM's functions: ``from_mfem(x)``, or ``from_mfem(mesh, u=x, p=y)``.
 
     mesh    an mfem Mesh, or a grid function, which knows its mesh and is called u here
-    fields  grid functions by name, as the keywords are; a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
+    fields  grid functions by name, like the keywords; a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
     time    of the data
 
-    The library writes them with all their digits to a scratch folder, and evaluates them in a process of its own;
-    remarks of the dataset tell the measured error.  ElvisError where there is another thing, or a function of another
-    mesh.
+    The library writes them with all their digits to a scratch folder, and evaluates them in a separate process; remarks
+    of the dataset give the measured error.  Raises ElvisError for invalid arguments, or a function of another mesh.
     """
     if _is_mfem_function(mesh):
         mesh, fields = mesh.FESpace().GetMesh(), _with_first(FUNCTION, mesh, fields)
@@ -113,12 +112,12 @@ def _is_mfem_function(item: Any) -> bool:
 
 
 def _with_first(name: str, function: Any, fields: Any) -> dict[str, Any]:
-    """The function that stands in place of the mesh, and the others; ElvisError where these are not given by names."""
+    """The function that was passed as the mesh, and the others; raises ElvisError if these have no names."""
     return {name: function, **fields_by_name(fields, {})}
 
 
 def _text(item: Any) -> str:
-    """What the library saves of a mesh or a function."""
+    """The text that the library saves for a mesh or a function."""
     with TemporaryDirectory(prefix="elvis-") as folder:
         path = Path(folder, "item")
         item.Save(str(path), _DIGITS)
@@ -126,6 +125,6 @@ def _text(item: Any) -> str:
 
 
 def _check(item: Any, method: str, expected: str) -> None:
-    """ElvisError for what is of another kind, told by a method that it lacks."""
+    """Raise ElvisError for an object of another kind, which lacks a method."""
     if not hasattr(item, method) or isinstance(item, (type, np.ndarray)):
         raise ElvisError(f"expected {expected}, found {type(item).__name__} {short_text(item)}")

@@ -1,7 +1,7 @@
-"""MFEM meshes and grid functions, read and evaluated by the library itself, in a process of its own.
+"""MFEM meshes and grid functions, read and evaluated by the library itself, in a separate process.
 
-Of spaces with one value a degree of freedom (H1, L2, of any basis) the functions are evaluated once a shape and order;
-everything else (NURBS, H(div), H(curl), integral L2) is asked of the library element by element.
+In spaces with one value per degree of freedom (H1, L2, with any basis), the functions are evaluated once per shape and
+order; everything else (NURBS, H(div), H(curl), integral L2) is evaluated by the library element by element.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Mfem(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """That which the index of a collection tells."""
+        """The time in the index of a collection."""
         time = read_root(paths[0])[0] if is_root(paths[0]) else None
         return [] if time is None else [time]
 
@@ -150,7 +150,10 @@ class _RemoteMesh:
         self._library, self._number, self._path = library, number, path
 
     def read(self, method: str, *given: Any, size: int, path: Path) -> dict[str, Any]:
-        """What the library reads from a file of this many bytes; FormatError, naming ``path``, where it doesn't."""
+        """The library's data from a file with this number of bytes.
+
+        Raises FormatError, naming ``path``, if it fails.
+        """
         try:
             found: dict[str, Any] = self._library.ask(method, *given, str(path), size=size)
         except LibraryError as failure:
@@ -162,7 +165,7 @@ class _RemoteMesh:
         return self.read("function", self._number, str(file), size=size, path=path)
 
     def values(self, method: str, elements: Ints, points: Floats, *given: Any, width: int) -> Floats:
-        """What the library finds at points in elements, ``width`` numbers for each element."""
+        """The library's values at points in elements, ``width`` numbers for each element."""
         size = 8 * width * len(elements)
         try:
             return np.asarray(self._library.ask(method, self._number, elements, points, *given, size=size))
@@ -181,9 +184,9 @@ def _refuse(failure: LibraryError, path: Path) -> FormatError:
 
 
 class _Part:
-    """One mesh with the functions on it: those of ``number`` in the library's process.
+    """One mesh with its functions, both under ``number`` in the library's process.
 
-    vertices    (n, d) places
+    vertices    (n, d) positions
     attributes  (m,) of the elements
     """
 
@@ -286,7 +289,7 @@ class _Part:
 def _sides_of(
     blocks: Sequence[Elements], hanging: Mapping[str, Any]
 ) -> tuple[list[tuple[int, Ints, Ints]], list[tuple[int, Ints, Ints]]]:
-    """Block, rows and local sides of those that meet parts of others, and of those that a periodic mesh identifies."""
+    """Block, rows and local sides that meet parts of other sides, and sides that a periodic mesh identifies."""
     mortars: list[tuple[int, Ints, Ints]] = []
     periodic: list[tuple[int, Ints, Ints]] = []
     elements, sides, is_apart = (np.asarray(hanging[name]) for name in ("elements", "sides", "is_apart"))
@@ -303,7 +306,7 @@ def _sides_of(
 
 
 def _numbered(places: Sequence[Floats]) -> list[Ints]:
-    """Numbers of the vertices of each part, places (n, d): those of several parts are one where they lie together."""
+    """Numbers of the vertices of each part, at places (n, d); coincident vertices of several parts are one."""
     if len(places) == 1:
         return [np.arange(len(places[0]))]
     stacked = np.concatenate([np.pad(own, ((0, 0), (0, 3 - own.shape[1]))) for own in places])
@@ -312,7 +315,7 @@ def _numbered(places: Sequence[Floats]) -> list[Ints]:
 
 
 def _join(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
-    """Faces on the border by name; those that two parts have are inside."""
+    """Faces on the border by name; faces of two parts are inside."""
     found: dict[str, dict[int, list[tuple[int, ...]]]] = {}
     faces = [face for part, numbers in zip(parts, vertices, strict=True) for face in set(part.borders(numbers))]
     held = [{tuple(sorted(face)) for _, face in part.borders(own)} for part, own in zip(parts, vertices, strict=True)]
@@ -331,13 +334,13 @@ class _Table:
         self.sizes = np.diff(self.offsets)
 
     def rows(self, elements: Ints) -> Ints:
-        """(n, k) those of elements that have k each."""
+        """(n, k) numbers of elements that have k each."""
         count = int(self.sizes[elements[0]]) if len(elements) else 0
         return np.asarray(self.numbers[self.offsets[elements][:, None] + np.arange(count)])
 
 
 class _Function:
-    """A function, ``which`` of those that the library has on a mesh, made of what that says of it."""
+    """A function, number ``which`` of the library's functions on a mesh, built from the library's description."""
 
     def __init__(self, asked: _RemoteMesh, which: int, plain: Mapping[str, Any]) -> None:
         self._asked, self._which = asked, which

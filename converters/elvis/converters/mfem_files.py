@@ -26,11 +26,11 @@ _DIMENSIONS = (0, 1, 2, 2, 3, 3, 3, 3)
 #: steps in which the library builds a space of order p, p⁹ in all, that it takes in a second at least; seconds at most
 _PER_SECOND, _LONGEST = 10**9, 3600
 
-#: numbers with as few digits as streams write where nothing else is asked for, and how many of them are looked at
+#: numbers with as few digits as streams write by default, and how many of them are examined
 _FEW_DIGITS, _LOOKED_AT = 9, 500
 
 
-#: how files of complex grid functions begin, and those of a process
+#: beginnings of files of complex grid functions, in serial and of a process
 COMPLEX = ("ComplexGridFunction", "ParComplexGridFunction")
 
 
@@ -178,7 +178,7 @@ def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Flo
 
 
 def header_end(path: Path, text: str) -> int:
-    """Where the last description of a space in a text ends; FormatError where there is none."""
+    """End of the last description of a space in a text; raises FormatError without one."""
     ends = r"Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0"
     if text.startswith("QuadratureSpace"):
         ends = r"VDim: *\d+"

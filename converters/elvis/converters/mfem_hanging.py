@@ -20,9 +20,9 @@ SIDES: dict[Shape, tuple[tuple[int, ...], ...]] = {
 }
 #: the library's numbers of geometries
 _GEOMETRIES = dict(enumerate((*SIDES,), 2))
-#: the library tells a local side and its orientation in one number
+#: the library encodes a local side and its orientation in one number
 _ORIENTATIONS = 64
-#: sides whose middles are as far from the side they meet, in parts of its size, are identified by a periodic mesh
+#: sides whose centres are this far from the side they meet, relative to its size, are identified by a periodic mesh
 _APART = 0.5
 
 
@@ -51,7 +51,7 @@ def _corners(mfem: Any, mesh: Any, element: int, side: int) -> Floats:
 
 
 def _is_apart(small: Floats, large: Floats) -> bool:
-    """Whether a side lies beside that of which it is a part."""
+    """Whether a side lies away from the side it is a part of."""
     low, high = large.min(axis=0), large.max(axis=0)
     middle = small.mean(axis=0)
     return bool(np.linalg.norm(middle - np.clip(middle, low, high)) > _APART * np.linalg.norm(high - low))

@@ -1,4 +1,4 @@
-"""What MFEM's library does with files, in a process of its own: meshes and functions as arrays, and their values."""
+"""Worker for MFEM's library in a separate process: meshes and functions as arrays, and their values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.converters.mfem_hanging import hanging_sides
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 
-#: the library's numbers: of functions that are vectors, of those that are divided by the Jacobian, of continuous spaces
+#: the library's codes: vector functions, functions divided by the Jacobian, continuous spaces
 _IS_VECTOR, _IS_INTEGRAL, _IS_CONTINUOUS = 1, 1, 0
 
 #: the library's number of pyramids; how near to the apex discontinuous functions still have one value
@@ -47,13 +47,13 @@ class Library:
         return own.description()
 
     def function(self, mesh: int, file: str, named: str) -> dict[str, Any]:
-        """A function of a mesh, of which 0 is the map; FormatError, naming ``named``, where it can't be read.
+        """A function of a mesh, where 0 is the map; raises FormatError, naming ``named``, if it can't be read.
 
         orders  (m,) on every element
         count   of components
         size    number of values
         is_nodal  whether each of its values belongs to a function of the space; then
-        table     are the functions of every element, and
+        table     the functions of every element, and
         data      (n, count) the values
         """
         own = self._meshes[mesh]
@@ -164,7 +164,7 @@ class _Function:
         self._is_by_node = dimension is not None or space.GetOrdering() == 0
 
     def description(self, corners: Ints) -> dict[str, Any]:
-        """See `Library.function`; ``corners`` (m,) of the elements tell their shapes."""
+        """See `Library.function`; ``corners`` (m,) of the elements determine their shapes."""
         found = {
             "is_nurbs": self.is_nurbs,
             "is_nodal": self.is_nodal,

@@ -1,7 +1,7 @@
-"""Which texts of MFEM belong together: a mesh with its functions, pieces of parallel ones, streams that hold both.
+"""Grouping of MFEM's texts: a mesh with its functions, pieces of parallel ones, streams that hold both.
 
-A stream is what GLVis saves and shows: a word, a mesh, a function.  Pieces are files whose names end in the number of a
-process; a mesh among them may end in the list of what it shares with others, which is left out.
+A stream is the format of GLVis for saving and showing data: a word, a mesh, a function.  Pieces are files whose names
+end in the number of a process; a mesh among them may end in a list of entities shared with others, which is removed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Source:
     is_whole: bool
 
     def file(self, folder: Path) -> Path:
-        """A file with this text alone; made in ``folder`` where there is none."""
+        """A file with only this text; created in ``folder`` if necessary."""
         if self.is_whole:
             return self.named
         path = folder / sha256(self.text.encode()).hexdigest()
@@ -67,7 +67,7 @@ def is_stream(path: Path) -> bool:
 
 
 def pieces(paths: Sequence[Path]) -> list[Piece]:
-    """What files hold; FormatError where they don't belong together, or hold what can't be represented."""
+    """The pieces in files; raises FormatError if they don't belong together, or can't be represented."""
     streams = [path for path in paths if is_stream(path)]
     if streams:
         return list(_read_streams(paths, streams))
@@ -134,7 +134,7 @@ def _processes(path: Path) -> int:
 
 
 def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
-    """One piece a process: those that are named and all next to them."""
+    """One piece per process: the named files, and all next to them."""
     whole = _siblings(meshes[0])
     for path in (*meshes, *functions):
         if not _NUMBERED.fullmatch(path.name):
@@ -153,7 +153,7 @@ def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
 
 
 def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
-    """What streams hold: one mesh, or the pieces of one; of several in a row the last."""
+    """The content of streams: one mesh, or the pieces of one; of several meshes in a row, the last."""
     if len(streams) != len(paths):
         other = next(path for path in paths if path not in streams)
         raise FormatError("expected streams alone, found another file next to them", file=other)

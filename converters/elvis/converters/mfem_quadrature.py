@@ -1,7 +1,7 @@
 """Functions of MFEM at quadrature points: values of each element at the points of a rule.
 
-Between its points such a function says nothing.  It becomes the polynomial of the lowest order that has its values, of
-several the one of least norm.  Layout: mfem/mfem, `QuadratureSpace::Save` and `QuadratureFunction`.
+The function is undefined between these points.  It becomes the polynomial of the lowest order that has its values; if
+there are several, the one with minimum norm.  Layout: mfem/mfem, `QuadratureSpace::Save` and `QuadratureFunction`.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ def _split_patches(
 
 
 def _region(composite: Composite, is_told_apart: bool) -> str:
-    """The name of a composite of the domain; none where it only tells that these are all elements of a shape."""
+    """The name of a composite of the domain; empty if it only states that these are all elements of a shape."""
     name = composite.name or composite.label or (f"composite {composite.id}" if is_told_apart else "")
     return "" if name in {shape.label.lower() for shape in Shape} else name
 

@@ -1,6 +1,6 @@
 """Fields of Nek5000 and NekRS: values at the Gauss-Lobatto points of curved quadrilaterals and hexahedra.
 
-A series often holds the points in its first file alone, and a step may be spread over several files.
+A series often holds the points only in its first file, and a step may be spread over several files.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Nek(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the files that an index names, nan of those that are missing; of field files that of the last."""
+        """The times of the files that an index names, nan for missing ones; for field files, the time of the last."""
         indices = [path for path in paths if _kind(path) == "index"]
         if indices:
             count = _index(indices[0])[2]
@@ -207,7 +207,7 @@ def _basis(step: Step) -> NodalBasis:
 
 
 def _kind(path: Path) -> str:
-    """``field``, ``mesh`` or ``index``, told by the first bytes; empty for any other file."""
+    """``field``, ``mesh`` or ``index``, judged by the first bytes; empty for any other file."""
     start = leading(path, 512)
     if start.startswith(MAGIC):
         return "field"
@@ -260,7 +260,7 @@ def _time_of(index: Path, step: int) -> float:
 
 
 def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The files that hold the points and those that hold the values, which may be the same."""
+    """The files that hold the points, and the files that hold the values, which may be the same."""
     if not paths:
         raise FormatError("expected at least one field file, found none")
     steps: dict[tuple[int, float], list[Path]] = {}
@@ -282,7 +282,7 @@ def _steps(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def _whole(paths: Sequence[Path]) -> list[Path]:
-    """All files of the step of which some are given; the others are sought next to them."""
+    """All files of a step, given some of them; the others are sought next to them."""
     head = read_header(paths[0])
     if len(paths) > head.pieces:
         raise FormatError(f"expected {head.pieces} files of a step, found {len(paths)}", file=paths[0])

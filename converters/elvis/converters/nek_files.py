@@ -19,7 +19,7 @@ from elvis.core.mesh import PERIODIC
 
 MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
 
-#: the number that tells the byte order
+#: the number that marks the byte order
 _TAG = 6.54321
 
 #: what a letter of the header stands for, in the order of the file; scalars S01, S02, ... follow
@@ -35,7 +35,10 @@ _MOST_POINTS = 64
 
 
 def other_file(path: Path) -> str:
-    """What a file of a run is that holds no field, and what to do; empty for fields, and for files of others."""
+    """A description of a file of a run without a field, with advice.
+
+    Empty for fields, and for other programs' files.
+    """
     start = leading(path, 512)
     advice = "give a field file (.f00001) too, which has the curved points"
     if start.startswith(MESH_MAGIC):
@@ -53,8 +56,8 @@ class Header:
     size      bytes of a number, 4 or 8
     points    along each of the three directions, the last is 1 in 2D
     count     elements in this file; ``total`` of them in all files of the step
-    piece, pieces  which of the files of the step this is, and how many there are
-    contents  letters of what is in it: X, U, P, T, then the number of scalars
+    piece, pieces  number of this file among the files of the step, and their total
+    contents  letters for its content: X, U, P, T, then the number of scalars
     """
 
     size: int
@@ -137,7 +140,7 @@ def _contents(words: Sequence[str]) -> tuple[str, int, bool]:
 
 
 def _check(head: Header, path: Path) -> None:
-    """FormatError where a header asks for what no solver writes."""
+    """Raise FormatError for a header that no solver writes."""
     first, second, third = head.points
     if head.size not in (4, 8):
         raise FormatError(f"expected numbers of 4 or 8 bytes, found {head.size}", file=path, place="header")
@@ -196,7 +199,7 @@ def _table(path: Path, data: bytes, start: int, order: str, width: int) -> tuple
 
 
 def _name(label: str, number: float) -> str:
-    """What sides with a code and a number of a mesh generator are called."""
+    """Names of sides with a code and a number of a mesh generator."""
     if label in _PERIODIC:
         return PERIODIC
     return f"{label}_{int(number)}" if number > 0 and label in _NUMBERED else label

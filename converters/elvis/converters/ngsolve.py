@@ -1,11 +1,11 @@
 """NGSolve's elements: objects of a session, its own files, or samples (.elems.npz) of `ngsolve_export`.
 
-Of objects and of its own files the library is asked for places and values.  Samples hold, for each shape S (tet,
-pyramid, prism, hex, trig, quad), S_elem (n,) numbers, S_verts (n, k) vertices as NGSolve has them, S_ref (m, d)
+The library evaluates positions and values of objects and of its own files.  Samples hold, for each shape S (tet,
+pyramid, prism, hex, trig, quad), S_elem (n,) numbers, S_verts (n, k) vertices in NGSolve's order, S_ref (m, d)
 reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), S_region (n,) names if there are any; order: the degree
 of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts, boundary_S_region,
-boundary_S_number (from 1), and how far polynomials through the samples are from the map (error) and from functions
-(error_NAME) may be there too.
+boundary_S_number (from 1), and the errors of polynomials through the samples for the map (error) and for functions
+(error_NAME) are optional.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class NGSolve(NodalConverter):
         return orders
 
     def _errors(self, names: dict[str, int]) -> dict[str, tuple[float, float]]:
-        """By how much samples miss the map, whose name is empty, and each component of a function."""
+        """Errors of samples of the map, whose name is empty, and of each component of a function."""
         labels = {"error": [""], **{f"error_{name}": component_names(name, count) for name, count in names.items()}}
         found: dict[str, tuple[float, float]] = {}
         for key, own in labels.items():
@@ -312,7 +312,7 @@ class NGSolve(NodalConverter):
         return [*numbered, *named]
 
     def _boundary_numbers(self, shape: str, count: int) -> Ints:
-        """(count,) the numbers of the boundaries of sides; all 0 if samples don't tell them."""
+        """(count,) the numbers of the boundaries of sides; all 0 if the samples don't contain them."""
         name = f"boundary_{shape}_number"
         found = np.asarray(self._data.get(name, np.zeros(count, np.int64)))
         if found.shape != (count,) or found.dtype.kind not in "iu":

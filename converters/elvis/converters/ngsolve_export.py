@@ -3,9 +3,9 @@
 from elvis.converters.ngsolve_export import export
 export("flow.elems.npz", mesh, {"u": velocity, "p": pressure})
 
-The functions of NGSolve depend on how elements are turned, so none of its coefficients are kept: `Session` asks the
-library for values at points of elements.  A file has samples at as many points as determine polynomials, and tells
-how far these are from the functions.
+The functions of NGSolve depend on the orientation of elements, so none of its coefficients are stored: `Session` asks
+the library for values at points of elements.  A file has samples at as many points as determine polynomials, and the
+errors of these.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ UNIT_VERTICES = {
 
 #: types of spaces of continuous fields, and of all fields that are polynomials in the reference element
 _CONTINUOUS = ("h1ho", "VectorH1", "nodalfespace")
-#: of functions that have values at quadrature points, and on those of surfaces alone
+#: types of functions with values at quadrature points, and at the quadrature points of surfaces only
 _AT_POINTS, _AT_SURFACE_POINTS = "irspace", "irspacesurface"
 _POLYNOMIAL = (*_CONTINUOUS, "l2ho", "VectorL2", "number", "Periodich1ho", _AT_POINTS)
 
@@ -85,13 +85,13 @@ class Sampled(NamedTuple):
 class Session:
     """A mesh of the library with functions on it, evaluated at reference points of elements.
 
-    fields  grid functions by name, coefficient functions, for which ``order`` must be given, or `Sampled`; of complex
-            ones the real part is called ``NAME_re``, the imaginary one ``NAME_im``, the parts of a function on several
-            spaces ``NAME_1``, ``NAME_2``
-    order   polynomial degree of all fields; that of each space where it is not given
+    fields  grid functions by name, coefficient functions, for which ``order`` must be given, or `Sampled`; the real
+            part of a complex one is called ``NAME_re``, the imaginary part ``NAME_im``, the parts of a function on
+            several spaces ``NAME_1``, ``NAME_2``
+    order   polynomial degree of all fields; by default the degree of each space
 
-    Elements are those of the volume, or of the surface of a mesh without a volume.
-    ElvisError where there are no elements, an order is missing, or a function has no values inside of elements.
+    Elements are the elements of the volume, or of the surface of a mesh without a volume.  Raises ElvisError without
+    elements or an order, or if a function has no values inside elements.
     """
 
     def __init__(self, mesh: Any, fields: Mapping[str, Any], order: int | None = None) -> None:
@@ -120,11 +120,13 @@ class Session:
         self._first = mesh.MapToAllElements(one, self._parts)[:1]
 
     def description(self) -> dict[str, Any]:
-        """What a file holds (see `elvis.converters.ngsolve`) but for points, places and values; counts of components.
+        """The content of a file (see `elvis.converters.ngsolve`) without points, positions and values.
+
+        And counts of components.
 
         polynomial  names of the functions that are polynomials of their order
         count_NAME  number of components
-        regions_NAME  the parts of the mesh that have the function, where these aren't all
+        regions_NAME  the parts of the mesh that have the function, if not all
         """
         data: dict[str, Any] = {"order": np.array([self.geometry, max([self.geometry, *self.orders.values()])])}
         types = {name: _type(own) for name, own in self._fields.items()}
@@ -180,10 +182,10 @@ def export(
     """Write a mesh and its functions to ``path``, a name that ends in ``.npz``.
 
     fields  grid functions by name, or coefficient functions, for which ``order`` must be given
-    order   polynomial degree of the samples; where it is not given, that of the spaces and of the map, or a higher one
-            for functions that are no polynomials of it
+    order   polynomial degree of the samples; by default the degree of the spaces and of the map, or a higher one for
+            functions that are not polynomials of this degree
 
-    The file tells by how much polynomials through the samples differ from the functions.
+    The file contains the maximum difference of the polynomials through the samples from the functions.
     """
     path = Path(path)
     session = Session(mesh, fields, order)
@@ -197,7 +199,7 @@ def export(
 
 
 def samples(session: Session) -> dict[str, Any]:
-    """What a file holds: for each shape its elements, their vertices, reference points, and values there."""
+    """The content of a file: for each shape its elements, their vertices, reference points, and values there."""
     data = session.description()
     highest = max([session.geometry, *session.orders.values()])
     for name, (numbers, *_) in session.elements.items():
@@ -263,12 +265,12 @@ def _order(elements: Any, name: str, space: Any, order: int | None) -> int:
         raise ElvisError(f"expected an order for {name}, which is no grid function, found none")
     if order is not None:
         return order
-    # orders may differ by element (SetOrder), which the order of the space doesn't tell
+    # orders may differ by element (SetOrder), which the order of the space doesn't show
     return max([int(space.globalorder), *(int(space.GetFE(element).order) for element in elements)])
 
 
 def _elements(found: Any) -> dict[str, tuple[Ints, Ints, Any, Ints]]:
-    """Of each shape the numbers of the elements, (n, n_vertices) vertices, and names and indices of regions."""
+    """For each shape, the numbers of the elements, (n, n_vertices) vertices, and names and indices of regions."""
     parts: dict[str, tuple[list[int], list[list[int]], list[str], list[int]]] = {}
     for element in found:
         numbers, vertices, regions, indices = parts.setdefault(element.type.name.lower(), ([], [], [], []))
@@ -318,7 +320,7 @@ def _pivots(shape: Shape, order: int, many: Floats) -> list[int]:
 
 
 class Library:
-    """What the library does with files, in a process of its own: a mesh and functions, evaluated anywhere."""
+    """Worker for the library in a separate process: a mesh and functions, evaluated at any points."""
 
     def __init__(self) -> None:
         import ngsolve

@@ -1,7 +1,7 @@
 """NGSolve's own files: Netgen meshes (.vol) and the numbers of grid functions (.gfu), read by the library.
 
-A .gfu file holds numbers alone; the user says in which space they are.  What the library does not survive in a mesh is
-looked for before it reads.
+A .gfu file holds only numbers; the user specifies their space.  Defects of a mesh that would crash the library are
+checked before it reads the file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _ELEMENTS = {
 #: words for each point of the elements of a section, where nothing else follows
 _WORDS = {"surfaceelements": 1, "surfaceelementsgi": 2, "volumeelements": 1}
 
-#: sections of which any may be the last of a mesh that has no end, one line for each thing that they count
+#: sections that may come last in a mesh without an end mark, with one line per entry
 _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsgi2", "edgesegmentsgi3", "pointelements",
           "materials", "bcnames", "cd2names", "cd3names", "face_colours", "face_transparencies"}  # fmt: skip
 
@@ -130,7 +130,7 @@ def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], P
 
 @contextmanager
 def _link(path: Path) -> Iterator[Path]:
-    """A link to a mesh by a name from which the library tells what it is; of others it reads nothing."""
+    """A link to a mesh by a name from which the library recognises the format; it reads no others."""
     with TemporaryDirectory() as folder:
         link = Path(folder) / ("mesh.vol.gz" if _is_compressed(path) else "mesh.vol")
         link.symlink_to(path.resolve())
@@ -138,7 +138,7 @@ def _link(path: Path) -> Iterator[Path]:
 
 
 def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, list[Space]]]:
-    """The spaces of each function's file: one, or those of a product."""
+    """The spaces of each function's file: one, or the factors of a product."""
     found = [part.strip() for part in (spaces or "").split(",") if part.strip()]
     if len(found) != len(functions):
         expected = f"a space for each of {len(functions)} .gfu files, which don't say theirs"
@@ -160,7 +160,7 @@ def _space(text: str) -> Space:
 
 
 def _name(mesh: Path, path: Path) -> str:
-    """The name of a function's file without what it has in common with the mesh's, and without its ending."""
+    """The name of a function's file without the part shared with the mesh's, and without its ending."""
     rest = path.stem.removeprefix(mesh.name.removesuffix(".gz").removesuffix(".vol"))
     return rest.strip("._-") or path.stem if rest[:1] in ("", *"._-") else path.stem
 
@@ -242,13 +242,16 @@ def _rows(section: str, lines: Sequence[str], count: int, column: int) -> list[s
 
 
 def _width(words: Sequence[str], column: int, per_point: int) -> int:
-    """How many words a row must have; 0 if it doesn't tell."""
+    """The number of words that a row must have; 0 if unknown."""
     own = words[column] if len(words) > column else ""
     return column + 1 + per_point * int(own) if is_count(own) else 0
 
 
 def _check_elements(path: Path, section: str, lines: Sequence[str], column: int, count: int) -> None:
-    """FormatError unless elements name points from 1 to ``count``; ``column`` tells how many points each has."""
+    """Raise FormatError unless elements name points from 1 to ``count``.
+
+    ``column`` holds the number of points of each.
+    """
     named: list[Ints] = []
     for number, line in enumerate(lines):
         words = line.split()

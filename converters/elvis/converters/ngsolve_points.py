@@ -14,13 +14,13 @@ from elvis.core.shapes import Shape
 
 
 class PointValues:
-    """A function that has values at the quadrature points of elements: between them the library has none.
+    """A function with values only at the quadrature points of elements: the library does not define it between them.
 
-    parts     the library's name for elements inside of the mesh, or for those of a surface
+    parts     the library's name for elements inside the mesh, or of a surface
     elements  shapes and numbers of the elements, by the library's names of shapes
-    order     of the polynomials that take its values (`PointFunctions`)
+    order     order of the polynomials that interpolate its values (`PointFunctions`)
 
-    ElvisError where the values are complex.
+    Raises ElvisError for complex values.
     """
 
     def __init__(self, name: str, function: Any, parts: Any, elements: Mapping[str, tuple[Shape, Ints]]) -> None:

@@ -108,7 +108,7 @@ class PyFR(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """That of the solution, where it has one."""
+        """The time of the solution, if it has one."""
         _, solution = _roles(paths)
         if solution is None:
             return ()
@@ -135,7 +135,7 @@ class PyFR(NodalConverter):
             raise ElvisError("expected a solution for the options primitive and subset, found none")
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """Interpolation through the solution points; derived quantities from what is interpolated."""
+        """Interpolation through the solution points; derived quantities are computed from interpolated ones."""
         if not isinstance(field.key, str):
             return super().sample(block, field, points)
         own = self.nodal(block).fields["solution"]
@@ -224,7 +224,7 @@ class PyFR(NodalConverter):
         self.declared = Declared(self.declared.elements, omitted={"elements without a solution": missing})
 
     def take(self, state: RunState) -> None:
-        """Take the solution of a running solver in place of what there is; FormatError where it does not fit."""
+        """Replace the data by the solution of a running solver; raises FormatError if it does not fit."""
         self.clear_fields()
         if state.values.keys() != set(self._kinds):
             wanted, kinds = ", ".join(self._kinds), ", ".join(state.values)
@@ -235,7 +235,7 @@ class PyFR(NodalConverter):
             self._config, self.metadata = state.config, _running(state.config)
 
     def _add_solution(self, names: Sequence[str], found: Mapping[str, Values], file: str) -> list[NodalValues | None]:
-        """The fields of a solution; elements that have no values are left out."""
+        """The fields of a solution; elements without values are dropped."""
         self._names = list(names)
         values: list[NodalValues | None] = []
         for index, kind in enumerate(self._kinds):
@@ -321,7 +321,7 @@ def _values(file: h5py.File, prefix: str) -> dict[str, Values]:
 
 
 def _restrict(boundary: Boundary, index: int, place: Ints) -> Boundary:
-    """The sides of a boundary, those of block ``index`` only where ``place`` (n,) tells a new row."""
+    """The sides of a boundary; sides of block ``index`` only if ``place`` (n,) gives a new row."""
     sides = []
     for i, rows, faces in boundary.sides:
         new = place[rows] if i == index else rows
@@ -350,7 +350,10 @@ def _is_old(path: Path) -> bool:
 
 
 def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
-    """The mesh and the solution, which names its mesh by a code alone; FormatError where there isn't one mesh."""
+    """The mesh and the solution, which refers to its mesh only by a code.
+
+    Raises FormatError unless there is one mesh.
+    """
     meshes, solutions = [p for p in paths if _is_mesh(p)], [p for p in paths if _is_solution(p)]
     if not meshes and len(solutions) == 1:
         meshes = [path for path in sorted(solutions[0].parent.glob("*.pyfrm")) if _uuid(path) == _uuid(solutions[0])]
@@ -362,13 +365,13 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
 
 
 def _time(stats: configparser.ConfigParser) -> float | None:
-    """The time that the statistics of a solution tell."""
+    """The time in the statistics of a solution."""
     time = stats.get("solver-time-integrator", "tcurr", fallback=None)
     return None if time is None else float(time)
 
 
 def _uuid(path: Path) -> str:
-    """The code of a mesh, or of that of a solution; empty where there is none."""
+    """The code of a mesh, or of a solution's mesh; empty without one."""
     for name in ("mesh-uuid", "mesh_uuid"):
         if holds(path, name):
             with reading(path) as file:
@@ -410,7 +413,7 @@ def _order(shape: Shape, count: int, file: str) -> int:
 
 
 def _primitive(names: Sequence[str], orders: Sequence[int | None], file: str) -> list[SourceField]:
-    """Velocities and pressure; FormatError where the variables are not those of a compressible flow."""
+    """Velocities and pressure; raises FormatError if the variables do not belong to a compressible flow."""
     velocities = [name for name in "uvw" if f"rho{name}" in names]
     if not {"rho", "E"} <= set(names) or not velocities:
         raise FormatError(f"expected rho, rhou, ..., E to derive from, found {', '.join(names)}", file=file)

@@ -60,9 +60,9 @@ class Values:
 
 
 def arrays(file: h5py.File, prefix: str) -> dict[str, Floats]:
-    """By kind of element (points, ..., elements) or, for meshes, (points, elements, d): partitions one after another.
+    """Arrays by kind of element (points, ..., elements) or, for meshes, (points, elements, d), partitions concatenated.
 
-    FormatError where partitions don't fit together.
+    Raises FormatError if partitions don't fit together.
     """
     axis = 1 if prefix == "spt" else 2
     found: dict[str, list[tuple[int, Floats]]] = {}
@@ -96,7 +96,7 @@ def values(file: h5py.File, prefix: str, config: configparser.ConfigParser) -> d
 
 
 def sides(file: h5py.File) -> dict[str, dict[str, Ints]]:
-    """Of each boundary, by kind of element, (n, 2) rows of elements, over all partitions, and faces."""
+    """For each boundary, by kind of element, (n, 2) rows of elements, over all partitions, and faces."""
     firsts: dict[tuple[str, int], int] = {}
     counts: dict[str, int] = {}
     for name in sorted(file, key=_partition):

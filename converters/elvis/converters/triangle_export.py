@@ -13,7 +13,7 @@ from elvis.core.files.polydata import write_triangles
 from elvis.core.needing import require_module
 from elvis.core.triangles import SurfaceTriangles
 
-#: suffixes of files; those whose coordinates have 32 bits; those that hold quantities
+#: suffixes of files; formats with 32-bit coordinates; formats that hold quantities
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".vtp")
 _SINGLE = (".stl", ".ply", ".glb")
 _WITH_VALUES = (".ply", ".glb", ".vtp")
@@ -30,7 +30,7 @@ def check_name(path: Path) -> None:
 
 
 def export_triangles(surface: SurfaceTriangles, path: Path) -> list[str]:
-    """Write a surface with its normals, and quantities where the format holds them; sentences on what it lacks."""
+    """Write a surface with its normals, and quantities if the format supports them; return messages about omissions."""
     check_name(path)
     if path.suffix == ".vtp":
         write_triangles(path, surface.points, surface.triangles, {"normals": surface.normals, **surface.values})

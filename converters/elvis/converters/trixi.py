@@ -80,7 +80,7 @@ class Trixi(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """That of the solution."""
+        """The time of the solution."""
         for path in paths:
             if _kind(path) == "solution":
                 with reading(path) as file:
@@ -202,7 +202,7 @@ class _MappedPlaces(NodalValues):
 
 @dataclass(frozen=True)
 class Head:
-    """What a solution says of itself."""
+    """The header of a solution."""
 
     dimension: int
     order: int

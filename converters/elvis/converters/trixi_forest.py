@@ -1,6 +1,6 @@
 """Forests of Trixi.jl: curved trees, each refined into squares or cubes, by p4est or t8code.
 
-A tree holds the coordinates of its nodes.  Its leaves stand in Morton order, so that their levels tell where they lie.
+A tree holds the coordinates of its nodes.  Its leaves are in Morton order, so their levels determine their positions.
 Layout of p4est's file: cburstedde/p4est, `p4est_connectivity_sink` and `p4est_save_ext`, format 0x2000009.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _MAGIC = {2: b"p4est", 3: b"p8est"}
 _FORMATS = {2: 0x2000009, 3: 0x3000009}
 
-#: numbers of the header of the connectivity, and of that of the quadrants
+#: number of header fields of the connectivity, and of the quadrants
 _COUNTS = 10
 _HEAD = 6
 
@@ -98,7 +98,8 @@ class Forest:
             points = low[:, None] + (self.line + 1) / 2.0 ** self.levels[first, None]
             tables = basis.at(points.reshape(-1, 1)).reshape(len(first), count, count)
 
-            # values at the nodes of leaves are combinations of those of trees, along one direction after another
+            # values at the nodes of leaves are combinations of values at nodes of trees, along one direction after
+            # another
             own = result.reshape(len(tree), count ** (dimension - 1 - axis), count, -1)
             for rows in range(0, len(tree), _TOGETHER):
                 some = slice(rows, rows + _TOGETHER)
@@ -107,7 +108,7 @@ class Forest:
         return result
 
     def _names(self) -> NDArray[Any]:
-        """The names of the sides of trees, and that of sides that belong together but lie apart."""
+        """The names of the sides of trees, including sides that are connected but apart."""
         names = self.names.copy()
         dimension = names.shape[1] // 2
         middles = np.empty((len(self.places), 2 * dimension, self.places.shape[2]))
@@ -252,7 +253,7 @@ def _read_quadrants(reader: _Bytes, dimension: int, trees: int) -> tuple[Ints, I
 
 
 def _fits(found: Ints, corners: Ints, deepest: int, lattice: int) -> bool:
-    """Whether the corners of quadrants on a lattice of 2^lattice cells are those of their order."""
+    """Whether the corners of quadrants on a lattice of 2^lattice cells match their order."""
     return lattice >= deepest and np.array_equal(found, corners << (lattice - deepest))
 
 

@@ -78,7 +78,7 @@ def _transfinite(faces: Any) -> Callable[..., tuple[Floats, ...]]:
         if len(points) != dimension:
             raise FormatError(f"expected {dimension} coordinates, found {len(points)}")
 
-        # faces are added, edges were counted twice by them and corners thrice: what is linear between these goes
+        # faces are summed; they count edges twice and corners three times, so linear terms between these are subtracted
         total = sum(_across(faces, axis, points) for axis in range(dimension))
         for axis, other in permutations(range(dimension), 2):
             ends = [_across(faces, other, _fixed(points, {axis: end})) for end in (-1.0, 1.0)]
@@ -105,7 +105,7 @@ def _on_face(face: Any, points: Sequence[Floats], shape: tuple[int, ...]) -> Flo
 
 
 def _trilinear(faces: Sequence[Any], points: Sequence[Floats]) -> Floats:
-    """(3, n) places that are linear between the corners, those of the first two faces."""
+    """(3, n) trilinear positions between the corners, taken from the first two faces."""
     total = np.zeros((3, *points[0].shape))
     for signs in product((-1.0, 1.0), repeat=3):
         corner = _across(faces, 0, _fixed(points, dict(enumerate(signs))))

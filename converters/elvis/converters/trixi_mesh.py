@@ -37,10 +37,10 @@ TOGETHER = 1e-10
 #: the deepest level of refinement of a tree
 _DEEPEST = 60
 
-#: the order of the nodes at which a mapping is taken if no solution tells another
+#: order of the nodes at which a mapping is evaluated if no solution gives another
 _MAPPED_ORDER = 6
 
-#: the most cells of a mesh of which the file has the numbers alone
+#: maximum number of cells of a mesh stored only by numbers of cells
 _MOST_CELLS = 1 << 24
 
 
@@ -49,11 +49,11 @@ class Cells:
     """The elements of a mesh, with their sides towards -x, x, -y, y, -z, z of the reference element.
 
     line     (m,) nodes along an edge
-    places   (n, m^d, c) of the nodes of each element, the first direction fastest
-    names    (n, 2 d) of boundaries on which sides lie, empty for inner sides and sides without a name
-    mortars  (n, 2 d) whether sides meet parts of others, as far as the files tell
-    mapping  from [-1, 1]^d, with the cells along each direction, if no solution tells the nodes of elements
-    notes    sentences for the report
+    places   (n, m^d, c) positions of the nodes of each element, the first direction fastest
+    names    (n, 2 d) names of boundaries for sides, empty for inner sides and sides without a name
+    mortars  (n, 2 d) whether sides meet parts of others, as far as the files show
+    mapping  mapping from [-1, 1]^d, with the cells along each direction, if no solution gives the nodes of elements
+    notes    messages for the report
     """
 
     line: Floats
@@ -99,7 +99,7 @@ def tree_cells(file: h5py.File) -> Cells:
     names = unnamed(len(leaves), dimension)
     names[is_outer] = np.broadcast_to(np.array(DIRECTIONS[: 2 * dimension], object), names.shape)[is_outer]
 
-    # sides of the whole tree have no neighbours but those of a periodic mesh
+    # sides of the whole tree have no neighbours, except in a periodic mesh
     is_on_outline = _on_outline(file, centres, halves, length)
     names[is_on_outline & np.repeat(_periodicity(file, dimension), 2)] = PERIODIC
     is_mortar &= ~is_on_outline
@@ -115,7 +115,7 @@ def _periodicity(file: h5py.File, dimension: int) -> Bools:
 
 
 def _on_outline(file: h5py.File, centres: Floats, halves: Floats, length: float) -> Bools:
-    """(n, 2 d) whether sides of cubes, of which the centres and half the lengths are given, lie on that of the tree."""
+    """(n, 2 d) whether sides of cubes, given by centres and half lengths, lie on the outline of the tree."""
     middle = attributes(file, "center_level_0").astype(np.float64)
     if len(middle) != centres.shape[1]:
         raise FormatError(f"expected {centres.shape[1]} coordinates, found {len(middle)}", place="center_level_0")
@@ -171,14 +171,14 @@ def structured_cells(file: h5py.File, order: int | None, count: int | None, extr
 def in_cells(size: Ints, cells: Ints, points: Floats) -> Floats:
     """(n, m, d) places in [-1, 1]^d of reference points (m, d) of cells (n,).
 
-    size  (d,) numbers of cells along each direction, the first of which is the fastest in the numbers of cells
+    size  (d,) numbers of cells along each direction; the first is the fastest in the numbers of cells
     """
     corners = np.stack(np.unravel_index(cells, tuple(size[::-1]))[::-1], axis=1)
     return np.asarray((2 * corners[:, None] + 1 + points) / size - 1)
 
 
 def _names_of_box(places: Floats, size: Ints, periodicity: Bools) -> NDArray[Any]:
-    """(n, 2 d) names of the sides of a box of cells; those that a periodic direction brings together have none."""
+    """(n, 2 d) names of the sides of a box of cells; sides that a periodic direction joins have none."""
     dimension = len(size)
     count = len(places)
     names = unnamed(count, dimension)
@@ -197,7 +197,7 @@ def _names_of_box(places: Floats, size: Ints, periodicity: Bools) -> NDArray[Any
 
 
 def next_to(folder: Path, name: str, others: list[Path]) -> Path:
-    """The file that a mesh names: among those that are given, else in the folder of the mesh."""
+    """The file that a mesh names: among the given files, or else in the folder of the mesh."""
     wanted = name.replace("\\", "/").rsplit("/", 1)[-1]
     for path in (*others, folder / wanted):
         if path.name == wanted and path.is_file():

@@ -13,7 +13,7 @@ from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, native_points
 from elvis.plugins.projection.naming import local_sides
 
-#: how many of the first axes of a shape are those of a triangle or tetrahedron
+#: number of first axes of a shape that span a triangle or tetrahedron
 SIMPLEX_AXES = {Shape.TRIANGLE: 2, Shape.TETRAHEDRON: 3, Shape.PRISM: 2}
 
 _SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -79,6 +79,6 @@ def lattice(shape: Shape, order: int) -> Ints:
 
 
 def unit_basis(shape: Shape, order: int, nodes: Floats | Ints) -> NodalBasis:
-    """The functions of nodes (n, d) of a unit element, those of pyramids rational; ElvisError as `NodalBasis`."""
+    """The functions of nodes (n, d) of a unit element, rational for pyramids; raises ElvisError as `NodalBasis`."""
     own = native_points(shape, UNIT[shape].frame, np.asarray(nodes, np.float64))
     return NodalBasis(shape, order, own, PyramidSpace.RATIONAL)

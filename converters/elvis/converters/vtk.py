@@ -88,11 +88,11 @@ class Vtk(NodalConverter):
         kinds = {kind_of(path) for path in paths}
         if "series" in kinds:
             return True
-        if "hdf" in kinds and not is_there("vtkmodules"):  # the library tells whether meshes overlap
+        if "hdf" in kinds and not is_there("vtkmodules"):  # the library determines whether meshes overlap
             return False
         overlapping: list[bool] = []
         for other in dict.fromkeys((paths[1], paths[-1])):
-            with suppress(FormatError):  # a file that is damaged is a step that is left out
+            with suppress(FormatError):  # a damaged file is a step that is skipped
                 overlapping.append(overlap(paths[0], other) > _OVERLAPPING)
         if not any(overlapping):
             return bool(overlapping)
@@ -110,7 +110,7 @@ class Vtk(NodalConverter):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of a collection; of files that of the first which tells one."""
+        """The times of a collection; for files, the first time found."""
         series = [path for path in paths if kind_of(path) == "series"]
         if series:
             return sorted(files_by_time(series[0]))
@@ -170,9 +170,9 @@ class Vtk(NodalConverter):
         return [each for part in self._parts for each in (part, *part.companions)]
 
     def _check_edges(self, hexahedra: str) -> None:
-        """Exchange the nodes of two edges of the Lagrange hexahedra of each file as asked, or where they lie so.
+        """Exchange the nodes of two edges of each file's Lagrange hexahedra if requested, or if positions require it.
 
-        Raises FormatError if the nodes of some cells of a file lie so and those of others don't, or against the option.
+        Raises FormatError if the nodes of only some cells of a file require it, or if this contradicts the option.
         """
         known = [part for part in self._every() if LAGRANGE.get(part.cell.kind.type) is Shape.HEXAHEDRON]
         for file in dict.fromkeys(part.grid.file for part in known):
@@ -312,7 +312,7 @@ class Part:
 
 
 def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
-    """The cells of each kind of a grid, those of others left out, and how many those are."""
+    """The cells of each kind of a grid, without other dimensions, and the number of cells omitted."""
     counts, result, others = np.diff(grid.offsets), [], 0
     degrees = np.zeros((len(counts), 3), np.int64) if grid.degrees is None else grid.degrees
     keys = np.column_stack([grid.types, counts, degrees])
@@ -333,7 +333,7 @@ def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
 
 
 def _missing_processes(paths: Sequence[Path]) -> list[str]:
-    """A sentence if parts of other processes lie next to the files that are given."""
+    """A message if parts of other processes lie next to the given files."""
     missing: list[str] = []
     for path in paths:
         if _PROCESS.fullmatch(path.name):
@@ -351,7 +351,7 @@ def _edges(part: Part) -> tuple[int, int]:
 
 
 def _drop_copies(parts: Sequence[Part]) -> int:
-    """Drop the cells whose nodes lie exactly where those of an earlier cell lie; how many these are.
+    """Drop the cells whose nodes coincide exactly with the nodes of an earlier cell; return their number.
 
     Parts of a mesh that overlap hold such copies, if the writer doesn't mark them as ghosts.
     """
@@ -409,7 +409,7 @@ def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
 
 
 def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
-    """Whether the wedges of a file have a face numbered as by VTK 8; FormatError where they don't tell."""
+    """Whether the wedges of a file have a face numbered as by VTK 8; raises FormatError if they are inconsistent."""
     asked = [part for part in parts if not np.array_equal(*third_face(part.cell))]
     votes = [reversed_faces(part.places(part.nodes), part.cell) for part in asked]
     own, other = np.sum(votes, axis=0) if votes else (1, 0)

@@ -72,7 +72,7 @@ _CENTRED_PYRAMID, _HIGHEST = 37, 30
 
 
 def shape_of(kind: int, file: str) -> Shape | None:
-    """The shape of a type of cells; None for single points, FormatError for those that can't be converted."""
+    """The shape of a type of cells; None for single points; raises FormatError for unsupported types."""
     if kind in POINTS:
         return None
     if kind in FIXED:
@@ -87,7 +87,7 @@ def shape_of(kind: int, file: str) -> Shape | None:
 
 @dataclass(frozen=True)
 class Kind:
-    """What cells have in common: type, number of nodes, and degrees (i, j, k), zeros where the number says it all."""
+    """Common data of cells: type, number of nodes, and degrees (i, j, k), zeros if the number determines them."""
 
     type: int
     nodes: int
@@ -130,7 +130,7 @@ class Cell(ShapeFunctions):
         return self.kind.nodes == space_size(self.shape, self.order)
 
     def _own_functions(self) -> ShapeFunctions | None:
-        """The functions at points in the coordinates of the frame; None for those of Bezier cells."""
+        """The functions at points in the coordinates of the frame; None for Bezier cells."""
         if self.kind.type in BEZIER:
             return None
         if self.kind.type in LAGRANGE:
@@ -159,9 +159,9 @@ class Cell(ShapeFunctions):
         return self.kind.type in LAGRANGE and self._is_space
 
     def place_nodes(self, family: str) -> None:
-        """From here on the nodes lie at the places of a family, ``equispaced``, ``gll`` or ``gauss``.
+        """Place the nodes at the points of a family, ``equispaced``, ``gll`` or ``gauss``, from now on.
 
-        ElvisError for Gauss points in shapes that are no products of lines.
+        Raises ElvisError for Gauss points in shapes that are not products of lines.
         """
         if family == "equispaced":
             return
@@ -229,7 +229,7 @@ def _order(kind: Kind, shape: Shape, file: str) -> int:
 
 
 def _full(shape: Shape, degrees: tuple[int, int, int]) -> int:
-    """Nodes of a cell of these degrees; those of simplices are equal."""
+    """Nodes of a cell of these degrees; for simplices the degrees are equal."""
     i, j, k = degrees
     if shape in (Shape.QUADRILATERAL, Shape.SEGMENT, Shape.HEXAHEDRON):
         return int(np.prod([n + 1 for n in degrees[: shape.dimension]]))
@@ -239,7 +239,7 @@ def _full(shape: Shape, degrees: tuple[int, int, int]) -> int:
 
 
 def _instance(kind: Kind) -> Any:
-    """A cell of the library with room for its nodes, of the right degrees; ElvisError where there is no library."""
+    """A cell of the library with room for its nodes, of the right degrees; raises ElvisError without the library."""
     if not is_there("vtkmodules"):
         raise ElvisError(
             f"cells of type {kind.type} need the library vtk, which is not installed; {installing('vtk')} brings it"

@@ -69,13 +69,13 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
     """A .vtu file, binary and compressed; elements without a field have no number there."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
-    # the library writes to memory: it tells of a full disk in its own way, and does not take every name
+    # the library writes to memory: it reports a full disk in its own way, and does not accept every name
     writer = vtkXMLUnstructuredGridWriter()
     writer.WriteToOutputStringOn()
     grid = grid_of(export, time)
     for number in range(len(export.names)):
         array = grid.GetPointData().GetAbstractArray(number)
-        array.SetName(escape(array.GetName(), {'"': "&quot;"}))  # the library writes names as they are
+        array.SetName(escape(array.GetName(), {'"': "&quot;"}))  # the library writes names without escaping
     writer.SetInputData(grid)
     writer.SetHeaderTypeToUInt64()
     if not writer.Write():

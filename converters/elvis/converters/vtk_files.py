@@ -19,7 +19,7 @@ from elvis.core.files.plain import check_plain, content, json_content, leading, 
 from elvis.core.moments import checked_step
 from elvis.plugins.recognition import found_instead
 
-#: how much of a file tells what it is
+#: number of bytes that identify a file
 _START = 4096
 
 _KINDS = {
@@ -83,7 +83,10 @@ class Grid:
 
 
 def kind_of(path: Path) -> str:
-    """``legacy``, ``grid``, ``parts``, ``blocks``, ``series`` or ``hdf``, told by the first bytes; empty for others."""
+    """``legacy``, ``grid``, ``parts``, ``blocks``, ``series`` or ``hdf``, judged by the first bytes.
+
+    Empty for others.
+    """
     start = leading(path, _START)
     if start.startswith(_HDF5) and is_vtkhdf(path):
         return "hdf"
@@ -96,7 +99,7 @@ def kind_of(path: Path) -> str:
 
 
 def other_kind(path: Path) -> str:
-    """What a file of VTK's holds that is no unstructured grid, and what to do; empty for files of others."""
+    """A description of a VTK file without an unstructured grid, with advice; empty for other programs' files."""
     start = leading(path, _START)
     if start.startswith(_HDF5):
         return other_type(path)
@@ -111,7 +114,7 @@ def other_kind(path: Path) -> str:
 
 
 def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]:
-    """The grids of all files, of a series those of one step; and the files that they are in."""
+    """The grids of all files, for a series the grids of one step; and their files."""
     files: list[tuple[Path, float | None]] = []
     for path in paths:
         if not kind_of(path):
@@ -151,7 +154,7 @@ def array_names(path: Path) -> frozenset[str]:
 
 
 class _Reader(ExitStack):
-    """Reads files, those of HDF5 without the library, which the first of others starts.
+    """Reads HDF5 files without the library, and starts the library for the first other file.
 
     size  in bytes of all files
     """
@@ -162,7 +165,10 @@ class _Reader(ExitStack):
         self._library: Apart | None = None
 
     def grids(self, path: Path, step: int) -> list[dict[str, Any]]:
-        """What makes the grids of a file, or of the files that it names; FormatError with a library's complaint."""
+        """The data of the grids in a file, or in the files that it names.
+
+        Raises FormatError with a library's complaint.
+        """
         if kind_of(path) == "hdf":
             return read_vtkhdf(path, step)
         if self._library is None:
@@ -172,7 +178,7 @@ class _Reader(ExitStack):
 
 
 def _ask(library: Apart, path: Path, size: int, method: str, *given: str) -> Any:
-    """What the library finds; FormatError that names ``path`` if it fails."""
+    """The library's result; raises FormatError that names ``path`` if it fails."""
     try:
         return library.ask(method, *given, size=size)
     except LibraryError as failure:
@@ -180,7 +186,7 @@ def _ask(library: Apart, path: Path, size: int, method: str, *given: str) -> Any
 
 
 def _parts(path: Path) -> list[Path]:
-    """The files that an index of parts names, each of which has a version of its own; else the file itself."""
+    """The files that an index of parts names, each with a version of its own; otherwise the file itself."""
     if kind_of(path) != "parts":
         return [path]
     names = _named(path)
@@ -191,7 +197,7 @@ def _parts(path: Path) -> list[Path]:
 
 
 def _with_pieces(paths: Sequence[Path]) -> list[Path]:
-    """The files, and those that they name."""
+    """The files, and the files that they name."""
     every, left = dict.fromkeys(paths), list(paths)
     while left:
         found = [piece for piece in _pieces(left.pop()) if piece not in every]
@@ -222,7 +228,10 @@ def _check_counts(path: Path, size: int) -> None:
 
 
 def _pieces(path: Path) -> list[Path]:
-    """The files that one of parts, blocks or virtual arrays names; FormatError where one of these is no plain file."""
+    """The files that an index of parts, blocks or virtual arrays names.
+
+    Raises FormatError if one of these is not a plain file.
+    """
     kind = kind_of(path)
     if kind not in ("parts", "blocks", "hdf"):
         return []

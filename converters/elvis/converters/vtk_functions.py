@@ -15,7 +15,7 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, ShapeFunctions, native_points
 
-#: cells with a fixed number of nodes on edges alone
+#: cells with a fixed number of nodes, only on edges
 _SERENDIPITY = (23, 25, 26)
 
 
@@ -27,11 +27,11 @@ def family_line(family: str, order: int) -> Floats:
 
 
 class LagrangeFunctions(ShapeFunctions):
-    """Lagrange functions, which are products of those of a triangle or tetrahedron and of lines.
+    """Lagrange functions, as products of functions of a triangle or tetrahedron and of lines.
 
-    degrees  along the axes; those of a triangle or tetrahedron are equal
+    degrees  along the axes; equal for the axes of a triangle or tetrahedron
     nodes    (n, 3) evenly spaced in [0, 1]^3, in the order of the functions
-    family   where they lie: ``equispaced``, ``gll`` or ``gauss``
+    family   their positions: ``equispaced``, ``gll`` or ``gauss``
     """
 
     def __init__(self, shape: Shape, degrees: Sequence[int], nodes: Floats, family: str = "equispaced") -> None:
@@ -61,7 +61,7 @@ class _Simplex:
 
 
 class _Line:
-    """The functions of the nodes on an axis, likewise."""
+    """The functions of the nodes on an axis, as in `_Simplex`."""
 
     def __init__(self, axis: int, order: int, nodes: Floats, family: str) -> None:
         self.axes = slice(axis, axis + 1)
@@ -102,10 +102,10 @@ def check_family(shape: Shape, family: str) -> None:
 
 
 def moved(shape: Shape, order: int, nodes: Floats, family: str) -> Floats:
-    """(n, 3) places in a family of the evenly spaced nodes (n, 3) of a cell in [0, 1]^3.
+    """(n, 3) positions in a family of the equidistant nodes (n, 3) of a cell in [0, 1]^3.
 
-    On simplices every barycentric coordinate a moves by the sum over the others b of a b w(a - b), where w makes the
-    edges have Gauss-Lobatto nodes: the lattice of Basix that it calls GLL warped.  ElvisError for Gauss points there.
+    On simplices, every barycentric coordinate a moves by the sum over the others b of a b w(a - b), where w gives the
+    edges Gauss-Lobatto nodes: Basix calls this lattice GLL warped.  Raises ElvisError for Gauss points there.
     """
     check_family(shape, family)
     line = (family_line(family, order) + 1) / 2

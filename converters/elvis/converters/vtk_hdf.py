@@ -52,7 +52,7 @@ def is_vtkhdf(path: Path) -> bool:
 
 
 def other_type(path: Path) -> str:
-    """What a file in this form holds that is no unstructured grid, and what to do; empty for other files."""
+    """A description of a file in this form without an unstructured grid, with advice; empty for other files."""
     if not holds(path, _ROOT):
         return ""
     try:
@@ -77,7 +77,7 @@ def files_of(path: Path) -> list[Path]:
 
 
 def read_vtkhdf(path: Path, step: int) -> list[dict[str, Any]]:
-    """What makes an `elvis.converters.vtk_files.Grid`, of each grid in a file at a step."""
+    """The data of an `elvis.converters.vtk_files.Grid`, for each grid in a file at a step."""
     with reading(path) as file:
         grids = _grids(file)
         if not grids:
@@ -92,7 +92,7 @@ def read_vtkhdf(path: Path, step: int) -> list[dict[str, Any]]:
 
 
 def _grids(file: h5py.File) -> list[tuple[str, h5py.Group]]:
-    """The groups that are unstructured grids, with the names of blocks; those below links are left alone."""
+    """The groups that are unstructured grids, with the names of blocks; groups below links are ignored."""
     import h5py
 
     root = file.get(_ROOT)
@@ -111,7 +111,7 @@ def _grids(file: h5py.File) -> list[tuple[str, h5py.Group]]:
 
 
 def _names(root: h5py.Group) -> dict[str, str]:
-    """The names that the tree of links, the group Assembly, has for blocks; none of those that it has for several."""
+    """The names of blocks in the tree of links, the group Assembly; names of several blocks are ignored."""
     import h5py
 
     links: dict[str, list[str]] = {}
@@ -139,9 +139,9 @@ def _times(group: h5py.Group) -> list[float]:
 
 @dataclass(frozen=True)
 class _Part:
-    """Where a part stands in the arrays of a grid: the first of its rows, and how many there are.
+    """Position of a part in the arrays of a grid: the first of its rows, and their number.
 
-    first_offset  in the array of offsets, of which there is one more than cells
+    first_offset  in the array of offsets, which has one more than cells
     """
 
     first_point: int

@@ -1,6 +1,6 @@
-"""Where VTK puts the nodes of its cells in [0, 1]^3, and in which order.
+"""Positions and order of VTK's nodes in [0, 1]^3.
 
-Corners come first, then what lies inside edges, faces and the cell.  Layout: VTK documentation, vtkCellType.h; Lagrange
+Corners come first, then nodes inside edges, faces and the cell.  Layout: VTK documentation, vtkCellType.h; Lagrange
 cells: vtkHigherOrderTetra.cxx, vtkHigherOrderWedge.cxx and vtkHigherOrderHexahedron.cxx of VTK 9.  Triangles inside
 triangles and tetrahedra inside tetrahedra are numbered like whole ones.
 """
@@ -136,7 +136,7 @@ def _whole_triangle(a: Ints, b: Ints, c: Ints) -> list[Ints]:
 
 
 def _inside_triangle(a: Ints, b: Ints, c: Ints) -> list[Ints]:
-    """The nodes inside a triangle, which are those of a triangle three degrees lower."""
+    """The nodes inside a triangle, which form a triangle three degrees lower."""
     order = int(abs(b - a).max())
     if order < 3:
         return []
@@ -145,7 +145,7 @@ def _inside_triangle(a: Ints, b: Ints, c: Ints) -> list[Ints]:
 
 
 def _inside_tetrahedron(corners: Ints) -> list[Ints]:
-    """The nodes inside the faces, and those inside, which are those of a tetrahedron four degrees lower."""
+    """The nodes inside the faces, and inside the tetrahedron, which form a tetrahedron four degrees lower."""
     order = int(abs(corners[1] - corners[0]).max())
     nodes = [node for face in _FACES for node in _inside_triangle(*corners[list(face)])]
     if order < 4:

@@ -1,4 +1,4 @@
-"""What VTK's library does with files, in a process of its own: unstructured grids as numbers, texts and arrays."""
+"""Worker for VTK's library in a separate process: unstructured grids as numbers, texts and arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LEVELS = "vtkGhostLevels"
 _DUPLICATE, _HIDDEN = 1, 32
 
 
-#: cells of a file that are compared with those of another one
+#: number of cells of a file that are compared with cells of another one
 _SAMPLED = 200
 #: the centre of a cell lies in another one if it is nearer to it than this share of the cell's radius
 _NEAR = 0.1
@@ -43,9 +43,9 @@ class Library:
         }
 
     def grids(self, path: str, kind: str) -> list[dict[str, Any]]:
-        """What makes an `elvis.converters.vtk_files.Grid`, of each in a file and in those that it names.
+        """The data of an `elvis.converters.vtk_files.Grid`, for each grid in a file and in the files that it names.
 
-        FormatError with the library's first complaint, and where cells have points that aren't there.
+        Raises FormatError with the library's first complaint, and if cells have missing points.
         """
         return [_grid(path, name, each) for name, each in self._grids(path, kind)]
 
@@ -75,14 +75,14 @@ class Library:
         return sorted(names)
 
     def _grids(self, path: str, kind: str) -> list[tuple[str, Any]]:
-        """The grids in a file and in those that it names, with the names of blocks."""
+        """The grids in a file and in the files that it names, with the names of blocks."""
         found = list(_leaves(self._read(path, kind), ""))
         for _, grid in found:
             _name_ghosts(grid.GetCellData())
         return found
 
     def _read(self, path: str, kind: str) -> Any:
-        """What the library reads from a file; FormatError with its first complaint."""
+        """The library's data from a file; raises FormatError with its first complaint."""
         reader = self._readers[kind]()
         if kind == "legacy":
             reader.ReadAllScalarsOn()

@@ -1,12 +1,12 @@
-"""Where the nodes of VTK's Lagrange cells lie in the reference cell: a file doesn't say it.
+"""Positions of the nodes of VTK's Lagrange cells in the reference cell, which a file doesn't state.
 
-VTK expects evenly spaced nodes; solvers write Gauss-Lobatto nodes, or Gauss nodes, all of which lie inside.  Three
-things tell, in this order:
+VTK expects equidistant nodes; solvers write Gauss-Lobatto nodes, or Gauss nodes, which are all inside.  Three criteria
+are used, in this order:
 
 - Cells between whose corners there are gaps, and whose corners coincide when they are extrapolated from Gauss nodes.
-- Edges that are simple: polynomials two degrees below the cell's order.  Nodes taken to lie elsewhere never are.
-- How smooth edges are.  In a wrong place the nodes of an edge make a parametrisation with a share of the two highest
-  degrees that is in proportion to the edge's length, however little that is bent.
+- Edges that are simple: polynomials two degrees below the cell's order.  With a wrong family, edges never are.
+- How smooth edges are.  With wrong positions, the nodes of an edge form a parametrisation whose share of the two
+  highest degrees is proportional to the edge's length, even for a small curvature.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from elvis.plugins.projection.vertices import clusters
 #: names of the families of nodes
 FAMILIES = ("equispaced", "gll", "gauss")
 
-#: cells that are looked at
+#: number of cells examined
 _ENOUGH = 2000
 
 #: the share of an edge that a node of a simple one may be off
@@ -35,7 +35,7 @@ _OFF = 1e-5
 #: how much smoother than with others edges are with the nodes of a family that is believed
 _SMOOTHER = 3.0
 
-#: the lowest order whose edges tell families apart
+#: the lowest order whose edges distinguish families
 _LEAST = 3
 
 #: corners that are nearer than this share of the mesh's size coincide
@@ -59,8 +59,8 @@ class Found:
     """The family of nodes that the cells of a file show.
 
     votes  simple edges by family
-    doubt  a sentence where nothing tells, or not clearly
-    note   a sentence on how it was found, where that is not by simple edges
+    doubt  a message if no criterion decides, or not clearly
+    note   a message about the criterion, unless it is simple edges
     """
 
     name: str

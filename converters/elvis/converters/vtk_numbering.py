@@ -1,8 +1,8 @@
-"""Cells whose nodes two versions of VTK, or other programs, number differently, told by where the nodes lie.
+"""Cells whose nodes two versions of VTK, or other programs, number differently, recognised by the nodes' positions.
 
-Of Lagrange hexahedra the nodes of two edges are exchanged; of Lagrange wedges those of the third quadrilateral run the
-other way along the triangle.  The library knows the first from versions of files, the second it doesn't know.
-Firedrake puts the nodes of Lagrange curves in a row (paraview_reordering.py, vtk_interval_local_coord).
+Lagrange hexahedra have the nodes of two edges exchanged; Lagrange wedges have the nodes of the third quadrilateral in
+the opposite direction along the triangle.  The library recognises the first by versions of files; it does not know the
+second.  Firedrake puts the nodes of Lagrange curves in a row (paraview_reordering.py, vtk_interval_local_coord).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def row_of_nodes(cell: Cell) -> Ints:
 def running(places: Floats, cell: Cell) -> tuple[int, int]:
     """In how many curves, nodes at (n, nodes, 3), the nodes run towards the last: by VTK's numbers, and as read.
 
-    Those of order 1 count in both.
+    Curves of order 1 count in both.
     """
     as_read = _count_running(places)
     by_number = np.empty_like(places)
@@ -85,10 +85,10 @@ def _count_running(places: Floats) -> int:
 
 
 def _blend(cell: Cell, inside: Ints) -> Floats:
-    """(inside, nodes) weights of the nodes of the edges around the face r = 0 in the places that they suggest inside.
+    """(inside, nodes) weights of the edge nodes around the face r = 0 in the positions that they imply inside.
 
-    A bilinear Coons patch: the sum of what is ruled between opposite edges, less what is bilinear between the corners
-    (Coons, Surfaces for Computer-Aided Design of Space Forms, 1967).
+    A bilinear Coons patch: the sum of the ruled surfaces between opposite edges, minus the bilinear part between the
+    corners (Coons, Surfaces for Computer-Aided Design of Space Forms, 1967).
     """
     result = np.zeros((len(inside), len(cell.nodes)))
     for row, (_, s, t) in enumerate(cell.nodes[inside]):

@@ -1,7 +1,7 @@
 """The time in a VTK file, found without reading the file: a number in its field data.
 
-XML files hold it as text, or as base64 or bytes, in place or appended at the end, as it is or packed by zlib; legacy
-files as text or as bytes, the highest first.  What is held in any other way is left to the library.
+XML files hold it as text, or as base64 or bytes, in place or appended at the end, raw or compressed by zlib; legacy
+files as text or as bytes, the highest first.  Any other form is left to the library.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def time_in(path: Path) -> float | None:
 
 
 def _legacy(head: bytes) -> float | None:
-    """That of a legacy file."""
+    """The time in a legacy file."""
     found = {match[1].decode(): match for match in _LEGACY.finditer(head)}
     match = next((found[name] for name in TIMES if name in found), None)
     if match is None:
@@ -53,7 +53,7 @@ def _legacy(head: bytes) -> float | None:
 
 
 def _of_xml(path: Path, head: bytes) -> float | None:
-    """That of an XML file."""
+    """The time in an XML file."""
     start, end = head.find(b"<FieldData"), head.find(b"</FieldData>")
     if start < 0 or end < 0:
         return None
@@ -93,7 +93,7 @@ def _whole(count: int) -> int:
 
 
 def _appended(path: Path, offset: int) -> tuple[bytes, bool]:
-    """What stands at an offset of the appended data, and whether it is base64."""
+    """The bytes at an offset of the appended data, and whether they are base64."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         start = content.find(b"<AppendedData")
         first = content.find(b"_", content.find(b">", start)) + 1

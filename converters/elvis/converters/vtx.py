@@ -20,7 +20,7 @@ from elvis.plugins.conversion import Reads
 
 #: the file of a folder that names the steps
 _INDEX = "md.idx"
-#: how it begins, and how many bytes tell it
+#: beginning of the format, and number of bytes that identify it
 _BEGINNING = b"ADIOS-BP"
 _HEAD = 64
 
@@ -76,7 +76,7 @@ class Vtx(Vtk):
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """Those of the steps."""
+        """The times of the steps."""
         (folder,) = _folders(paths)
         found: list[float] = _ask(folder, "times")
         return found
@@ -146,9 +146,9 @@ def _check_mesh(points: Sequence[Floats], tables: Sequence[Ints]) -> None:
 
 
 def _copies(cells: Ints, numbers: Sequence[Any], counts: Sequence[int]) -> Ints:
-    """(n,) 1 for cells that an earlier process has too, told by the numbers of their nodes in the whole, else 0.
+    """(n,) 1 for cells that an earlier process also has, identified by global numbers of their nodes, else 0.
 
-    numbers  of the nodes of each block; FormatError unless there are as many as ``counts``
+    numbers  of the nodes of each block; raises FormatError unless there are as many as ``counts``
     """
     rows = [np.size(block) for block in numbers]
     if rows != list(counts):
@@ -186,7 +186,7 @@ def _folders(paths: Sequence[Path]) -> list[Path]:
 
 
 def _members(folder: Path) -> list[Path]:
-    """The files of a folder, each of which is plain."""
+    """The files of a folder, which must all be plain."""
     members = sorted(folder.iterdir())
     for member in members:
         check_plain(member)
@@ -194,7 +194,7 @@ def _members(folder: Path) -> list[Path]:
 
 
 def _ask(folder: Path, method: str, *given: int) -> Any:
-    """What the library finds; FormatError if it fails."""
+    """The library's result; raises FormatError if it fails."""
     size = sum(each.stat().st_size for each in _members(folder))
     with Apart(_WORKER, size) as library:
         try:

@@ -1,4 +1,4 @@
-"""What ADIOS2's library does with VTX files, in a process of its own: the arrays of a step, block by block."""
+"""Worker for ADIOS2's library in a separate process: the arrays of a step of VTX files, block by block."""
 
 from __future__ import annotations
 

@@ -30,12 +30,12 @@ FILE = click.Path(path_type=Path)
 
 #: how names of extremes end
 _ENDINGS = ("_min", "_max", "_time")
-#: fits of covariances that leave more than this are told
+#: relative residual of covariance fits above which a message is printed
 _ROUNDING = 1e-11
 
 
 def _off(error: FitError) -> str:
-    """By how much a fit is off, in words."""
+    """The error of a fit, in words."""
     if error.bound < float("inf"):
         return f"it is off by {error.bound:.3g} of its largest value at most ({error.estimate:.3g} at points)"
     return f"it is off by about {error.estimate:.3g} of its largest value, an estimate from points"

@@ -43,7 +43,7 @@ class ConvertCommand(click.Command):
     """A command that also has the options of the installed converters."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Its own, then those that converters declare; of one name once."""
+        """Its own parameters, then the ones that converters declare; each name once."""
         params = super().get_params(ctx)
         taken = {name for param in params for name in param.opts}
         for name, option in _declare().items():
@@ -238,7 +238,7 @@ def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: b
 
 
 def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent: bool) -> None:
-    """Write the files; those of an earlier conversion that these would not replace are refused, or removed."""
+    """Write the files; remaining files of an earlier conversion raise an error, or are removed."""
     from elvis.core.errors import ElvisError
     from elvis.core.files.output import Outputs
     from elvis.core.terminal import say, stage
@@ -279,7 +279,10 @@ def _results(
     outside: str,
     **options: Any,
 ) -> tuple[Dataset, Report]:
-    """The data to write, and the errors of what was converted and added; fields alone only of native files."""
+    """The data to write, and the errors of the conversion and of added quantities.
+
+    Writing only fields requires native files.
+    """
     from elvis.core.errors import ElvisError
     from elvis.formats.reading import is_native
     from elvis.plugins.chosen_fields import ChosenFields
@@ -412,7 +415,7 @@ def _converted(
 def _moment(
     files: tuple[Path, ...], name: str | None, plugin: Path | None, options: dict[str, str], moment: Moment
 ) -> Converter:
-    """A moment of a series, in the native form that its steps are brought to; a word on how it was come by."""
+    """A moment of a series, in the native form of its steps; print a note on how it was computed."""
     from elvis.converters.native import Native
     from elvis.core.terminal import note
     from elvis.plugins.data import Reading, dataset_of

@@ -124,7 +124,7 @@ def _names(fields: str | None) -> tuple[str, ...] | None:
 
 
 def _report(losses: Sequence[Loss], path: Path, bound: float | None, as_json: bool) -> None:
-    """Print what was lost; ElvisError where that is more than allowed."""
+    """Print the losses; raise ElvisError if they exceed the limit."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json, print_table
 

@@ -124,7 +124,7 @@ def extract(
 
 
 def _surface(named: dict[str, str | None]) -> tuple[str, str]:
-    """What is asked for, boundary or level, and its name."""
+    """The kind of the requested surface, boundary or level, and its name."""
     given = {key: text for key, text in named.items() if text is not None}
     if len(given) != 1:
         raise click.UsageError("expected one of --boundary, --plane, --cut and --isosurface")
@@ -195,7 +195,7 @@ def _write_triangles(
 
 
 def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
-    """Print what was written."""
+    """Print a summary of the written file."""
     from elvis.core.terminal import print_json, say
 
     if as_json:
