@@ -95,7 +95,7 @@ def table(numbers: dict[str, Any]) -> Table:
     shown.rows = [_row(case, case["inside"] * case["operations of a pixel"] / peak) for case in numbers["cases"]]
     rates = {name: f"{value / 1e9:.1f}" for name, value in numbers["peaks"].items()}
     shown.notes = [
-        "Pixels counted are those inside. Floor: operations of pixels inside (benchmarks/README.md has the formula) "
+        "Pixels counted are those inside. Floor: operations of pixels inside (docs/internals has the formula) "
         "at the peak of one core, in CPU seconds as the column next to it. Peaks measured: NumPy's matrix product "
         f"{rates['blas']}, multiply-adds in a kernel {rates['device']} Gflop a CPU second. First: the first frame "
         "after loading, nothing compiled before; cached: the same with kernels that were compiled before.",

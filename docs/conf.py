@@ -23,6 +23,7 @@ include_patterns = [
     "docs/**.ipynb",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
+    "SECURITY.md",
     "*/README.md",
     "examples/reports/*.md",
 ]

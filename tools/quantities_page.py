@@ -13,7 +13,7 @@ HEAD = """<!-- made by tools/quantities_page.py from the table in formats/elvis/
 # Predefined quantities
 
 These names stand for expressions. You can use them wherever ElVis expects a
-[quantity](../formats/README.md#quantities): `--field lambda2`, `--isosurface "swirl=2"`,
+[quantity](expressions.md): `--field lambda2`, `--isosurface "swirl=2"`,
 `--field "wall_shear(mu=1e-3)"`, in scenes and in Python. ElVis replaces each name by the formula on
 this page and evaluates it like any other expression, from the solver's own polynomials.
 `elvis info DATA --quantities` lists the quantities of a file, and for the others what the file
