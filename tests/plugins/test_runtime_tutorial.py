@@ -1,4 +1,4 @@
-"""The tutorial of plugins/README.md, word for word: tried from its folder, and installed as a distribution."""
+"""The tutorial of docs/howto/runtime-plugin.md, word for word: tried from its folder, and installed as a distribution."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from elvis.plugins.testing import check_volume
 from elvis.plugins.volume import interface_folder
 from elvis.reference.picture import render as render_reference
 
-PAGE = Path(__file__).resolve().parents[2] / "plugins" / "README.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "runtime-plugin.md"
 SECTORS = np.array([[1, 2, a, a + np.pi / 3, 0, 1] for a in np.arange(6) * np.pi / 3])
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 
