@@ -1,4 +1,4 @@
-"""Whether two records can come from one camera, told from their positions alone."""
+"""Whether two records can come from one camera, judged only by their positions."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from elvis.reference.record import Record
 
 #: pixels of each record that take part, at most
 _SAMPLE = 4000
-#: least singular value, in parts of the greatest, above which no camera fits
+#: smallest singular value, relative to the largest, above which no camera fits
 _MISFIT = 1e-9
 
 
 def same_camera(first: Record, second: Record) -> bool:
-    """Whether one projection takes the positions of both records to their pixels, and one direction gives their depths.
+    """Whether one projection maps the positions of both records to their pixels, and one direction gives their depths.
 
-    A projection is a 3 x 4 matrix P with (i, j, 1) ~ P (x, y, z, 1), on a plane a 3 x 3 one: the direct linear
-    transformation (Hartley and Zisserman, Multiple View Geometry, 4.1) has a solution where its system is singular.
+    A projection is a 3 x 4 matrix P with (i, j, 1) ~ P (x, y, z, 1), on a plane a 3 x 3 one.  The direct linear
+    transformation (Hartley and Zisserman, Multiple View Geometry, 4.1) has a solution if its system is singular.
     """
     parts = [_sample(record) for record in (first, second)]
     pixels, points, depths = (np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -34,7 +34,7 @@ def same_camera(first: Record, second: Record) -> bool:
 
 
 def _sample(record: Record) -> tuple[Floats, Floats, Floats]:
-    """Pixels (n, 2), positions (n, 3) and depths (n,) of some of what is seen, spread evenly."""
+    """Pixels (n, 2), positions (n, 3) and depths (n,) of some visible pixels, spread evenly."""
     rows, columns = np.nonzero(record.seen & np.isfinite(record.position).all(axis=2) & np.isfinite(record.depth))
     step = max(1, len(rows) // _SAMPLE)
     rows, columns = rows[::step], columns[::step]
@@ -49,7 +49,7 @@ def _normalise(values: Floats) -> Floats:
 
 
 def _span_coordinates(points: Floats) -> Floats:
-    """The points (n, 3) by coordinates in the plane or line that they fill: what is off it would fit any camera."""
+    """The points (n, 3) by coordinates in the plane or line that they span: any camera fits coordinates off it."""
     _, extents, axes = np.linalg.svd(points, full_matrices=False)
     return np.asarray(points @ axes[extents > _MISFIT * extents[0]].T)
 

@@ -1,8 +1,8 @@
-"""Bounds of polynomials from their values at Chebyshev's points, by which the reference proves what it leaves out.
+"""Bounds of polynomials from their values at Chebyshev points, with which the reference proves its exclusions.
 
-A polynomial of degree n is nowhere greater than its greatest value at the zeros of the Chebyshev polynomial of degree
-m > n, divided by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen Gitterpunkten, 1964); one of
-several variables takes such a divisor for each.
+A polynomial of degree n is at most its largest value at the zeros of the Chebyshev polynomial of degree m > n, divided
+by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen Gitterpunkten, 1964); several variables need
+such a divisor for each.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from elvis.core.shapes import Shape
 SAMPLES = 2
 #: degree that is taken of waves in a box, and of maps that aren't polynomials
 GUESSED = 4
-#: bounds are this much wider than is proved, in parts of the values, for rounding
+#: relative widening of bounds for rounding
 _ROUNDING = 1e-12
 
 
@@ -58,7 +58,7 @@ def lattice_lines(degrees: tuple[int, ...]) -> tuple[Floats, ...]:
 
 
 def bounds_of(values: Floats, divisor: float) -> tuple[Floats, Floats]:
-    """Bounds (...,) of polynomials from their values (..., k) at a lattice; those of no numbers are no bounds."""
+    """Bounds (...,) of polynomials from their values (..., k) at a lattice; NaN values give no bounds."""
     low, high = values.min(axis=-1), values.max(axis=-1)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) / divisor
     half += _ROUNDING * (np.abs(middle) + half)

@@ -1,4 +1,4 @@
-"""What clips take away, for reference and baseline."""
+"""Points removed by clips, for reference and baseline."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from elvis.core.arrays import Bools, Floats
 from elvis.reference.surfaces import levels
 from elvis.scene import Clip, Implicit
 
-#: what is nearer to the surface of a clip than this part of the scene's size, or of an expression's greatest value, is
-#: on it, and stays
+#: points nearer to the surface of a clip than this share of the scene's size, or of an expression's maximum, are on it
+#: and stay
 _ON = 1e-11
 
 
 def is_clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
-    """(n,) which of the world points (n, 3) lie where nothing is to be shown; those that aren't numbers don't.
+    """(n,) which of the world points (n, 3) are removed by clips; NaN points are not.
 
     values  of an expression at the points, by its text
     size    of the scene in world units
@@ -38,7 +38,7 @@ def unsure(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats
 def _is_taken_away(
     clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float, part: float
 ) -> Bools:
-    """As `is_clipped`, with this part of what lies on a surface."""
+    """`is_clipped` with the tolerance for points on a surface multiplied by ``part``."""
     gone = np.zeros(len(points), bool)
     for clip in clips:
         own, scale = clip.surface, size

@@ -1,6 +1,6 @@
-"""Colours of pixels from what their rays meet, in NumPy: the colour map, light, lines, opacity.
+"""Colours of pixels from hits of their rays, in NumPy: the colour map, light, lines, opacity.
 
-What is shared with the renderer is the colour map and the scene's meaning, nothing that computes with it.
+Only the colour map and the definition of scenes are shared with the renderer, and no code that computes with them.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class SurfaceHits:
 
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """Colours along rays: what surfaces show, and what volumes add between surfaces.
+    """Colours along rays: from surfaces, and from volumes between surfaces.
 
     pixel  (k,)
     depth  (k,)    of a surface, or of the middle of a segment
     color  (k, 3)  times alpha
-    alpha  (k,)    part in [0, 1] of what lies behind that is hidden
+    alpha  (k,) share in [0, 1] of the light from behind that is absorbed
     """
 
     pixel: Ints
@@ -62,7 +62,7 @@ def record(
 ) -> Record:
     """The picture of surfaces and volumes over the background.
 
-    The channels are those of the nearest of the most opaque surfaces.
+    The channels belong to the nearest of the most opaque surfaces.
     """
     shape = (view.height, view.width)
     nearest, opacity = Hits.none(view.count, ("shown",)), np.zeros(view.count)
@@ -152,9 +152,9 @@ def is_lit(style: Style, surface: bool) -> bool:
 
 
 def colored(transfer: Transfer, scene: Scene, ends: tuple[float, float] | None) -> Transfer:
-    """The transfer function with colours: its own, or those of the colour map at its values.
+    """The transfer function with colours: its own, or the colour map's at its values.
 
-    ends  of the colour map: what surfaces show or the scene says; None takes those of the function
+    ends  ends of the colour map, from surfaces or the scene; None takes the ends of the function
     """
     if transfer.colors:
         return transfer

@@ -1,4 +1,4 @@
-"""Contours in records, found between neighbouring pixels, and how far those of two records lie apart."""
+"""Contours in records, located between neighbouring pixels, and distances between contours of two records."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _JUMP = 16.0
 
 @dataclass(frozen=True)
 class Displacement:
-    """How far a contour of one picture lies from that of another, in pixels.
+    """Distances of a contour of one picture from the same contour of another, in pixels.
 
     value     of the field
-    greatest  distance of a point of either from the other (Hausdorff); None where only one of them has the contour
+    greatest  largest distance of a point of either from the other (Hausdorff); None if only one of them has the contour
     mean      of the distances of all points
-    worst     row and column of the point that is farthest from the other contour
-    points    of the exact contour and of the other one, where it passes between two pixels
+    worst     row and column of the point farthest from the other contour
+    points    number of points of the exact contour and of the other one, where it passes between two pixels
     """
 
     value: float
@@ -35,7 +35,7 @@ class Displacement:
 def crossings(record: Record, value: float) -> Floats:
     """(k, 2) rows and columns at which the field takes a value between two neighbouring pixels, linearly between them.
 
-    Where the field jumps from element to element over the value, the contour runs along the jump; none runs between
+    If the field jumps across the value between elements, the contour runs along the jump; no contour runs between
     surfaces that lie behind one another.
     """
     field, found, apart = record.field, [], _apart(record)

@@ -1,4 +1,4 @@
-"""What rays meet: the records of single surfaces, pixel by pixel, before they are put together to a picture."""
+"""Hits of rays: the records of single surfaces, pixel by pixel, before they are composed to a picture."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from elvis.scene.frame import Status
 
 @dataclass(eq=False)
 class Hits:
-    """At most one hit for each of n pixels, row by row from the top.
+    """Up to one hit for each of n pixels, row by row from the top.
 
-    element    (n,)    id in the file, -1 where nothing is met
-    values     name -> (n,), NaN where nothing is met
-    reference  (n, 3)  reference coordinates in the element, NaN likewise
-    position   (n, 3)  world coordinates, NaN likewise
-    depth      (n,)    distance from the eye's plane along the view, infinite likewise
-    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN likewise
+    element    (n,) id in the file, -1 without a hit
+    values     name -> (n,), NaN without a hit
+    reference  (n, 3) reference coordinates in the element, NaN without a hit
+    position   (n, 3) world coordinates, NaN without a hit
+    depth      (n,) distance from the eye's plane along the view, infinite without a hit
+    normal     (n, 3) unit normal of the surface, facing the viewer, NaN without a hit
     status     (n,)    of `Status`
-    uncertainty  (n,)  the true depth is within this of ``depth``, NaN likewise
+    uncertainty  (n,) maximum difference of ``depth`` from the true depth, NaN without a hit
     """
 
     element: Ints

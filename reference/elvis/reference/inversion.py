@@ -1,11 +1,11 @@
-"""The reference's inverse map: which reference point of an element lies at a world point, or the proof that none does.
+"""The reference's inverse map: the reference point of an element at a world point, or the proof that there is none.
 
-The core solves once from a guess and proves by Bernstein nets.  Here, so that an error there is not in both, Newton's
-method starts from the place of a lattice whose image is nearest, where that fails from the middles of small boxes, and
-absence is proved by halving these: in a box B of collapsed coordinates with middle c, the map is Phi(c) + J (r - c) +
-R(r); the linear part is extreme at the corners of B, and R is bounded by its values at Chebyshev's points
-(`chebyshev`).  A point beyond these bounds, in the directions of the axes or of the dual tangents at c, is not the
-image of a point of B.
+The core solves once from a guess and proves by Bernstein nets.  The reference uses another method, so that an error is
+not in both.  Newton's method starts from the place of a lattice whose image is nearest and, if that fails, from the
+centres of small boxes.  Absence is proved by bisecting these: in a box B of collapsed coordinates with centre c, the
+map is Phi(c) + J (r - c) + R(r); the linear part is extreme at the corners of B, and R is bounded by its values at
+Chebyshev points (`chebyshev`).  A point beyond these bounds, in the directions of the axes or of the dual tangents at
+c, is not the image of a point of B.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from elvis.reference.chebyshev import bounds_of, lattice, lattice_lines, map_deg
 from elvis.scene.time_limit import check_time
 
 _EPSILON = float(np.finfo(np.float64).eps)
-#: residual of a root, in parts of the element's size; roundings of coordinates that add to it
+#: residual of a root, relative to the element's size, and roundings of coordinates that add to it
 _RESIDUAL, _ROUNDINGS = 2.5e-14, 16
 #: places along each collapsed coordinate that Newton's method may start from
 _PLACES = 3
 #: steps of Newton's method, the shortest one that changes anything, and how far it may go beyond an element
 _STEPS, _SHORT, _SLACK = 40, 1e-15, 0.25
-#: halvings of a direction, after how many of all Newton's method is tried in what is left, and pairs of a point and a
-#: box that are too many
+#: bisections of a direction, number of all bisections after which Newton's method is tried in the rest, and excessive
+#: number of pairs of a point and a box
 _HALVINGS, _TRIED, _PAIRS = 48, 9, 1 << 20
 #: numbers in an intermediate array
 _AT_ONCE = 1 << 22
@@ -66,7 +66,7 @@ class Inverter:
         self.magnitudes = np.maximum(np.abs(self.low), np.abs(self.high)).max(axis=1, initial=0.0)
 
     def precision(self, rows: Ints) -> Floats:
-        """(n,) world distance within which a point is that of a root."""
+        """(n,) world distance within which a point counts as a root's image."""
         return np.asarray(np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * _EPSILON * self.magnitudes[rows]))
 
     def map_points(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
@@ -77,8 +77,8 @@ class Inverter:
         """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, the last one fastest.
 
         lines  for each direction the lattice's coordinates (k_i,) in [-1, 1]
-        Sum factorisation (Orszag 1980) for the last direction: modes are products of factors along each one, and those
-        of the other directions are shared by the three coordinates and by equal boxes.
+        The last direction uses sum factorisation (Orszag 1980): modes are products of factors along each direction, and
+        the factors of the other directions are shared by the three coordinates and by equal boxes.
         """
         distinct, own = np.unique(boxes.reshape(len(boxes), -1), axis=0, return_inverse=True)
         low, high = np.split(distinct, 2, axis=1)
@@ -105,7 +105,7 @@ class Inverter:
         found, root, inside = self._newton(rows[active], start, points[active])
         reference[active[inside]] = found[inside]
         status[active[inside]] = Status.INSIDE
-        # an affine map has one root alone
+        # an affine map has only one root
         if self._is_affine:
             status[active[root & ~inside]] = Status.OUTSIDE
         return reference, status
@@ -138,7 +138,7 @@ class Inverter:
         return reference, status
 
     def _nearest(self, rows: Ints, points: Floats) -> Floats:
-        """(n, d) reference points to start from: those of a lattice whose images are nearest."""
+        """(n, d) reference points to start from: the lattice points with the nearest images."""
         places = _places(self.shape)
         elements, own = np.unique(rows, return_inverse=True)
         count = len(elements) * len(places)
@@ -153,7 +153,7 @@ class Inverter:
         return places[best]
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, Bools, Bools]:
-        """Where damped steps lead (n, d), whether that is a root (n,), and whether it is one inside (n,)."""
+        """End points of damped steps (n, d), whether they are roots (n,), and whether they are roots inside (n,)."""
         found, nearest = start.copy(), np.full(len(rows), np.inf)
         best, active = start.copy(), np.arange(len(rows))
         for _ in range(_STEPS):
@@ -182,7 +182,7 @@ class Inverter:
         return best, root, root & (margin >= -TOLERANCE)
 
     def _blur(self, rows: Ints, places: Floats) -> Floats:
-        """(n,) how much rounding of coordinates may move margins at reference points (n, d), no more than a quarter.
+        """(n,) maximum change of margins by rounding of coordinates at reference points (n, d), up to a quarter.
 
         A margin changes by at most half the sum of the changes of the reference coordinates.
         """

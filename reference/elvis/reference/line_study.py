@@ -1,4 +1,4 @@
-"""Where streamlines of a scene end: ours against a run of ten times the precision, VTK's in linear meshes and cells."""
+"""Ends of a scene's streamlines: ours against a tenfold tighter tolerance, and VTK's in linear meshes and cells."""
 
 from __future__ import annotations
 
@@ -24,18 +24,19 @@ from elvis.scene import Scene, Streamlines
 from elvis.scene.flow import course_of
 from elvis.scene.time_limit import check_time
 
-#: lines of an object that are compared at most, evenly among its seeds; tolerance of the true ones, in parts of ours
+#: maximum number of lines of an object that are compared, evenly among its seeds, and tolerance of the true ones
+#: relative to ours
 MOST, FINER = 100, 0.1
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Distances of lines' ends from the true ones, in parts of the diagonal of the box.
+    """Distances of lines' ends from the true ones, relative to the diagonal of the box.
 
-    name      of what follows them
-    level     cuts of each element, None where that has no meaning
+    name      name of the tracer
+    level     cuts of each element, None if not applicable
     greatest, median
-    skipped   why there are none
+    skipped   reason why there are none
     """
 
     name: str
@@ -77,7 +78,7 @@ class _Lines:
 def line_studies(
     dataset: Dataset, scene: Scene, quantities: Quantities, levels: Sequence[int], limit: int
 ) -> list[LineStudy]:
-    """Of every object of streamlines in elements; linear meshes take ``limit`` bytes at most."""
+    """The studies of all objects of streamlines in elements; linear meshes use at most ``limit`` bytes."""
     found = []
     for number, shown in enumerate(scene.objects):
         if isinstance(shown, Streamlines) and shown.seeds and shown.wall is None:

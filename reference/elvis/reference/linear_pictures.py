@@ -1,4 +1,4 @@
-"""What linear elements show of a dataset, one picture after another, next to exact ones."""
+"""Pictures of a dataset by linear elements, one after another, next to exact ones."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class LinearPictures:
         self._mesh: tuple[object, Baseline] | None = None
 
     def draw(self, frame: Frame, level: int, limit: int | None = None) -> tuple[Record, int]:
-        """The linear picture of an exact frame's scene, camera and colour range, and how many simplices it shows.
+        """The linear picture of an exact frame's scene, camera and colour range, and its number of simplices.
 
         level  cuts of each element
-        limit  bytes that the mesh may take while it is made and drawn; by default half of what is free
+        limit  maximum bytes of the mesh during construction and drawing; by default half of the free memory
 
-        ElvisError for what linear meshes are not drawn of, and where the limit is too small; MissingPackageError
-        without embreex.
+        Raises ElvisError for objects that linear meshes can't draw, and if the limit is too small; raises
+        MissingPackageError without embreex.
         """
         scene = complete(frame)
         made = self._made(names_of(scene), level, scene.time, memory_limit() if limit is None else limit)

@@ -17,12 +17,12 @@ from elvis.core.patch import Patch
 from elvis.plugins.host_patch import HostPatch
 from elvis.reference.inversion import Inverter
 
-#: pairs of a point and an element that are looked at together
+#: pairs of a point and an element that are treated together
 _BATCH = {True: 1 << 13, False: 1 << 16}
 
 
 class _Elements(Protocol):
-    """Elements of a patch as the search sees them; points are (n, 3), rows (n,), results as those of `Inverter`."""
+    """Elements of a patch as the search sees them; points are (n, 3), rows (n,), results as in `Inverter`."""
 
     def invert(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]: ...
 
@@ -52,7 +52,7 @@ class Locator:
         self._dimension = max((patch.shape.dimension for patch in self.patches), default=3)
 
     def locate(self, points: Floats, all: bool = False) -> Location:
-        """Where world points (n, 3) are: for each the element with the greatest margin, or every one that holds it.
+        """Locations of world points (n, 3): for each, the element with the largest margin, or every one that holds it.
 
         Coordinates along Fourier directions are taken modulo the period.
         """
@@ -108,7 +108,7 @@ class Locator:
     def _location(
         self, zeta: Floats, pairs: tuple[Ints, Ints, Ints], reference: Floats, status: NDArray[np.uint8], every: bool
     ) -> Location:
-        """The results sorted by point, those of a point by margin, then by id."""
+        """The results sorted by point, for each point by margin, then by id."""
         point, patch, row = pairs
         margin, ids = np.full(len(point), np.nan), np.full(len(point), -1)
         for number, own in enumerate(self.patches):

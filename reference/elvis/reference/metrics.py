@@ -1,4 +1,4 @@
-"""What two records of one picture have in common, in numbers that mean something to an engineer."""
+"""Comparison of two records of one picture, in numbers meaningful to an engineer."""
 
 from __future__ import annotations
 
@@ -35,22 +35,23 @@ class Place:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a picture against the exact one, over the pixels that both see.
+    """Errors of a picture relative to the exact one, over the pixels visible in both.
 
-    range           least and greatest value that the errors are parts of
+    range           minimum and maximum value, to which errors are relative
     pixels          seen in the exact picture
-    value_max, value_mean, value_rms  of |other - exact|, in parts of the range
-    off             percent of them off by more than one step of the colour map (1/256 of the range), or missing
-    missing         seen in the exact picture alone
-    spurious        seen in the other alone
-    position_max, position_mean       distance of the two positions, in parts of the diagonal of what is seen
-    pixel           size of a pixel in world units, None where it isn't known
-    pixel_max       greatest distance of the two positions in pixels, None likewise
-    normal_max      greatest angle between the normals, degrees
-    elements        pixels of another element
-    colors_off      percent of all pixels with a red, green or blue that is off by more than 1 %
-    contours        how far each is displaced
-    worst           the pixel of the greatest error of the value, None where no pixel is off
+    value_max, value_mean, value_rms  maximum, mean and root mean square of |other - exact|, relative to the range
+    off             percent of these pixels with an error above one step of the colour map (1/256 of the range), or
+                    missing
+    missing         pixels visible only in the exact picture
+    spurious        pixels visible only in the other picture
+    position_max, position_mean       distance of the two positions, relative to the diagonal of the visible part
+    pixel           size of a pixel in world units, None if unknown
+    pixel_max       largest distance of the two positions in pixels, None if unknown
+    normal_max      largest angle between the normals, in degrees
+    elements        number of pixels with another element
+    colors_off      percent of all pixels with an error of more than 1 % in red, green or blue
+    contours        displacement of each
+    worst           the pixel with the largest error of the value, None if no pixel has an error
     """
 
     range: tuple[float, float]
@@ -132,22 +133,22 @@ def errors(
 
 
 def extent(record: Record) -> float:
-    """Diagonal of the box around what is seen; 1 where that is a point, or nothing."""
+    """Diagonal of the box around the visible part; 1 if that is a point, or empty."""
     points = record.position[record.seen]
     return (float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0) or 1.0
 
 
 def value_range(record: Record) -> tuple[float, float]:
-    """Least and greatest finite value that is seen: what errors are parts of.
+    """Minimum and maximum of the finite visible values, to which errors are relative.
 
-    Where values are the same to nine digits, as on an isosurface, their size takes the place of the range.
+    If all values agree to nine digits, as on an isosurface, their size replaces the range.
     """
     finite = record.field[record.seen & np.isfinite(record.field)]
     return not_narrow((float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0))
 
 
 def not_narrow(ends: tuple[float, float]) -> tuple[float, float]:
-    """The ends of a range, or of one about them that is as wide as they are large, where they nearly coincide."""
+    """The ends of a range; if they nearly coincide, the ends of a range around them that is as wide as their size."""
     low, high = ends
     largest = max(abs(low), abs(high))
     if high - low > _NARROW * largest:
@@ -156,7 +157,7 @@ def not_narrow(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 def value_errors(exact: Record, other: Record, ends: tuple[float, float]) -> Floats:
-    """(h, w) |other - exact| in parts of the range; NaN where not both are seen, infinite where one is no number."""
+    """(h, w) |other - exact| relative to the range; NaN unless both are visible, infinite if one is NaN."""
     away = np.abs(other.field - exact.field) / (ends[1] - ends[0])
     known = np.isfinite(exact.field), np.isfinite(other.field)
     away = np.where(known[0] & known[1], away, np.where(known[0] | known[1], np.inf, 0.0))

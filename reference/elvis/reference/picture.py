@@ -1,8 +1,8 @@
-"""Pictures of plane cuts and plane data in NumPy: the device ``reference``; those of other scenes are in `scenes`.
+"""Pictures of plane cuts and plane data in NumPy: the device ``reference``; `scenes` draws other scenes.
 
 Every pixel's plane point is located among the elements, and the field's modal expansion is summed there in collapsed
-coordinates.  No kernel, Bernstein form or bound of the renderer takes part; what is shared with it is the scene, the
-view and the palette.
+coordinates.  It uses no kernel, Bernstein form or bound of the renderer; only the scene, the view and the palette are
+shared with it.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from elvis.scene.view import PlaneView, view_of
 
 
 def render(data: Dataset | PluginData, scene: Scene) -> Frame:
-    """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene has a plane.
+    """A picture of 2D data in the plane, or of a plane cut through 3D or quasi-3D data; the scene must have a plane.
 
-    Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.
-    A point within 1e-10 of the border of elements (`elvis.core.mapping.margins`) is ambiguous and goes to the one
-    of lowest id.  What a plugin has opened is drawn where it describes its elements in NumPy.
-    Raises SceneError where nothing is seen or the scene's time has passed, ElvisError for data that can't be drawn.
+    Quasi-3D data (plane elements with a Fourier series along z) are shown over one period, from z = 0.  A point within
+    1e-10 of the border of elements (`elvis.core.mapping.margins`) is ambiguous and goes to the one of lowest id.  Data
+    opened by a plugin are drawn if it describes its elements in NumPy.  Raises SceneError if nothing is visible or the
+    scene's time has passed, and ElvisError for data that can't be drawn.
     """
     source = Source.of(data)
     with limited(scene.timeout):

@@ -38,7 +38,7 @@ def owners(locator: Locator, points: Floats) -> Location:
 
 
 def _locate(locator: Locator, points: Floats, every: bool = False) -> Location:
-    """Where points (n, 3) are, or every element that holds them; some at a time, as it may take long."""
+    """Locations of points (n, 3), or every element that holds them; in batches, since it may take long."""
     parts = []
     for first in range(0, max(1, len(points)), _AT_ONCE):
         check_time()

@@ -24,7 +24,7 @@ from elvis.scene.time_limit import check_time
 Corners = Callable[[Patch, Ints, Floats], Floats]
 #: step of central differences in reference coordinates, for gradients of expressions
 _STEP = 1e-5
-#: part of what values are made of by which they may be off
+#: rounding of values relative to their terms
 _ROUNDING = 4e-15
 
 
@@ -83,7 +83,7 @@ class Quantities:
         return None if number is None else patch.fields[number]
 
     def equation(self, name: str, value: float) -> Equation | None:
-        """Where a quantity has a value; None where what it is made of isn't known."""
+        """The equation for a quantity to have a value; None if its terms are unknown."""
         return Equation.of(self._expressions[name].root, value)
 
     def modes(self, names: Sequence[str], patch: Patch) -> dict[str, int] | None:
@@ -97,7 +97,7 @@ class Quantities:
         return selected_faces(self._mesh, self.patches[number], select)
 
     def guessed_degree(self, name: str, patch: Patch) -> int:
-        """The greatest degree of what an expression is made of, in any direction; 2 at least."""
+        """The highest degree of an expression's fields and map, in any direction; at least 2."""
         own = [patch.fields[self._evaluator.names.index(field)] for field in self._expressions[name].fields]
         return max(2, *(modes - 1 for each in (patch.geometry, *own) if each is not None for modes in each.modes))
 
@@ -113,7 +113,7 @@ class Quantities:
     def values_and_gradients(self, name: str, patch: Patch, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Values (n,) and their derivatives (n, D) in the reference coordinates.
 
-        Those of fields are the modes' own; those of expressions are central differences.
+        Derivatives of fields are exact derivatives of the modes; derivatives of expressions are central differences.
         """
         number = self._number(name)
         if number is not None and patch.homogeneous is None:
@@ -129,9 +129,9 @@ class Quantities:
         return self.values(name, patch, rows, points), gradients
 
     def rounding(self, name: str, patch: Patch, rows: Ints) -> Floats:
-        """(k,) how far values in elements (k,) may be off by rounding: by a part of all modes together.
+        """(k,) rounding of values in elements (k,), relative to the sum of all modes.
 
-        Of expressions, whose parts aren't known, by that of the greatest value at some places of the element.
+        For expressions, whose terms are unknown, it is relative to the largest value at some places of the element.
         """
         elements, place = np.unique(rows, return_inverse=True)
         number = None if self.expansion(name, patch) is None else self._number(name)

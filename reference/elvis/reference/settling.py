@@ -1,4 +1,4 @@
-"""What a scene asks for beyond a plain picture: colour ranges of whole fields, several samples per pixel."""
+"""Extensions of a plain picture: colour ranges of whole fields, several samples per pixel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Draw = Callable[[Source, Scene], Frame]
 
 
 def settle_range(source: Source, scene: Scene) -> Scene:
-    """The scene with two values in place of the range ``all``: certified bounds; SceneError where there are none."""
+    """The scene with the range ``all`` replaced by two values: certified bounds; raises SceneError without bounds."""
     if scene.range != "all":
         return scene
 
@@ -37,7 +37,7 @@ def _bounds(source: Source, name: str) -> tuple[float, float]:
 
 
 def supersample(draw: Draw, source: Source, scene: Scene) -> Frame:
-    """The picture with colours that are means over n x n points of each pixel; records are those of its centre."""
+    """The picture with colours averaged over n x n points of each pixel; records belong to its centre."""
     frame, n = draw(source, replace(scene, samples=1)), scene.samples
     height, width = frame.status.shape
     fine = replace(_finer(frame.scene, n), camera=frame.view.camera, size=(n * width, n * height))

@@ -33,7 +33,7 @@ class Face:
     kind    triangle or quadrilateral
     frame   (3, 3)  rows f0, f1, f2: the point (s, t) of the face lies at f0 + s f1 + t f2 in reference coordinates
     height  (4,)    normal and offset: the face lies where normal . xi + offset = 0
-    others  (k, 4)  those of what bounds the face
+    others  (k, 4) normals and offsets of the planes that bound the face
     """
 
     kind: Shape
@@ -76,7 +76,7 @@ def _frame(corners: Floats) -> Floats:
 
 @cache
 def bounds(shape: Shape, extruded: bool) -> Floats:
-    """(k, 4) normals and offsets of the planes that bound a solid, of a surface those that bound it sideways."""
+    """(k, 4) normals and offsets of the planes that bound a solid; for a surface, the planes that bound it sideways."""
     normals, offsets = facets(shape)
     planes = np.column_stack([np.pad(normals, ((0, 0), (0, 3 - shape.dimension))), offsets])
     return np.concatenate([planes, _LIDS]) if extruded else planes
@@ -95,7 +95,8 @@ def margins_of(patch: Patch, points: Floats) -> Floats:
 def cells_of(patch: Patch, level: int, layers: int | None = None) -> Template:
     """The elements of a patch cut ``level`` times.
 
-    Those of quasi-3D data have a layer for each plane between their lids, which is cut ``layers`` times, else as often.
+    Elements of quasi-3D data have a layer for each plane between their lids, which is cut ``layers`` times, by default
+    ``level`` times.
     """
     cut = template(patch.shape, level)
     if patch.homogeneous is None:

@@ -1,4 +1,4 @@
-"""What pictures ask of their data, whether these are a dataset or what a runtime plugin has opened: decided once."""
+"""Sources of pictures, either a dataset or data opened by a runtime plugin: distinguished only here."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Source(ABC):
 
     @staticmethod
     def of(data: Dataset | PluginData) -> Source:
-        """What answers for the data."""
+        """The source for the data."""
         return PluginSource(data) if isinstance(data, PluginData) else DatasetSource(data)
 
     @abstractmethod
@@ -71,12 +71,12 @@ class DatasetSource(Source):
 
 @dataclass(frozen=True, eq=False)
 class PluginSource(Source):
-    """What a runtime plugin has opened."""
+    """The data opened by a runtime plugin."""
 
     opened: PluginData
 
     def quantities(self, names: Sequence[str]) -> Quantities:
-        """See `Source`; ElvisError, too, where the plugin describes its elements in no NumPy."""
+        """See `Source`; also raises ElvisError if the plugin doesn't describe its elements in NumPy."""
         return HostQuantities(self.opened, names)
 
     def bounds(self, name: str) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""A comparison: the exact picture, its validation, and the linear pictures of the same scene with what they cost."""
+"""A comparison: the exact picture, its validation, and the linear pictures of the same scene with their costs."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ NOTHING_DRAWN = "it draws nothing of this scene, so there is nothing to score"
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A picture that is held against the exact one.
+    """A picture that is compared with the exact one.
 
     key        short, for file names
-    name       as tables call it
-    level      cuts of each element, None where that has no meaning
+    name       name in tables
+    level      cuts of each element, None if not applicable
     counts     simplices, points and bytes
     seconds    by name
     surfaces   distances of its isosurfaces, by value
-    deviations  distances of its faces and isosurfaces, by name, where open3d is there
-    apart      (h, w) distances of what the exact picture shows from these
-    meshes     that it was drawn from, by file name without suffix, where they were asked for
-    skipped    why there is no picture
+    deviations  distances of its faces and isosurfaces, by name, if open3d is available
+    apart      (h, w) distances of the exact picture's points from these
+    meshes     source meshes, by file name without suffix, if requested
+    skipped    the reason for a missing picture
     """
 
     key: str
@@ -101,15 +101,15 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """All that a report tells.
+    """The content of a report.
 
     scene      completed: with camera and size
-    exact      the picture that is held for true
+    exact      the picture that serves as the reference
     ends       of the colour range
-    contours   values whose displacement is measured
-    lines      where streamlines end, of each object that has some
-    next       cuts beyond the last ones, and the bytes they would need
-    stored     bytes of the coefficients that the exact picture is drawn from
+    contours   values of contours whose displacement is measured
+    lines      ends of streamlines, for each object that has some
+    next       cuts beyond the last ones, and the bytes that they would need
+    stored     bytes of the coefficients from which the exact picture is drawn
     """
 
     exact: Record
@@ -148,7 +148,7 @@ def even_levels(values: Floats) -> tuple[float, ...]:
 
 
 def memory_limit() -> int:
-    """Half of the memory that is free now, in bytes; 2 GB where the system doesn't tell."""
+    """Half of the memory that is free now, in bytes; 2 GB if the system does not report it."""
     free = free_memory()
     return int(free / 2) if free < float("inf") else 2 << 30
 
@@ -162,12 +162,12 @@ def compare_scene(
     validation_size: int = VALIDATION_SIZE,
     meshes: bool = False,
 ) -> Study:
-    """The exact picture of a scene against the linear ones.
+    """The exact picture of a scene compared with the linear ones.
 
-    limit            bytes that a linear mesh may take while it is made and drawn; by default half of what is free
+    limit            maximum bytes of a linear mesh during construction and drawing; by default half of the free memory
     draw             the renderer, ``elvis.renderer.render`` by default
-    validation_size  longest side of the picture that the reference checks; 0 checks nothing
-    meshes           whether all meshes are kept
+    validation_size  longest side of the picture that the reference checks; 0 disables the check
+    meshes           whether all meshes are stored
     """
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
@@ -207,7 +207,7 @@ def compare_scene(
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """What the linear pictures of a scene have in common."""
+    """Common data of the linear pictures of a scene."""
 
     dataset: Dataset
     scene: Scene
@@ -296,7 +296,7 @@ def _is_empty(record: Record) -> bool:
 def exact_surfaces(
     dataset: Dataset, scene: Scene, quantities: Quantities, limit: int
 ) -> dict[str, tuple[Isosurface, LinearMesh]]:
-    """By name, each isosurface of a scene at one value, and its exact triangles, as fine as the memory limit allows."""
+    """Each isosurface of a scene at one value, by name, and its exact triangles, as fine as the memory limit allows."""
     elements, count = quantities.patches, len(quantities.names)
     level = max(level for level in range(FINE + 1) if level == 0 or affordable(elements, level, count, limit)[0])
     found = {}
@@ -329,7 +329,7 @@ def sampled_surfaces(
 
 
 def _left_out(scene: Scene) -> list[str]:
-    """A sentence where distances of surfaces are missing."""
+    """A message if distances of surfaces are missing."""
     has_some = any(isinstance(shown, Faces | Isosurface) for shown in scene.every_object)
     reason = why_not() if has_some else ""
     return [reason] if reason else []
@@ -341,7 +341,7 @@ def _from_file(shown: SceneObject) -> bool:
 
 
 def drawing_device() -> Callable[..., Frame]:
-    """What draws unless another device is asked for; the reference itself knows no renderer."""
+    """The default drawing function; the reference itself imports no renderer."""
     from elvis.plugins.registry import load
 
     return cast(Callable[..., Frame], load("elvis.devices", "auto"))
@@ -372,7 +372,7 @@ def _ambiguous(exact: Record, other: Record) -> int:
 
 
 def _contours(scene: Scene, exact: Record, ends: tuple[float, float]) -> tuple[float, ...]:
-    """The values of the scene's contours, else some that are spread over what is seen."""
+    """The values of the scene's contours, or else some spread over the visible values."""
     styles = [shown.style for shown in scene.every_object if hasattr(shown, "style")]
     drawn = sorted({value for style in styles for value in contour_values(style, ends)})
     return tuple(drawn) or even_levels(exact.field)

@@ -38,7 +38,7 @@ def levels(surface: Surface, points: Floats) -> Floats:
 
 
 def _away(surface: TriangleMesh, points: Floats) -> Floats:
-    """(n,) distances from triangles, negative where the winding number is above a half; NaN of what is no point."""
+    """(n,) distances from triangles, negative where the winding number is above a half; NaN for NaN points."""
     igl, mesh = comparison_module("igl"), triangles(surface.file)
     corners, faces = mesh.points, mesh.simplices.astype(np.int64)
     found, known = np.full(len(points), np.nan), np.flatnonzero(np.isfinite(points).all(axis=1))

@@ -12,19 +12,19 @@ from elvis.reference.metrics import Place, extent, not_narrow, value_errors, val
 from elvis.reference.record import Record
 from elvis.scene.frame import Status
 
-#: greatest error of a value in parts of the range, and of a position in parts of the diagonal
+#: maximum error of a value relative to the range, and of a position relative to the diagonal
 VALUE, POSITION = 1e-11, 1e-10
 
 
 @dataclass(frozen=True)
 class Check:
-    """What was found for one tolerance.
+    """The result for one tolerance.
 
-    name    what is compared
-    limit   what it may be at most
-    found   greatest error, or number of pixels
-    failed  pixels above the limit
-    worst   the worst of them
+    name    the compared property
+    limit   its maximum permitted value
+    found   largest error, or number of pixels
+    failed  number of pixels above the limit
+    worst   the worst of these
     """
 
     name: str
@@ -44,12 +44,12 @@ def check_tolerances(
 ) -> list[Check]:
     """Check a picture against the reference.
 
-    ends      of the field's range; by default what is seen
-    diagonal  of the data's box in world units; by default of what is seen
-    Rounding of large numbers is no failure: where it is more than a tolerance, as far from the origin, it is the limit.
-    Pixels that either calls ambiguous may belong to a neighbouring element, and may be seen in one alone; those that
-    either calls failed are failures.  Places may differ along their rays by what both pictures say of the uncertainty
-    of depths; where that is more than the tolerance for places, values are not compared.
+    ends      of the field's range; by default of the visible values
+    diagonal  of the data's box in world units; by default of the visible part
+    Rounding of large numbers, as far from the origin, is not a failure: if it exceeds a tolerance, it is the limit.
+    Pixels that are ambiguous in either picture may belong to a neighbouring element, and may be visible in only one;
+    pixels that failed in either picture are failures.  Positions may differ along their rays by the uncertainty of
+    depths in both pictures; if that is more than the tolerance for positions, values are not compared.
     """
     decided = (exact.status != Status.AMBIGUOUS) & (other.status != Status.AMBIGUOUS)
     same = decided & exact.seen & other.seen & (exact.element == other.element)
@@ -87,6 +87,6 @@ def _measure(name: str, limit: float, values: Floats, exact: Record, other: Reco
 
 
 def _no_pixel(name: str, wrong: Bools, exact: Record, other: Record) -> Check:
-    """The check of pixels (h, w) of which there may be none."""
+    """The check of pixels (h, w) that must not occur."""
     place = worst(exact, other, wrong.astype(np.float64)) if wrong.any() else None
     return Check(name, 0, float(wrong.sum()), int(wrong.sum()), place)

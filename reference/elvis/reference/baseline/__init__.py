@@ -1,1 +1,1 @@
-"""What linear visualization would show: elements cut into simplices, everything on them interpolated linearly."""
+"""The result of linear visualization: elements cut into simplices, with linear interpolation on them."""

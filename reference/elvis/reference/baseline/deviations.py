@@ -39,7 +39,7 @@ class Spread:
 
     @staticmethod
     def of(distances: Floats) -> Spread:
-        """That of distances (n,), n > 0."""
+        """The spread of distances (n,), n > 0."""
         return Spread(float(distances.mean()), float(np.percentile(distances, 95)), float(distances.max()))
 
 
@@ -68,7 +68,7 @@ class Deviation:
 
 
 def why_not() -> str:
-    """Why there are no such distances, a sentence; empty where open3d can be loaded."""
+    """A message why there are no such distances; empty if open3d can be loaded."""
     try:
         comparison_module("open3d", "open3d")
     except MissingPackageError as error:

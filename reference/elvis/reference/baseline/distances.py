@@ -71,7 +71,7 @@ def topology(mesh: LinearMesh) -> tuple[int, int]:
 
 
 def merged(mesh: LinearMesh) -> Ints:
-    """(m, 3) corners of the triangles when equal places are one point; those without area are left out."""
+    """(m, 3) corners of the triangles after merging equal points; triangles without area are dropped."""
     pairs = (
         comparison_module("scipy.spatial")
         .cKDTree(mesh.points)

@@ -1,4 +1,4 @@
-"""Isosurfaces whose corners lie on the exact ones: what linear isosurfaces are measured against, and what is saved."""
+"""Isosurfaces whose corners lie on the exact ones, as the reference for linear isosurfaces and for saving."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _STEPS = 12
 def exact_isosurface(
     dataset: Dataset, quantities: Quantities, name: str, value: float, level: int = FINE
 ) -> LinearMesh:
-    """The isosurface of a quantity at a value; every corner on it to rounding where steps converge.
+    """The isosurface of a quantity at a value; every corner is on it up to rounding if steps converge.
 
     Corners move along the gradient in reference coordinates: r - (f - value) f' / |f'|^2 (Newton's method on the line
-    of steepest ascent); those that don't converge keep their linear place.
+    of steepest ascent); corners that don't converge keep their linear place.
     """
     made = Baseline.of(dataset, quantities, level)
     parts = [section(part, part.values[name] - value) for part in made.parts]

@@ -125,7 +125,7 @@ class Baseline:
         return boundary(part, (chosen[:, None, :] & on).reshape(-1, on.shape[1]))
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
-        """The picture of a scene whose camera and size are those of ``view``; ``ends`` of the colour range."""
+        """The picture of a scene with the camera and size of ``view``; ``ends`` is the colour range."""
         start, surfaces = perf_counter(), []
         for shown in scene.every_object:
             check_time()
@@ -147,7 +147,7 @@ class Baseline:
     def _volume_fragments(
         self, scene: Scene, view: View, cuts: Sequence[Floats], ends: tuple[float, float]
     ) -> list[Fragments]:
-        """What the volumes add between the depths (n,) of surfaces."""
+        """The fragments of volumes between the depths (n,) of surfaces."""
         media = []
         for shown in scene.every_object:
             if isinstance(shown, VolumeRendering):
@@ -175,7 +175,7 @@ def _levels(surface: Surface, points: Floats) -> Floats:
 def surfaces_of(
     tracer: Tracer | Probe, shown: SceneObject, scene: Scene, view: View, ends: tuple[float, float]
 ) -> list[SurfaceHits]:
-    """The surfaces of an object that rays meet: the first one, and what is behind where it is transparent."""
+    """The surfaces of an object along rays: the first one, and surfaces behind it if it is transparent."""
     style: Style = shown.style  # type: ignore[union-attr]
     beyond, surfaces = None, []
     for _ in range(1 if style.opacity == 1.0 else _DEEPEST):

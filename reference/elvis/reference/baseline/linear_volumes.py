@@ -22,9 +22,9 @@ from elvis.scene.view import View
 def volume_fragments(
     mesh: LinearMesh, media: Sequence[Medium], clips: Sequence[Clip], view: View, cuts: Sequence[Floats]
 ) -> list[Fragments]:
-    """What volumes, blended, add along rays where no clip takes them away, between the depths (n,) of surfaces.
+    """Fragments of blended volumes along rays outside clips, between the depths (n,) of surfaces.
 
-    media  of each volume, with colours
+    media  quantity and transfer function, with colours, of each volume
     """
     found = []
     surfaces = [clip.surface for clip in clips]

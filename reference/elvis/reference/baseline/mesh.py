@@ -1,6 +1,6 @@
 """The linear mesh: every element cut into simplices whose corners have the exact positions and values.
 
-Elements keep corners of their own, so that fields may jump between them; what is between corners is interpolated.
+Elements have their own corners, so fields may jump between them; values between corners are interpolated.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class Probe:
         return found
 
     def _put(self, found: Hits, pixels: Ints, cells: Ints, met: Hits) -> None:
-        """What the mesh holds at some of the triangles' hits."""
+        """Set the values of the mesh at some of the triangles' hits."""
         corners, places = self._corners[cells], met.position[pixels]
         world = self.mesh.points[corners]
         weights = np.einsum("nki,ni->nk", barycentric_gradients(world), places - world[:, 0]) + (np.arange(4) == 0)

@@ -63,7 +63,7 @@ def _save_vtu(mesh: LinearMesh, path: Path) -> None:
         array.SetName(name)
         data.AddArray(array)
     writer = comparison_module("vtkmodules.vtkIOXML", "converters").vtkXMLUnstructuredGridWriter()
-    # to memory, for the library tells of a full disk in its own way
+    # to memory, since the library reports a full disk in its own way
     writer.WriteToOutputStringOn()
     writer.SetInputData(grid)
     if not writer.Write():

@@ -1,7 +1,7 @@
-"""Where a linear function on simplices is zero: cut surfaces, isosurfaces and contours of linear meshes.
+"""Zeros of a linear function on simplices: cut surfaces, isosurfaces and contours of linear meshes.
 
-Marching tetrahedra: a tetrahedron is met in a triangle where one corner is on the other side, in a quadrilateral
-where two are.  Signs are certain, so that neighbours meet in the same points.
+Marching tetrahedra: the intersection with a tetrahedron is a triangle if one corner is on the other side, and a
+quadrilateral if two are.  Signs are consistent, so neighbours share the same points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from elvis.reference.baseline.mesh import LinearMesh, concatenate
 def section(mesh: LinearMesh, levels: Floats) -> LinearMesh:
     """The triangles of a tetrahedral mesh in which the function with values ``levels`` (n,) at its points is zero.
 
-    Where a surface lies on faces exactly, the triangles of both sides are kept, so that none at the border is lost.
+    If a surface lies exactly on faces, the triangles of both sides are included, so that none at the border is lost.
     """
     sides = [levels >= 0, levels > 0] if (levels == 0).any() else [levels > 0]
     return concatenate([_march(mesh, levels, above) for above in sides])

@@ -29,10 +29,10 @@ def simplices_of(cut: Template) -> int:
 def pulling(shape: Shape, cells: Ints, keys: Floats) -> Ints:
     """(n, d + 1) corners of the simplices of cells (c, v) of a shape.
 
-    keys  (c, v)  any order of the corners; a face that two cells share is cut alike where both order it alike
+    keys  (c, v) any order of the corners; a face of two cells is cut in the same way if both order it in the same way
 
-    A cell is the cone over the facets that its first corner is not on, these likewise (Dompierre et al., How to
-    subdivide pyramids, prisms and hexahedra into tetrahedra, 1999).
+    A cell is the cone from its first corner over the facets without it, which are cut in the same way (Dompierre et
+    al., How to subdivide pyramids, prisms and hexahedra into tetrahedra, 1999).
     """
     if shape.dimension == 2:
         return _polygons(cells, keys)

@@ -1,7 +1,7 @@
 """The baseline as VTK draws it: Lagrange cells of the data's own order, through VTK's own filters.
 
 VTK cuts and contours such cells through a fixed lattice of linear pieces at their nodes, and draws faces after one
-nonlinear subdivision, as ParaView does unless told otherwise.
+nonlinear subdivision, the default of ParaView.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from elvis.reference.record import Record
 from elvis.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
 from elvis.scene.view import View
 
-#: ParaView's level for curved faces, unless told otherwise
+#: ParaView's default level for curved faces
 _SUBDIVISION = 1
 
 

@@ -11,7 +11,7 @@ from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module
 
-#: error of a step that its adaptive method of order 4 and 5 is asked for, in parts of the box; steps at most
+#: requested error of a step of its adaptive method of order 4 and 5, relative to the box, and maximum number of steps
 ERROR, STEPS = 1e-9, 100_000
 #: by which lines may be longer than the true ones, so that they last as long
 _LONGER = 1.25
@@ -45,10 +45,10 @@ def set_velocity(grid: Any, vectors: Floats) -> None:
 
 
 def places_after(grid: Any, seeds: Floats, durations: Floats, length: float, sign: int) -> Floats:
-    """(n, 3) where VTK's lines from seeds (n, 3) are after durations (n,), with the stream (``sign`` 1) or against it.
+    """(n, 3) positions on VTK's lines from seeds (n, 3) after durations (n,), with (``sign`` 1) or against the stream.
 
-    Where a line ends before, its end; where there is none, the seed.  Between a line's points it is interpolated by the
-    cubic that has its velocities, too.  ``length`` that no true line exceeds
+    A line that ends earlier gives its end; a missing line gives the seed.  Positions between a line's points are
+    interpolated by the cubic that also matches its velocities. upper bound of the true lines' lengths
     """
     numpy_support = comparison_module("vtkmodules.util.numpy_support")
     core, model = comparison_module("vtkmodules.vtkCommonCore"), comparison_module("vtkmodules.vtkCommonDataModel")

@@ -146,7 +146,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Made:
-    """What came of a comparison: numbers of the summary, what the data tell, and why it isn't what is required."""
+    """The result of a comparison: numbers of the summary, remarks about the data, and the failed requirement."""
 
     numbers: dict[str, Any]
     remarks: tuple[str, ...]
@@ -178,7 +178,7 @@ def _tasks(data: tuple[Path, ...], output: Path | None, options: dict[str, Any])
 
 
 def _made_by(crew: Workers, tasks: list[Task]) -> list[Made]:
-    """What workers make of all tasks."""
+    """The results of all tasks, computed by workers."""
     from elvis.plugins.workers import begun, results
 
     crew.prepare("elvis.reference.commands.compare")
@@ -246,7 +246,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
 
 
 def _failure(require: str | None, study: Study) -> str:
-    """Why the picture isn't what is required, or nothing says so; empty where all is well."""
+    """A message if the picture misses the requirement, or nothing was checked; empty on success."""
     from elvis.reference.report.conclusion import failure
 
     if require is None:

@@ -156,7 +156,7 @@ def diff(
 def _maps(
     first: Dataset, second: Dataset, names: tuple[str, str], found: Family, scene: Scene, is_asked: bool
 ) -> tuple[list[Maps], list[str]]:
-    """The pictures of all fields, or a sentence on why there are none; ElvisError where they are asked for."""
+    """The pictures of all fields, or a message why there are none; raises ElvisError instead if they were requested."""
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import stage
     from elvis.reference.report.difference_maps import difference_maps
@@ -179,7 +179,10 @@ def _check_table(output: Path, read: list[Path], overwrite: bool) -> None:
 
 
 def _datasets(data: Sequence[tuple[Path, ...]], reading: Reading) -> list[Dataset]:
-    """The solutions, those that are series at a moment; ElvisError where one is asked for and none is a series."""
+    """The solutions.
+
+    For series, the solution at a moment; raises ElvisError if a moment is requested and none is a series.
+    """
     from elvis.core.errors import ElvisError
     from elvis.core.moments import Moment
     from elvis.core.terminal import note
@@ -205,7 +208,7 @@ def _write_table(output: Path, found: Family) -> None:
 
 
 def _facts(found: Family) -> object:
-    """By field, of a family a list of those, each with its name, elements and orders."""
+    """Facts by field; for a family a list of these, each with its name, elements and orders."""
     if len(found.members) == 1:
         return found.members[0].facts()
     return [

@@ -1,1 +1,1 @@
-"""The accuracy report: one folder that tells what linear visualization would have shown of a user's own data."""
+"""The accuracy report: a folder that shows the errors that linear visualization makes with a user's own data."""

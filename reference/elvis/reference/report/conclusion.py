@@ -1,4 +1,4 @@
-"""The conclusion in a sentence or two, and the numbers that it is made of."""
+"""The conclusion in one or two sentences, and its numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from elvis.reference.report.words import count_of, percent, size, some
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
 
-#: a linear picture is right where no contour is off by more pixels, and no more percent of the pixels by a colour step
+#: a linear picture is right if no contour is off by more than this many pixels, and at most this percentage of the
+#: pixels by a colour step
 PIXELS, PERCENT = 1.0, 0.1
 #: pixels within which contours are the same
 ROUNDING = 1e-6
@@ -28,7 +29,7 @@ def is_right(rival: Rival) -> bool:
 
 
 def conclusion(study: Study) -> str:
-    """What the numbers say."""
+    """The conclusion from the numbers."""
     said = [_exactness(study)] if study.validation else []
     levels = [rival for rival in study.rivals if rival.level is not None]
     if levels:
@@ -40,7 +41,7 @@ def conclusion(study: Study) -> str:
 
 
 def _lines(own: LineStudy) -> str:
-    """Where streamlines end, ours and the finest of VTK's."""
+    """Errors of the ends of streamlines, ours and the finest of VTK's."""
     if own.ours.greatest is None:
         return f"No streamline of {own.name} was compared: {own.ours.skipped}."
     said = f"Streamlines of {own.name} end within {own.ours.greatest:.0e} of the box from where they should"
@@ -74,7 +75,7 @@ def failure(check: Check) -> str:
 
 
 def _linear(study: Study, levels: Sequence[Rival]) -> str:
-    """At which refinement linear pictures are right, or how wrong the finest one is and what the next would cost."""
+    """The refinement at which linear pictures are right, or the errors of the finest one and the cost of the next."""
     drawn = [rival for rival in levels if rival.errors is not None]
     first = next((rival for rival in drawn if is_right(rival)), None)
     skipped = [rival for rival in levels if rival.skipped]
@@ -94,7 +95,7 @@ def _linear(study: Study, levels: Sequence[Rival]) -> str:
 
 
 def _cost(rival: Rival) -> str:
-    """What a picture that is skipped would need, or why else it is."""
+    """Requirements of a skipped picture, or another reason for skipping it."""
     if "needed" not in rival.counts:
         return f"{rival.name} is skipped: {rival.skipped}"
     return f"{rival.name} would need {size(rival.counts['needed'])}"

@@ -17,7 +17,7 @@ from elvis.scene import Scene
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
 
-#: width and height of pictures where a scene doesn't tell
+#: width and height of pictures if the scene gives none
 SIZE = (640, 480)
 #: colours of differences, white where there is none
 _DIVERGING = "coolwarm"
@@ -27,8 +27,8 @@ _DIVERGING = "coolwarm"
 class Maps:
     """The pictures of one field.
 
-    pictures  by the name that they have on the page: the field of both data in one range, then the difference
-    words     for each picture the ends of its colours, and what is known of the difference's pixels
+    pictures  pictures by their names on the page: the field of both data in one range, then the difference
+    words     for each picture the ends of its colours, and remarks about the difference's pixels
     """
 
     field: str

@@ -1,4 +1,4 @@
-"""The report of a difference of solutions: the same page and folder as that of accuracy."""
+"""The report of a difference of solutions, with the same page and folder structure as the accuracy report."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _numbers(found: Family, reference: str) -> dict[str, Any]:
 
 
 def _told(found: Family, reference: str, files: list[str]) -> dict[str, Any]:
-    """What the template of pages asks for."""
+    """The variables for the template of pages."""
     several = len(found.members) > 1
     told = [(name, remark) for name, own in zip(found.names, found.members, strict=True) for remark in own.remarks]
     remarks = [f"{name}: {remark}" if several else remark for name, remark in told]

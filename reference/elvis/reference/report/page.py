@@ -17,7 +17,7 @@ from elvis.reference.report.words import percent, some
 from elvis.reference.study import Rival, Study
 
 Files = dict[str, Any]
-#: what the numbers of a page mean, a sentence a line
+#: explanations of the numbers of a page, one sentence per line
 MEANING = (
     "Errors are measured at every pixel that both pictures show, in parts of the colour range.",
     "A colour step is 1/256 of it.",

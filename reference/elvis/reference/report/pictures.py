@@ -17,7 +17,7 @@ from elvis.reference.record import Record
 
 Pixels = NDArray[np.uint8]
 
-#: bands of errors: up to this part of the range (a colour step, four, sixteen, all), a word, a colour
+#: bands of errors: upper limit relative to the range (a colour step, four, sixteen, all), label, colour
 BANDS = (
     (1 / STEPS, "within one colour step", (236, 236, 236)),
     (4 / STEPS, "1 to 4 steps", (254, 217, 118)),
@@ -39,7 +39,7 @@ AROUND, ENLARGED = 40, 6
 
 @dataclass(frozen=True)
 class Legend:
-    """A colour of a map and what it means; how many pixels have it."""
+    """A colour of a map with its meaning; and its number of pixels."""
 
     word: str
     color: tuple[int, int, int]
@@ -57,7 +57,7 @@ def image_of(record: Record) -> Pixels:
 
 
 def error_map(exact: Record, other: Record, ends: tuple[float, float]) -> tuple[Pixels, list[Legend]]:
-    """Where values differ, in bands; and where only one picture shows anything."""
+    """Differences of values, in bands; and the pixels where only one picture shows anything."""
     measure = value_errors(exact, other, not_narrow(ends))
     return _band(measure, BANDS, exact.seen & ~other.seen, other.seen & ~exact.seen)
 
@@ -69,7 +69,7 @@ def position_map(exact: Record, other: Record, pixel: float) -> tuple[Pixels, li
 
 
 def distance_map(apart: Floats, pixel: float) -> tuple[Pixels, list[Legend]]:
-    """How far what is seen lies from linear surfaces, in pixels of the size ``pixel``."""
+    """Distances of visible points from linear surfaces, in pixels of the size ``pixel``."""
     nowhere = np.zeros(apart.shape, bool)
     picture, legend = _band(apart / pixel, DISTANCES, nowhere, nowhere)
     return picture, legend[: len(DISTANCES)]

@@ -22,7 +22,7 @@ _STYLE = {
     "grid.alpha": 0.35,
     "legend.frameon": False,
 }
-#: what is plotted: a word, the number of a rival, a colour, a marker
+#: the curves: label, number of a rival, colour, marker
 _CURVES: tuple[tuple[str, Callable[[Rival], float | None], str, str], ...] = (
     ("greatest error, % of the range", lambda own: _part(own, "value_max"), "#bd0026", "o"),
     ("mean error, % of the range", lambda own: _part(own, "value_mean"), "#fd8d3c", "s"),

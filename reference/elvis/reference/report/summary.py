@@ -51,7 +51,7 @@ def times(study: Study) -> dict[str, Any]:
 
 
 def check_facts(check: Check) -> dict[str, Any]:
-    """What was found for one tolerance."""
+    """The result for one tolerance."""
     return {**asdict(check), "passed": check.passed}
 
 

@@ -18,7 +18,7 @@ ALWAYS = 7
 
 
 def facts(study: Study, numbers: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
-    """What the scene and the data are, in a few lines each."""
+    """Descriptions of the scene and the data, in a few lines each."""
     if study.scene is None:
         return []
     return [("Scene", _scene(study)), ("Data", _data(study, numbers["data"] or {}))]
@@ -42,7 +42,7 @@ def _scene(study: Study) -> list[tuple[str, str]]:
 
 
 def _said(shown: Any, field: str) -> str:
-    """An object or a clip of a scene in words: its kind, and what it is made of; ``field`` of the scene."""
+    """An object or a clip of a scene in words: its kind and parameters; ``field`` is the scene's field."""
     if isinstance(shown, VolumeRendering):
         return f"volume of {shown.quantity or field}"
     kind = type(shown).__name__
@@ -85,7 +85,7 @@ def _ends(degrees: Sequence[int]) -> str:
 
 
 def every_table(study: Study) -> list[Table]:
-    """Bars, errors, what the meshes cost, contours, isosurfaces; those that have rows."""
+    """Bars, errors, costs of the meshes, contours, isosurfaces; only tables with rows."""
     found = [_bars(study), _errors(study), _costs(study), _contours(study), _surfaces(study), _deviations(study)]
     found += [_lines(own) for own in study.lines]
     return [table for table in found if table["rows"]]

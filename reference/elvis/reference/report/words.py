@@ -13,7 +13,7 @@ def size(count: float) -> str:
 
 
 def some(number: float | None) -> str:
-    """A number of no more digits than matter; a dash for none."""
+    """A number with its significant digits only; a dash for None."""
     if number is None:
         return "–"
     if number == 0:

@@ -62,10 +62,10 @@ def report_folder(folder: Path, inputs: Iterable[Path], overwrite: bool) -> Iter
 
 
 def check_folder(folder: Path, inputs: Iterable[Path] = (), overwrite: bool = False) -> None:
-    """ElvisError where a report cannot take this place; to be asked before long work.
+    """Raise ElvisError if a report cannot be written to this folder; call this before long work.
 
-    It may take that of nothing, of an empty folder, or of a report in which all is that report's own and, unless
-    ``overwrite``, nothing is an input.
+    The folder may be missing, empty, or hold a report and nothing else; unless ``overwrite``, none of its files may be
+    an input.
     """
     check_folder_place(folder)
     if not folder.is_dir():
@@ -90,7 +90,7 @@ def check_folder(folder: Path, inputs: Iterable[Path] = (), overwrite: bool = Fa
 
 
 def _own_files(folder: Path) -> set[str] | None:
-    """The files that the report in a folder has written; None where there is no report, or one of another version."""
+    """The files that the report in a folder has written; None without a report, or for another version."""
     mark = folder / MARK
     try:
         if mark.is_symlink() or not mark.is_file() or mark.stat().st_size > _LARGEST:

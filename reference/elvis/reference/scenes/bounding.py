@@ -1,7 +1,7 @@
-"""Where a quantity may have a value: pairs of an element and a pixel, of which none that counts is left out.
+"""Pairs of an element and a pixel where a quantity may have a value; no relevant pair is missing.
 
-Elements are parted into boxes of the collapsed coordinates, in which maps and fields are polynomials of known degrees
-in each direction, bounded by their values at Chebyshev's points (`chebyshev`).
+Elements are divided into boxes of the collapsed coordinates, in which maps and fields are polynomials of known degrees
+in each direction, bounded by their values at Chebyshev points (`chebyshev`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from elvis.scene.view import View
 
 #: how often a box of few elements is halved along each direction, and one of many; samples along a direction, at most
 _HALVINGS, _FEW, _MOST = (1, 2), 256, 128
-#: values that are looked at together
+#: values that are evaluated together
 _AT_ONCE = 1 << 23
 
 
@@ -65,7 +65,7 @@ def _wholes(patch: Patch) -> list[Floats]:
 
 
 def _halvings(patch: Patch, degrees: tuple[int, ...]) -> int:
-    """Halvings that pay: what is tabulated for them serves all elements."""
+    """Number of bisections that pays off: tables for them serve all elements."""
     most = _HALVINGS[len(patch) >= _FEW]
     return next(n for n in range(most, -1, -1) if n == 0 or SAMPLES * max(degrees) << n <= _MOST)
 

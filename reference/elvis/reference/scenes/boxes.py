@@ -1,6 +1,6 @@
 """Boxes of elements' collapsed coordinates with Chebyshev series of fields and places; halves of them overlap a little.
 
-What runs along the border between two halves is so inside of one of them.
+A curve along the border between two halves is thus inside one of them.
 """
 
 from __future__ import annotations
@@ -83,7 +83,10 @@ class Boxes:
         return Linear(value, gradient, rest + noise)
 
     def beyond_linear(self, series: Floats) -> Floats:
-        """(…, c) magnitudes of the products that aren't linear, those that don't vanish in the middle twice."""
+        """(…, c) magnitudes of the products that aren't linear.
+
+        Products that don't vanish at the centre count twice.
+        """
         powers = self.powers
         even = (powers % 2 == 0).all(axis=1) & (powers.sum(axis=1) > 0)
         return np.abs(series) * np.where(powers.sum(axis=1) < 2, 0.0, 1.0 + even)
@@ -108,7 +111,7 @@ def _powers(degrees: tuple[int, ...]) -> Ints:
 
 @bounded_cache
 def _middle(degrees: tuple[int, ...]) -> Floats:
-    """(c,) values of the products in the middle: those of even degrees alternate, the others vanish."""
+    """(c,) values of the products at the centre: even degrees alternate in sign, the others vanish."""
     powers = _powers(degrees)
     even = (powers % 2 == 0).all(axis=1)
     return np.where(even, (-1.0) ** (powers.sum(axis=1) // 2), 0.0)

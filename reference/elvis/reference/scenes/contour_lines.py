@@ -62,7 +62,7 @@ def _search(
 
 
 def _distances(ends: Floats, more: Floats, half_width: float, view: View) -> Iterator[tuple[Ints, Floats]]:
-    """Pixels (m,) near segments with ends (k, 2, 2), and their distances from these and what is added (k,) to them."""
+    """Pixels (m,) near segments with ends (k, 2, 2), and their distances plus ``more`` (k,) of each segment."""
     known = np.isfinite(ends).all(axis=(1, 2)) & np.isfinite(more)
     ends, more = ends[known], more[known]
     room = half_width + np.abs(more)[:, None]

@@ -1,13 +1,14 @@
-"""Contours on a plane, each segment with a radius within which the true line is: boxes of elements are halved.
+"""Contours on a plane, each segment with a radius that contains the true line, by bisection of boxes of elements.
 
-In a box, t in [-1, 1]^d, equations f (the quantity less its value; of solids the height above the plane, too) and the
-place q in the picture are
+In a box, t in [-1, 1]^d, equations f (the quantity minus its value; for solids also the height above the plane) and the
+position q in the picture are
 
     f(t) = f0 + A t + r(t), |r| <= rho        q(t) = q0 + B t + e(t), |e| <= sigma
 
-With G the pseudoinverse of A and k the direction that A doesn't see, all zeros lie at t = s k - G (f0 + r): off the
-line q0 - B G f0 + s B k, by |B G| rho + sigma at most.  For each s with |s k - G f0| + |G| rho <= 1 there is one: the
-map y -> -f0 - r(G y + s k) takes a box of y into itself (Brouwer).  Boxes are halved until the radius is small.
+Let G be the pseudoinverse of A and k the direction in its kernel.  All zeros then lie at t = s k - G (f0 + r): their
+distance from the line q0 - B G f0 + s B k is at most |B G| rho + sigma.  For each s with |s k - G f0| + |G| rho <= 1
+there is a zero: the map y -> -f0 - r(G y + s k) takes a box of y into itself (Brouwer).  Boxes are bisected until the
+radius is small.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from elvis.scene import Plane
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: radius of a segment in pixels; that of one in which no zero is proved, and halvings, at which it is given up
+#: radius of a segment in pixels; radius of a segment without a proved zero, and number of bisections, at which it is
+#: given up
 _RADIUS, _THIN, _HALVINGS = 0.003, 2.0**-16, 64
 #: elements whose boxes are halved together; boxes at once beyond which small ones, and all, aren't halved any more
 _CHUNK, _FEW, _MOST = 32, 1 << 9, 1 << 16
@@ -65,9 +67,9 @@ class Search:
     """A quantity's value on the elements of a patch, in one view.
 
     degrees  of fields and map in each collapsed coordinate
-    fields   of the patch that the equation is made of, by name
-    plane    that solids are cut by; None for plane data
-    half_width    pixels around the picture that are looked at
+    fields   fields of the patch in the equation, by name
+    plane    plane of the cut for solids; None for plane data
+    half_width    pixels around the picture that are included
     """
 
     patch: Patch
@@ -112,7 +114,7 @@ class Search:
         return found
 
     def _looked_at(self, boxes: Boxes) -> tuple[Boxes, LineSegments, Bools, Ints]:
-        """The boxes that may hold a zero, what is known of these, where it suffices, and directions for halving."""
+        """The boxes that may hold a zero, their segments, whether these suffice, and directions for bisection."""
         check_time()
         equations, possible = self._equations(boxes)
         place = self._place(boxes)
@@ -127,7 +129,7 @@ class Search:
         segment, whole = _whole_where_unsolved(segment, solved, place)
         done = segment.radius <= np.where(whole, _THIN, _RADIUS)
 
-        # boxes that small tell where a line may be; of whether there is one many won't tell more than a few
+        # boxes of this size show where a line may be; a large number of them proves its existence no better than a few
         small = there & whole & (segment.radius <= _RADIUS)
         done |= small & (small.sum() > _FEW)
         chosen = np.flatnonzero(there)
@@ -148,7 +150,7 @@ class Search:
         return [first, boxes.combined(weights, -float(normal @ np.asarray(self.plane.point)))], possible.copy()
 
     def _place(self, boxes: Boxes) -> Place:
-        """Where the boxes are in the picture."""
+        """The position of the boxes in the picture."""
         lead = np.zeros((3, len(self.fields)))
         rows = np.concatenate([lead, self.view.to_pixel[:, :3]], axis=1)
         constants = self.view.to_pixel[:, 3]
@@ -169,9 +171,11 @@ class Search:
         return np.asarray(~((middle + span < -self.half_width) | (middle - span > last + self.half_width)).any(axis=1))
 
     def _directions(self, boxes: Boxes, place: Place) -> Ints:
-        """(k,) along which halving helps: of those in which series aren't linear the least halved; else the longest.
+        """(k,) direction in which bisection helps: the least bisected one of those in which the series are not linear.
 
-        Halving towards a collapsed edge alone would only repeat what is there.
+        Otherwise the longest.
+
+        Bisection towards a collapsed edge only would repeat the same situation.
         """
         powers, length = boxes.powers, np.abs(place.around[1]).sum(axis=1)
         bent = np.zeros_like(length)
@@ -195,12 +199,12 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where boxes are in the picture: q = q0 + (N - q0 W) / W.
+    """Position of boxes in the picture: q = q0 + (N - q0 W) / W.
 
     middle  (k, 2)  q0
-    lifted  N - q0 W, of columns and of rows
+    lifted  N - q0 W, for columns and for rows
     over    W
-    before  (k,) whether all of a box is before the eye; else nothing is known
+    before  (k,) whether all of a box is in front of the eye; otherwise nothing is known
     """
 
     middle: Floats
@@ -254,7 +258,7 @@ def _part(own: Linear, which: Ints) -> Linear:
 
 
 def _solve(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, Bools]:
-    """Line segments of boxes; where the equations' directions tell them; and where a zero may be."""
+    """Line segments of boxes; whether the equations determine their directions; and whether a box may hold a zero."""
     size = [np.abs(own.gradient).sum(axis=1) + 1e-300 for own in equations]
     value, rest = (
         np.stack([getattr(own, name) / weight for own, weight in zip(equations, size, strict=True)], axis=1)
@@ -299,7 +303,10 @@ def _shares(base: Floats, unseen: Floats, room: Floats) -> tuple[Floats, Floats]
 
 
 def _whole_where_unsolved(segment: LineSegments, solved: Bools, place: Place) -> tuple[LineSegments, Bools]:
-    """The segments, those that aren't solved or are larger than their boxes being all of these; and (k,) which are."""
+    """The segments.
+
+    Unsolved ones and ones larger than their boxes are replaced by the whole boxes; (k,) marks these.
+    """
     middle, step, rest = place.around
     lengths = np.linalg.norm(step, axis=1)
     longest = lengths.argmax(axis=1)

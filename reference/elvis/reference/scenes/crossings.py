@@ -1,4 +1,4 @@
-"""All places at which rays cross surfaces: any number for each pixel, with what is known of them."""
+"""All crossings of rays with surfaces: any number for each pixel, with their data."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Crossings:
         return replace(self, status=status, uncertainty=uncertainty)
 
     def distinct(self, size: float) -> Crossings:
-        """The hits without those that are there twice: of one element, at one place; ``size`` is that of the scene."""
+        """The hits without duplicates in one element at one place; ``size`` is the size of the scene."""
         order = np.lexsort([self.depth, self.row, self.patch, self.pixel])
         found = self.part(order)
         again = np.diff(found.depth, prepend=-np.inf) <= 1e-9 * size
@@ -91,7 +91,9 @@ class Crossings:
         return Crossings.concatenate([found.part(~again)])
 
     def once(self, patches: Sequence[Patch], size: float) -> Crossings:
-        """The hits with those that several elements share given to the one of lowest id; these are ambiguous.
+        """The hits, where a hit that several elements share goes to the one with the lowest id.
+
+        Such hits are ambiguous.
 
         size  of the scene, in world units
         """
@@ -128,7 +130,7 @@ class Crossings:
         return result
 
     def in_order(self, view: View, quantities: Quantities, names: Sequence[str], most: int) -> Iterator[Hits]:
-        """What rays meet first, second, and so on, ``most`` times at most."""
+        """First, second and further hits of rays, up to ``most`` of them."""
         seen = self.part(self.status != Status.FAILED)
         rank = np.arange(len(seen)) - np.searchsorted(seen.pixel, seen.pixel)
         for number in range(min(most, int(rank.max(initial=-1)) + 1)):

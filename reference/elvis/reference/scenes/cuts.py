@@ -74,8 +74,8 @@ def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:
 def ray_depths(surface: Surface, origins: Floats, directions: Floats) -> Floats:
     """(n, 1 or 2) depths at which rays meet a surface, NaN where they don't.
 
-    A sphere, cylinder or cone is where |w|^2 = r^2 of what is left of x - c without its part along the axis; for a cone
-    r is that part times the tangent of its angle.
+    A sphere, cylinder or cone is the set |w|^2 = r^2, where w is x - c without its component along the axis; for a
+    cone, r is that component times the tangent of its angle.
     """
     if isinstance(surface, Plane):
         normal = unit(surface.normal, "the normal of the plane")

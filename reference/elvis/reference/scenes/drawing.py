@@ -56,7 +56,7 @@ from elvis.scene.view import View
 #: ends of the colour range of each quantity
 Ranges = dict[str, tuple[float, float]]
 
-#: surfaces of one object that a ray is followed through, and what is left of light that isn't followed
+#: maximum number of surfaces of one object along a ray, and share of the light below which it is not followed
 _DEEPEST, _FAINT = 64, 1e-3
 
 
@@ -215,7 +215,10 @@ class Scenery:
     def _volume_fragments(
         self, scene: Scene, view: View, cuts: Sequence[Floats], ranges: Ranges
     ) -> tuple[list[Fragments], Bools]:
-        """What volumes add between the depths (n,) of surfaces; pixels (n,) where it is known less well than asked."""
+        """Fragments of volumes between the depths (n,) of surfaces.
+
+        And pixels (n,) whose accuracy misses the request.
+        """
         shown = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if not shown:
             return [], np.zeros(view.count, bool)
@@ -232,19 +235,19 @@ class Scenery:
             fragments, error = rays.fragments(own.between(cuts), scene.clip, media)
             errors += np.bincount(fragments.pixel, error, view.count)
             found.append(fragments)
-            # samples say nothing of what lies between them where a quantity is no polynomial of the element
+            # samples prove nothing about the function between them if a quantity is not a polynomial on the element
             if any(self.quantities.expansion(name, patch) is None for name in names):
                 unbounded[own.pixel] = True
         return found, unbounded | (errors > min(item.error for item in shown))
 
     def _hits(self, found: Crossings, style: Style, scene: Scene, view: View) -> list[Hits]:
-        """The surfaces of one object, nearest first, as far as they are seen."""
+        """The visible surfaces of one object, nearest first."""
         own = style.quantity or scene.field
         names = {own, (style.contours.quantity if style.contours else None) or own}
         return list(found.in_order(view, self.quantities, sorted(names), _most(style)))
 
     def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
-        """Ends of the colour range of each quantity: two values of the scene for its field, else what is seen."""
+        """Ends of each quantity's colour range: two values of the scene for its field, otherwise visible values."""
         seen: dict[str, list[Floats]] = {}
         for _, stack in stacks:
             for hits in stack:
@@ -258,9 +261,11 @@ class Scenery:
     def _contours(
         self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene, view: View, ranges: Ranges
     ) -> tuple[list[Floats | None], NDArray[np.uint8] | None]:
-        """For each object how much of pixels (n,) its contours cover, where bounds tell; the status (h, w) of all.
+        """For each object, the coverage of pixels (n,) by its contours, if bounds prove it.
 
-        On a plane they do; elsewhere, and where clips end next to a line, a pixel with contours is ambiguous.
+        And the status (h, w) of all.
+
+        Bounds exist on a plane; elsewhere, and if clips end next to a line, a pixel with contours is ambiguous.
         """
         found: list[Floats | None] = []
         status = np.zeros(view.count, np.uint8)
@@ -320,7 +325,7 @@ class Scenery:
 
 
 def _ends(scene: Scene) -> tuple[float, float]:
-    """The ends of the colour range where no surface shows the scene's field: those of a volume's transfer function."""
+    """The ends of the colour range if no surface shows the scene's field: the ends of a volume's transfer function."""
     transfers = [shown.transfer for shown in scene.every_object if isinstance(shown, VolumeRendering)]
     return (transfers[0].values[0], transfers[0].values[-1]) if transfers else (0.0, 1.0)
 

@@ -41,7 +41,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """Where ``root`` is zero and no number of ``nonzero`` is, a quantity has its value."""
+    """A quantity has its value if ``root`` is zero and no number of ``nonzero`` is."""
 
     root: Node
     nonzero: tuple[Node, ...] = ()
@@ -61,12 +61,12 @@ class Equation:
 
     @cached_property
     def leaves(self) -> tuple[Node, ...]:
-        """What it is made of."""
+        """Its fields and coordinates."""
         return tuple(leaves(self.root, *self.nonzero))
 
     @property
     def is_known(self) -> bool:
-        """Whether it is made of fields and coordinates alone, not of derivatives or of what elements have."""
+        """Whether it contains only fields and coordinates, without derivatives and attributes of elements."""
         return all(leaf.op == "coordinate" or (leaf.op == "field" and not leaf.axes) for leaf in self.leaves)
 
     @cached_property
@@ -132,7 +132,7 @@ def _bounds(root: Node, ends: dict[Node, Interval]) -> tuple[Interval, Bools]:
 
 
 def _may_break(node: Node, parts: list[Interval]) -> Bools | bool:
-    """Where an operation jumps or has no value for some of its operands; poles have no bounds anyhow."""
+    """Whether an operation may jump or lack a value for some of its operands; poles have no bounds in any case."""
     (low, high), other = parts[0], parts[-1]
     if node.op == "sign":
         return np.asarray((low <= 0) & (high >= 0))

@@ -26,7 +26,7 @@ from elvis.scene.view import View
 
 #: pixels by which a triangle may be off its face, and cuts after which it may be off by any
 _FLAT, _DEEPEST = 0.25, 6
-#: how much wider candidates are than what was measured at the middles of sides
+#: factor for the widening of candidates relative to the measured distance at the centres of sides
 _SAFETY = 2.0
 #: cosine below which a hit is at a silhouette, as certain as rounding allows
 _GRAZING = 1e-6
@@ -37,7 +37,7 @@ def face_crossings(
 ) -> Crossings:
     """All hits of rays with the chosen faces (e, local faces) of a patch; see `elvis.reference.solids`.
 
-    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; no others are looked at
+    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; only these are examined
     """
     found = []
     for local, face in enumerate(faces_of(patch)):
@@ -74,11 +74,11 @@ class _Triangles:
 
 
 def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Triangles]:
-    """Flat triangles of faces, those of like cuts together.
+    """Flat triangles of faces, grouped by level of subdivision.
 
-    How far a face is from its triangles is measured in the middles of sides.  Along a line these are differences of
-    second order: of a polynomial of degree p it takes p - 1 of them to tell that there is no other, so first cuts are
-    as fine as that.
+    The distance of a face from its triangles is measured at the centres of sides.  These are differences of second
+    order along a line: a polynomial of degree p needs p - 1 of them to exclude any other, so the first subdivision is
+    that fine.
     """
     base, first = face.frame, max(max(map_degrees(patch)) - 2, 0).bit_length()
     deepest = max(first, _DEEPEST)
@@ -111,9 +111,9 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Tr
 def _is_folded(view: View, corners: Floats, away: Floats) -> Bools:
     """(m,) which triangles (m, 3, 3) may have a point of the screen twice, with faces ``away`` (m,) pixels from them.
 
-    In barycentric coordinates l the face is the triangle and 4 d_ij l_i l_j, with d_ij in the middles of sides, next to
-    what is of higher order.  Along a direction v that changes by 8 |d| max |v| at most, and the triangle by its least
-    height times max |v| at least.  Where that is more, no place is met twice.
+    In barycentric coordinates l, the face is the triangle plus 4 d_ij l_i l_j, with d_ij at the centres of sides, plus
+    terms of higher order.  This changes along a direction v by at most 8 |d| max |v|, and the triangle by at least its
+    smallest height times max |v|.  If the latter is larger, no place is met twice.
     """
     screen, front = on_screen(view, corners)
     sides = np.roll(screen, -1, axis=1) - screen

@@ -1,7 +1,8 @@
-"""Rays against arrows and cones: by the least of a convex function along each ray, and halving to both sides of it.
+"""Rays against arrows and cones: by the minimum of a convex function along each ray, and bisection on both sides of it.
 
-A solid between two discs is convex: of a place at height s and distance rho from its axis the greatest of -s, s - L and
-rho - R(s) is positive outside of it alone, and convex along a ray.  No quadratic is solved, and no bound takes part.
+A solid between two discs is convex.  For a place at height s and distance rho from its axis, the maximum of -s, s - L
+and rho - R(s) is positive only outside the solid, and convex along a ray.  No quadratic is solved, and no bound is
+used.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class _Pairs:
 
     def intervals(self) -> tuple[Bools, Floats, Floats]:
         """(n,) whether rays meet solids, and where along them they enter and leave these."""
-        # what is met lies in the ball around the solid
+        # all hits lie in the ball around the solid
         middle, radius = self.base + 0.5 * self.length[:, None] * self.axis, 0.5 * self.length + self.radii.max(axis=1)
         centre = np.einsum("ni,ni->n", middle - self.origin, self.unit)
         least = self._least(centre - radius, centre + radius)
@@ -80,7 +81,7 @@ class _Pairs:
         return met, self._border(least, centre - radius), self._border(least, centre + radius)
 
     def _least(self, low: Floats, high: Floats) -> Floats:
-        """Where the greatest function is least, between two places: golden section (Kiefer, Proc. AMS 4, 1953)."""
+        """Minimum of the largest function between two places: golden section (Kiefer, Proc.  AMS 4, 1953)."""
         for _ in range(_STEPS):
             one, other = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
             is_left = self.heights(one).max(axis=0) < self.heights(other).max(axis=0)
@@ -88,7 +89,7 @@ class _Pairs:
         return np.asarray(0.5 * (low + high))
 
     def _border(self, inside: Floats, outside: Floats) -> Floats:
-        """Where rays leave solids between places inside and outside."""
+        """Positions where rays leave solids, between places inside and outside."""
         for _ in range(_HALVINGS):
             between = 0.5 * (inside + outside)
             is_inside = self.heights(between).max(axis=0) < 0.0
@@ -102,7 +103,7 @@ def glyph_crossings(quantities: Quantities, shown: Glyphs, view: View) -> Crossi
 
 
 def solid_crossings(quantities: Quantities, solids: Frusta, view: View) -> Crossings:
-    """All places at which rays enter or leave solids, those that hang together as one."""
+    """All places at which rays enter or leave solids; connected solids count as one."""
     if not len(solids.element):
         return Crossings.none()
     lengths = np.linalg.norm(view.every_ray()[1], axis=1)

@@ -47,13 +47,13 @@ class HostQuantities(Quantities):
         self.hosts = [HostPatch(host) for host in hosts]
         self.patches = list[Patch](self.hosts)
 
-        # what can't be evaluated is refused at once
+        # quantities that can't be evaluated are rejected immediately
         for name in self.names if len(self.hosts[0]) else ():
             self.values(name, self.patches[0], np.zeros(1, np.int64), np.zeros((1, self.hosts[0].shape.dimension)))
 
     @cached_property
     def flow(self) -> FlowSource:  # type: ignore[override]
-        """What lines are followed in."""
+        """The data in which lines are traced."""
         return HostFlow(self._opened)
 
     @property

@@ -1,9 +1,9 @@
 """Rays against isosurfaces, and against implicit surfaces in general.
 
-Pairs of an element and a ray of which bounds can't say that they miss the value (`bounding`) are looked at.  Along the
-ray's segment in the element (`segments`, `segment_curves`) the function depends on the depth alone, and all its zeros
-are found (`zeros`), however near to one another.  Newton's method on the exact map and function finishes each.  How
-certain it is shows when the function is measured nearby: deviations from a straight line are rounding.
+Pairs of an element and a ray are examined unless bounds exclude the value (`bounding`).  The function depends only on
+the depth along the ray's segment in the element (`segments`, `segment_curves`), and all its zeros are found (`zeros`),
+for any distance between them.  Newton's method on the exact map and function finishes each.  Its uncertainty is
+measured on the function nearby: deviations from a straight line are rounding.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from elvis.reference.solids import map_points, margins_of
 from elvis.scene.frame import Status
 from elvis.scene.view import View
 
-#: values next to the one that is looked for are it, in parts of it; steps of Newton's method; starts are near
+#: relative tolerance of values for the requested one, and maximum steps of Newton's method, whose starts are near
 _ROUNDING, _STEPS = 4e-15, 12
-#: half the stretch on which the function is measured about a zero, in parts of the depth and of the segment at most;
-#: places there; how much greater rounding may be elsewhere
+#: half the stretch on which the function is measured about a zero, relative to the depth, and at most relative to the
+#: segment; number of places there; factor for larger rounding elsewhere
 _WINDOW, _NARROW, _PLACES, _SAFETY = 1e-8, 1e-6, 9, 4.0
 #: units in the last place that coordinates may be wrong by
 _UNITS = 8
-#: how far from a zero's place Newton's method may end, in parts of the segment, and of the scene's size
+#: maximum distance of Newton's result from a zero's place, relative to the segment, and to the scene's size
 _NEAR, _NEARER = 1e-2, 1e-9
-#: segments that are looked at together
+#: segments that are treated together
 _AT_ONCE = 1 << 15
 
 
@@ -59,7 +59,7 @@ def iso_crossings(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What is looked for in the elements of a patch; ``size`` of the scene in world units."""
+    """Parameters of the search in the elements of a patch; ``size`` is the scene's size in world units."""
 
     number: int
     patch: Patch
@@ -87,7 +87,7 @@ class _Search:
         return self._finish(found, own, curves.at(found.which, place), own.at(place)[:, 0])
 
     def _finish(self, found: Zeros, segments: Segments, start: Floats, depth: Floats) -> Crossings:
-        """The zeros as hits: those that are certain by Newton's method, double ones where they are."""
+        """The zeros as hits: certain ones improved by Newton's method, double ones unchanged."""
         origins, directions = self.view.rays(*np.divmod(segments.pixel, self.view.width)[::-1])
         constraint = level_of(self.quantities, self.name, self.patch, self.value)
         roots = solve(self.patch, segments.row, start, origins, directions, constraint, self.size, 0.5, _STEPS)
@@ -99,7 +99,7 @@ class _Search:
         uncertainty, along, inverse = self._uncertain(segments.row, reference, directions, width)
         uncertainty[found.double | ~converged] = np.inf
 
-        # what is uncertain may lie on either side of a border, along the ray or wherever rounding takes it
+        # an uncertain hit may lie on either side of a border, along the ray or in any direction of rounding
         greatest = np.maximum(np.abs(origins), np.abs(origins + depth[:, None] * directions)).max(axis=1)
         rounded = _UNITS * np.spacing(greatest) * np.linalg.norm(inverse, axis=2).max(axis=1)
         shift = np.where(converged, 2 * np.minimum(uncertainty, width) * np.abs(along).max(axis=1) + rounded, 0.0)
@@ -114,10 +114,10 @@ class _Search:
     def _uncertain(
         self, rows: Ints, reference: Floats, directions: Floats, width: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """How far depths (n,) of zeros may be from the true ones, steps of r for a unit of depth (n, 3), or of place.
+        """Maximum errors of depths (n,) of zeros, and steps of r per unit of depth (n, 3), and per unit of position.
 
-        The function is measured at places along the ray, as far from the zero as ``width`` (n,): a line through the
-        values has the function's derivative, and they lie off it by what rounding does to them.
+        The function is measured at places along the ray, up to ``width`` (n,) from the zero.  A line through the values
+        has the function's derivative, and the deviations from it are rounding.
         """
         _, jacobians = map_points(self.patch, rows, reference)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

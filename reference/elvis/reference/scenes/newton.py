@@ -17,20 +17,20 @@ from elvis.reference.solids import map_points
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)
 Constraint = Callable[[Ints, Floats], tuple[Floats, Floats]]
 
-#: longest step in reference coordinates; after so many of these one after the other a search goes to and fro:
-#: straight on it would have left the neighbourhood of its start
+#: longest step in reference coordinates, and number of consecutive steps of this length after which a search
+#: oscillates: in one direction it would have left the neighbourhood of its start
 _LONGEST, _ASTRAY = 0.5, 8
 #: a step so short is the last one that changes anything: the next would be its square
 _SHORT = 1e-9
-#: residuals of position, in parts of the scene's size, at which a root is one; steps go on to the last digit
+#: residual of position, relative to the scene's size, at which a root is accepted; steps continue to the last digit
 _SMALL = 1e-12
-#: part of the greatest coordinate that rounding alone may leave of a residual
+#: residual that rounding may leave, relative to the largest coordinate
 _ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Roots:
-    """What became of n searches.
+    """Results of n searches.
 
     reference  (n, 3)
     depth      (n,)
@@ -58,8 +58,8 @@ def solve(
     """Roots next to starting points (n, 3) for rays (n, 3) in elements ``rows`` (n,).
 
     size   of the scene in world units
-    radius  how far from its start a search may go along each reference coordinate; others are nearer to what is there
-    steps  of Newton's method, at most
+    radius  maximum distance from the start along each reference coordinate; other starts are nearer to roots beyond
+    steps  maximum number of Newton steps
     """
     reference, scale = start.copy(), None
     depth = np.zeros(len(rows))

@@ -13,7 +13,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: pairs of a triangle and a pixel that are looked at together
+#: pairs of a triangle and a pixel that are treated together
 _AT_ONCE = 1 << 17
 #: pixels by which all candidates are wider
 _WIDER = 0.05
@@ -34,9 +34,9 @@ def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[In
 
     corners  (m, 3, 3) world coordinates; the slack is a length in the world, to which a part of a pixel is added
 
-    With u = column times weight and v, w likewise, the ray of the pixel (i, j) goes where u - i w = v - j w = 0.  The
-    triangle's corners in these two coordinates are a picture of it along the ray, also where some are behind the eye,
-    and a step of length 1 moves points in it by the norms of the coordinates' gradients at most.
+    With u = column times weight, and v and w defined in the same way, the ray of the pixel (i, j) is u - i w = v - j w
+    = 0.  The triangle's corners in these two coordinates are its image along the ray, even if some are behind the eye.
+    A step of length 1 moves points in it by at most the norms of the coordinates' gradients.
     """
     linear = view.to_pixel[:, :3]
     homogeneous = view.projected(corners)
@@ -70,7 +70,7 @@ def boxed(view: View, corners: Floats, slack: Floats | float = 0.0) -> Iterator[
     low = screen.min(axis=1) - around
     high = screen.max(axis=1) + around
 
-    # what reaches behind the eye may be anywhere, what is behind it altogether is nowhere
+    # a triangle partly behind the eye may be anywhere; one entirely behind it is nowhere
     reaches_behind = ~front.all(axis=1)
     low[reaches_behind] = -np.inf
     high[reaches_behind] = np.inf

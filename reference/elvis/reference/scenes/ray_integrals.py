@@ -1,10 +1,10 @@
-"""Light along parts of rays: what a volume sends out and takes up where densities and colours are smooth.
+"""Light along parts of rays: emission and absorption of a volume with smooth densities and colours.
 
-Along a ray the colour is the integral of T s c, T = exp(-tau), tau the integral of the density s (Max, Optical Models
-for Direct Volume Rendering, 1995, section 4); of several volumes s and s c are sums.  With m, the mean of c weighted by
-s, it is m (1 - T) and the integral of T s (c - m), which vanishes where the colour is constant, however opaque it is.
-s and s c are known at Gauss's points: tau between them is the integral of the polynomial through them.
-A part is right where its halves agree with it, else it is halved.
+The colour along a ray is the integral of T s c, T = exp(-tau), tau the integral of the density s (Max, Optical Models
+for Direct Volume Rendering, 1995, section 4); for several volumes, s and s c are sums.  With m, the mean of c weighted
+by s, it is m (1 - T) plus the integral of T s (c - m), which vanishes for constant colour and any opacity.  The
+functions s and s c are known at Gauss points: tau between them is the integral of the polynomial through them.  A part
+is accepted if its halves agree with it, otherwise it is bisected.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ Values = Callable[[Ints, Floats], Sequence[Floats]]
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """What k stretches of rays send out and take up.
+    """Emission and absorption of k stretches of rays.
 
-    color  (k, 3)  of the light that leaves them at their beginnings
+    color  (k, 3) of the light at their beginnings
     depth  (k,)    optical depths
-    error  (k,)    how far colours and alphas may be off
+    error  (k,) maximum errors of colours and alphas
     """
 
     color: Floats
@@ -44,11 +44,11 @@ class Light:
 
     @property
     def alpha(self) -> Floats:
-        """(k,) parts of what lies behind that are hidden."""
+        """(k,) absorbed shares of the light from behind."""
         return np.asarray(-np.expm1(-self.depth))
 
     def part(self, which: Ints | Bools) -> Light:
-        """That of some stretches."""
+        """The light of some stretches."""
         return Light(self.color[which], self.depth[which], self.error[which])
 
     def before(self, other: Light) -> Light:
@@ -65,7 +65,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Parts of rays: of which (k,), from and to which share (k,), and how much of their light reaches the beginning."""
+    """Parts of rays: number of the stretch (k,), shares of its ends (k,), and transmittance to its beginning."""
 
     which: Ints
     low: Floats
@@ -84,14 +84,14 @@ class _Parts:
 
 @dataclass(frozen=True, eq=False)
 class RayIntegral:
-    """What is integrated along k stretches of rays.
+    """The integrands along k stretches of rays.
 
     values     see `Values`
-    transfers  of each volume, with colours; beyond its ends the transfer function stays as it is there, and what is no
-               number sends out and takes up nothing
+    transfers  of each volume, with colours; beyond its ends a transfer function is constant, and NaN emits and absorbs
+               nothing
     lengths    (k,) of the stretches, in world units
-    rounding   (k, volumes) how far values may be off
-    degree     of the quantities where they are polynomials along the rays: then all points together are exact
+    rounding   (k, volumes) maximum errors of values
+    degree     degree of the quantities if they are polynomials along the rays: all points together are then exact
     """
 
     values: Values
@@ -112,7 +112,7 @@ class RayIntegral:
             first, second = each.part(np.arange(size)), each.part(np.arange(size, 2 * size))
             both = first.before(second)
 
-            # what the halves changed, as it is seen from the beginning of the ray
+            # the change by bisection, as seen from the beginning of the ray
             change = np.maximum(np.abs(both.color - known.color).max(axis=1), np.abs(both.alpha - known.alpha))
             right = parts.weight * change <= _ENOUGH + parts.weight * both.error
             open_ = np.bincount(parts.which[~right], minlength=count)
@@ -127,7 +127,7 @@ class RayIntegral:
         return _compose(done, Light.concatenate(found), count)
 
     def _light_of(self, parts: _Parts) -> Light:
-        """The light of parts by Gauss's rule, with the error of rounding alone."""
+        """The light of parts by Gauss's rule, with only the error of rounding."""
         nodes, weights, integrals = _rule(max(LEAST, self.degree // 2 + 1))
         lengths = self.lengths[parts.which] * (parts.high - parts.low)
         shares = parts.low[:, None] + nodes * (parts.high - parts.low)[:, None]
@@ -167,7 +167,7 @@ def _slopes(values: Floats, transfer: Transfer) -> Floats:
 
 
 def _compose(done: Sequence[_Parts], light: Light, count: int) -> Light:
-    """The light of stretches from that of all their parts, each seen through those before it."""
+    """The light of stretches, composed from all their parts, each seen through the parts before it."""
     which, low = (np.concatenate([getattr(own, name) for own in done]) for name in ("which", "low"))
     order = np.lexsort([low, which])
     which, light = which[order], light.part(order)

@@ -1,8 +1,8 @@
-"""Rays against ribbons of streamlines: a dense search along each step of a line, and halving between signs.
+"""Rays against ribbons of streamlines: a dense search along each step of a line, and bisection between signs.
 
 The vector n across a line is solved for at 28 Chebyshev points of a step together.  The turning of its direction T
-comes from the velocity's gradient, dT/dt = (1 - T T^T) (grad v) v / |v|, and with the vorticity omega
-dn/dt = -(n . dT/dt) T + 1/2 (omega . T) T x n: no derivative of the line takes part, and there are no bounds.
+comes from the velocity's gradient, dT/dt = (1 - T T^T) (grad v) v / |v|.  With the vorticity omega, dn/dt = -(n .
+dT/dt) T + 1/2 (omega .  T) T x n: no derivative of the line is used, and there are no bounds.
 """
 
 from __future__ import annotations
@@ -156,9 +156,9 @@ def _units(vectors: Floats) -> Floats:
 
 
 def _turned(vector: Floats, direction: Floats) -> Floats:
-    """A vector (3,) turned in the plane of it and a direction (3,) to be across that.
+    """A vector (3,) turned in its plane with a direction (3,) to be normal to that direction.
 
-    Where it was across another direction, that is the shortest turn to first order in the angle.
+    If it was normal to another direction, this is the shortest turn to first order in the angle.
     """
     part = vector - (vector @ direction) * direction
     return np.asarray(part / np.linalg.norm(part))

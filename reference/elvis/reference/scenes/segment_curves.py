@@ -16,7 +16,8 @@ from elvis.scene.view import View
 
 #: segments are longer than those through elements by this part, and by this part of the scene's size
 _LONGER, _BEYOND = 1e-3, 1e-9
-#: how far a segment may bend from the straight one, in parts of its length; last coefficients; halvings until then
+#: maximum deviation of a segment from the straight one, relative to its length; relative last coefficients; bisections
+#: until then
 _BENT, _REST, _HALVINGS = 0.1, 1e-7, 6
 #: degree of the polynomials; last step of Newton's method on the way there; accuracy where nothing is lost but digits
 _DEGREE, _STEP, _DIGITS = 6, 1e-5, 1e-14
@@ -24,10 +25,10 @@ _DEGREE, _STEP, _DIGITS = 6, 1e-5, 1e-14
 
 @dataclass(frozen=True, eq=False)
 class SegmentCurves:
-    """Segments, a little longer than their elements, and where they lead.
+    """Segments, slightly longer than their elements, as curves.
 
     series    (k, 3, n)  Chebyshev coefficients of the reference coordinates over the segment
-    accuracy  (k,)       of these, in parts of a segment's length
+    accuracy  (k,) of these, relative to a segment's length
     """
 
     segments: Segments

@@ -18,7 +18,7 @@ from elvis.scene.frame import Status
 from elvis.scene.view import View
 
 _STEPS = 12
-#: part of the scene's size that segments may share of a ray by rounding alone
+#: share of a ray that segments may have in common by rounding, relative to the scene's size
 _SHARED = 1e-9
 
 
@@ -61,7 +61,7 @@ class Segments:
         return made
 
     def split_at(self, which: Ints, depth: Floats, middle: Floats) -> Segments:
-        """The segments, those of numbers (k,) parted at depths (k,), where the reference coordinates are (k, …)."""
+        """The segments, with numbers (k,) split at depths (k,), where the reference coordinates are (k, …)."""
         far, last = self.far.copy(), self.last.copy()
         far[which], last[which] = depth, middle
         beyond = Segments(self.pixel[which], self.row[which], depth, self.far[which], middle, self.last[which])
@@ -83,8 +83,8 @@ def segments_through(
 ) -> Segments:
     """The segments of all rays through the elements of a patch: between neighbouring hits of faces, where inside.
 
-    begun   where rays begin within elements
-    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; no others are looked at
+    begun   starts of rays within elements
+    wanted  (n,) sorted numbers row * pixels + pixel of pairs of an element and a pixel; only these are examined
     """
     rows = np.unique(wanted // view.count) if wanted is not None else np.arange(len(patch))
     chosen = np.zeros((len(patch), len(faces_of(patch))), bool)
@@ -125,7 +125,7 @@ def without_overlaps(parts: Sequence[Segments], size: float) -> list[Segments]:
 
 
 def beginnings(locator: Callable[[], Locator], view: View, box: Floats) -> Crossings:
-    """Where rays begin within elements, as hits; all elements lie in a box (2, 3)."""
+    """Starts of rays within elements, as hits; all elements lie in a box (2, 3)."""
     origins, _ = view.every_ray()
     pixel = np.flatnonzero(((origins >= box[0]) & (origins <= box[1])).all(axis=1))
     if not len(pixel):
@@ -168,7 +168,7 @@ def points_of(view: View, pixel: Ints, depth: Floats) -> Floats:
 def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: float = 1e-9) -> Floats:
     """(n, 3) reference points of world points (n, 3) in elements (n,), from near ones, by Newton's method.
 
-    enough  length of a step that is the last one; what is left then is in the order of its square
+    enough  length of a step that ends the iteration; the remaining error has the order of its square
     """
     reference, active = start.copy(), np.arange(len(rows))
     for _ in range(_STEPS):

@@ -1,6 +1,6 @@
 """Line integral convolution in NumPy: lines by Runge and Kutta's method, all pixels at a time.
 
-What is shared with the renderer is the noise, the weights along a line and what a mean stands for: elvis.scene.streaks.
+Only the noise, the weights along a line and the meaning of a mean are shared with the renderer: elvis.scene.streaks.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def margin(lic: Lic) -> int:
 
 
 def padded(view: View, around: int) -> View:
-    """A view with so many pixels more on each side, the first of which is pixel (0, 0)."""
+    """A view with ``around`` more pixels on each side, where the first is pixel (0, 0)."""
     wide, high = view.width + 2 * around, view.height + 2 * around
     return replace(view.shifted(-around, -around), width=wide, height=high)
 
@@ -56,7 +56,7 @@ def streaks(hits: Hits, lic: Lic, view: View, least: float) -> Floats:
     """(n,) tones of the hits, NaN where there are none.
 
     hits   with the values of the components
-    least  a speed along the surface that is no greater is none
+    least  a speed along the surface up to this value counts as zero
     """
     image = Image.of(hits, lic, view, least)
     first, shape = cells(view, lic.width)

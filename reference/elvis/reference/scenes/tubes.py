@@ -32,7 +32,7 @@ from elvis.scene.view import View
 
 #: points through which a step is interpolated, samples of it, halvings between samples
 _NODES, _SAMPLES, _HALVINGS = 28, 65, 52
-#: steps, and rays near them, that are looked at together
+#: steps, and rays near them, that are treated together
 _STEPS, _AT_ONCE = 256, 1 << 13
 _POINTS = chebyshev.chebpts1(_NODES)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
@@ -141,7 +141,7 @@ def _followed(data: FlowSource, shown: Streamlines) -> tuple[float, Iterator[_St
 
 
 def _of_curves(pieces: Pieces) -> Iterator[_Step]:
-    """Cores and curves on walls: what is found is not found a second time."""
+    """Steps of precomputed curves: cores and curves on walls, which are not computed again."""
     powers = np.vander(_POINTS, pieces.points.shape[1], increasing=True)
     series = np.einsum("kq,qp,npd->nkd", _TO_SERIES, powers, pieces.points)
     for own, net, element in zip(series, bernstein_of(pieces.reference), pieces.element, strict=True):
@@ -234,7 +234,7 @@ class _Rays:
 
     @staticmethod
     def of(view: View, pixel: Ints, radius: float, growth: float) -> _Rays:
-        """Those of pixels (n,); radii grow with depth."""
+        """The rays of pixels (n,); radii grow with depth."""
         origins, directions = view.rays(pixel % view.width, pixel // view.width)
         forward = growth * view.camera.basis()[2]
         still = radius + (origins - np.asarray(view.camera.eye)) @ forward
@@ -242,15 +242,16 @@ class _Rays:
 
 
 def _met(steps: _Steps, step: Ints, rays: _Rays, samples: tuple[Floats, Floats], way: float) -> _Met:
-    """The first (``way`` 1) or last (-1) places of rays in balls of steps (n,), one each, of which samples are given,
-    wherever these change from nearer to farther.
+    """The first (``way`` 1) or last (-1) places of rays in balls of steps (n,), one step per ray.
 
-    With s along the ray, a across it and w^2 = R^2 - |a|^2, that is where w s' + a a' - R R' comes from below zero.
+    The samples are given; places are sought where these change from nearer to farther.
+
+    With s along the ray, a across it and w^2 = R^2 - |a|^2, these are the upward zero crossings of w s' + a a' - R R'.
     """
     unit = rays.directions / rays.lengths[:, None]
 
     def seen(ray: Ints, points: Floats, tangents: Floats) -> tuple[Floats, Floats, Floats]:
-        """What changes its sign, the square of w, and s, of points (…, 3) along rays."""
+        """The function that changes its sign, the square of w, and s, of points (…, 3) along rays."""
         own = unit[ray]
         away = points - rays.origins[ray]
         along = np.einsum("...i,...i->...", away, own)
@@ -271,7 +272,7 @@ def _met(steps: _Steps, step: Ints, rays: _Rays, samples: tuple[Floats, Floats],
         below = seen(ray, *own.at(middle))[0] < 0
         low, high = np.where(below, middle, low), np.where(below, high, middle)
 
-    # both ends of the step count, too, where nothing comes before or after
+    # both ends of the step also count if nothing comes before or after
     starts, ends = np.flatnonzero(sign[:, 0] >= 0), np.flatnonzero(sign[:, -1] < 0)
     ray = np.concatenate([ray, starts, ends])
     u = np.concatenate([0.5 * (low + high), np.full(len(starts), -1.0), np.full(len(ends), 1.0)])

@@ -20,7 +20,7 @@ INTERVAL = np.dtype(
 
 
 def union(rows: np.ndarray, quantities: Quantities) -> Crossings:
-    """Ends in front of the eye of the unions of rows of ``INTERVAL``, those of unknown elements left out."""
+    """Ends in front of the eye of the unions of rows of ``INTERVAL``; rows of unknown elements are dropped."""
     places = places_of(quantities)
     rows = rows[np.isin(rows["element"], list(places))]
     rows = rows[np.lexsort([rows["enters"], rows["pixel"]])]
@@ -58,6 +58,6 @@ def places_of(quantities: Quantities) -> dict[int, tuple[int, int]]:
 
 
 def _runs(pixel: Ints) -> Iterator[tuple[int, int]]:
-    """Where equal numbers (n,) begin and end."""
+    """Starts and ends of runs of equal numbers (n,)."""
     starts = np.flatnonzero(np.diff(pixel, prepend=-1))
     yield from zip(starts, [*starts[1:], len(pixel)], strict=True)

@@ -1,8 +1,9 @@
-"""Light along rays through the volume: what elements send out and take up, segment by segment.
+"""Light along rays through the volume: emission and absorption of elements, segment by segment.
 
-Densities and colours are piecewise linear in their quantities.  Where a quantity has a value at which one of them has a
-kink is found like an isosurface, by all zeros of its difference to the value along the ray (`zeros`); the segments are
-parted there.  In between everything is smooth, and integrated by Gauss's rule (`ray_integrals`).
+Densities and colours are piecewise linear in their quantities.  The places where a quantity has a value at which one of
+these has a kink are found like an isosurface, by all zeros of its difference from the value along the ray (`zeros`);
+the segments are split there.  Everything is smooth between these places, and integrated by Gauss's rule
+(`ray_integrals`).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from elvis.scene.view import View
 _AT_ONCE = 1 << 13
 #: units in the last place that coordinates may be wrong by; part of their sizes that functions along rays are known to
 _UNITS, _DIGITS = 8, 1e-14
-#: values next to a kink's are the kink's, in parts of it
+#: relative tolerance for values at a kink
 _ROUNDING = 4e-15
 #: name of a quantity, and its transfer function with colours
 Medium: TypeAlias = tuple[str, Transfer]
@@ -54,7 +55,7 @@ class VolumeRays:
     extent: float
 
     def fragments(self, segments: Segments, clips: Sequence[Clip], media: Sequence[Medium]) -> tuple[Fragments, Floats]:
-        """What volumes, blended, add in segments where no clip takes them away, and how far that may be off (k,)."""
+        """Fragments of blended volumes in segments outside clips, and their maximum errors (k,)."""
         parts = self._visible(straighten(segments, self.patch, self.view), clips)
         for name, transfer in media:
             parts = self._split_at_levels(parts, name, transfer.values)
@@ -63,7 +64,7 @@ class VolumeRays:
         return Fragments(parts.pixel, middle, light.color, light.alpha), light.error
 
     def _visible(self, segments: Segments, clips: Sequence[Clip]) -> Segments:
-        """What clips leave: segments are parted where rays meet the surfaces, and the middle of each part decides."""
+        """Visible parts of segments: they are split at the surfaces of clips, and the centre of each part decides."""
         for clip in clips:
             own = clip.surface
             if isinstance(own, Implicit):
@@ -102,7 +103,7 @@ class VolumeRays:
             owners.append(found.which)
             shares.append(found.place)
 
-        # the ends of all parts: those of the segments and the places between
+        # the ends of all parts: the segments' ends and the places between
         owner, at = np.concatenate(owners), np.concatenate(shares)
         order = np.lexsort([at, owner])
         owner, at = owner[order], at[order]
@@ -125,7 +126,7 @@ class VolumeRays:
         return Light.concatenate(found)
 
     def _rounding(self, name: str, segments: Segments) -> Floats:
-        """(k,) how far a quantity may be off in segments: by its rounding, and that of places times its gradient."""
+        """(k,) maximum error of a quantity in segments: its rounding, plus rounding of positions times its gradient."""
         reference, _ = self._middles(segments)
         _, jacobians = map_points(self.patch, segments.row, reference)
         _, gradients = self.quantities.values_and_gradients(name, self.patch, segments.row, reference)

@@ -1,8 +1,9 @@
-"""All zeros of many functions on [0, 1] at once, close pairs included.
+"""All zeros of many functions on [0, 1] at once, including close pairs.
 
-Each function is interpolated at Chebyshev's points, exactly where it is a polynomial of no higher degree, else on parts
-so short that its last coefficients vanish.  A part without a zero is known by the sum of its coefficients, one with a
-single zero by that of its derivative's; all others are halved (Boyd, Solving Transcendental Equations, 2014, part I).
+Each function is interpolated at Chebyshev points: exactly for polynomials up to the degree, otherwise on parts so short
+that its last coefficients vanish.  The sum of its coefficients shows that a part has no zero; the sum of its
+derivative's coefficients shows that it has at most one.  All others are bisected (Boyd, Solving Transcendental
+Equations, 2014, part I).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from elvis.scene.time_limit import check_time
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
 Along = Callable[[Ints, Floats], Floats]
 
-#: least degree of interpolation; the last coefficients of what is resolved, in parts of their sum
+#: minimum degree of interpolation; last coefficients of a resolved series, relative to their sum
 _LEAST, _RESOLVED = 6, 1e-10
 #: functions farther from their series than this part of the coefficients' sum aren't resolved after all; how much
 #: farther they may be than is measured between the nodes
@@ -37,8 +38,8 @@ class Zeros:
 
     which   (k,)  of the functions
     place   (k,)  in [0, 1]
-    double  (k,)  whether there may be two or none: nothing nearer to zero than rounding tells
-    rough   (k,)  whether the function is too uneven there, or has no value: only a guess
+    double  (k,) whether there may be two zeros or none: the function is zero within rounding
+    rough   (k,) whether the function is too irregular there, or undefined: only a guess
     """
 
     which: Ints
@@ -55,7 +56,7 @@ class Zeros:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Parts of [0, 1]: of which function (k,), their ends (k,)."""
+    """Parts of [0, 1]: numbers of functions (k,), and their ends (k,)."""
 
     which: Ints
     low: Floats
@@ -79,9 +80,9 @@ class _Parts:
 def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0.0) -> Zeros:
     """All zeros of some functions.
 
-    degree    of those that are polynomials; others are approximated by such ones
-    accuracy  (n,) of each function, in parts of its coefficients' sum
-    noise     (n,) or of all: values this small may be zero
+    degree    degree of the polynomials among them; others are approximated by polynomials of this degree
+    accuracy  (n,) of each function, relative to its coefficients' sum
+    noise     (n,) or for all: values this small may be zero
     """
     count, errors, usual = len(accuracy), accuracy, accuracy
     degree, found = max(degree + 2, _LEAST), []
@@ -99,14 +100,14 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
             errors, usual = accuracy * size + noise, np.median(np.abs(values), axis=1)
         inexact = errors[parts.which]
         ready = rest <= np.maximum(_RESOLVED * size, inexact)
-        # far from zero as its series is, a part has none; what else is resolved is looked at between the nodes, too
+        # a part with a series far from zero has none; other resolved parts are also checked between the nodes
         near = ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
         asked = np.flatnonzero(ready & near)
         off_by = np.zeros(len(ready))
         off_by[asked] = _between_nodes(along, parts.some(asked), coefficients[asked])
         ready &= off_by <= np.maximum(_CHECKED * size, inexact)
 
-        # what is left in the last coefficients, rounding not least, is in all others too
+        # the error in the last coefficients, including rounding, is in all others as well
         error = np.maximum(np.maximum((degree + 2) * rest, _SURE * off_by), inexact)
         found += _separate(parts.some(ready), coefficients[ready], error[ready])
 
@@ -118,7 +119,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
 
 
 def _unresolved(parts: _Parts, values: Floats, usual: Floats, is_open: Bools) -> list[Zeros]:
-    """What the last parts that aren't resolved may have: a zero where they change their sign, or are small.
+    """Possible zeros of the unresolved last parts: one zero if they change their sign, or are small.
 
     values   (k, n) of the parts' functions at places of them
     usual    (n,) size of each function
@@ -146,10 +147,10 @@ def _between_nodes(along: Along, parts: _Parts, coefficients: Floats) -> Floats:
 
 
 def _separate(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]:
-    """The zeros of series (k, n) on parts, right but for errors (k,).
+    """The zeros of series (k, n) on parts, with errors (k,).
 
-    A derivative is that of the function where it is greater than what the error may add, n^2 times it (Markov 1889);
-    a part that has its zero at an end, to within the error, has it there, and so may the next one.
+    A derivative is reliable if it exceeds n^2 times the error, which the error may add (Markov 1889); a zero at an end,
+    within the error, is put there; the next part may also have it.
     """
     found: list[Zeros] = []
     halve, signs = _halving(coefficients.shape[1] - 1), (-1.0) ** np.arange(coefficients.shape[1])
@@ -203,7 +204,7 @@ def transform(degree: int) -> Floats:
 
 @bounded_cache
 def _derivatives(degree: int) -> Floats:
-    """(n, n - 1) from coefficients to those of the derivative, as rows."""
+    """(n, n - 1) matrix from coefficients to coefficients of the derivative, as rows."""
     return np.asarray(chebyshev.chebder(np.eye(degree + 1), axis=1))
 
 
