@@ -1,4 +1,4 @@
-"""The tutorial of docs/howto/runtime-plugin.md, word for word: tried from its folder, and installed as a distribution."""
+"""The tutorial of docs/howto/runtime-plugin.md, word for word: tried from its folder, and installed."""
 
 import json
 import os
