@@ -207,7 +207,7 @@ def send(stream: IO[bytes], value: Any) -> None:
 
 
 def receive(stream: IO[bytes], limit: int) -> Any:
-    """Read a message of this many bytes at most; EOFError where it ends early, ValueError where it is none."""
+    """Read a message of this many bytes at most; raises EOFError if it ends early, ValueError where it is none."""
     length = int.from_bytes(_filled(stream, np.empty(8, np.uint8)).tobytes(), "little")
     if length > limit:
         raise ValueError(f"expected at most {limit} bytes, found {length}")

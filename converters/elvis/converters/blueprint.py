@@ -84,7 +84,7 @@ def _needed(node: Any, path: str, what: str) -> Any:
 
 
 def _name_at(node: Any, path: str, what: str) -> str:
-    """A name at a path below a node; ElvisError for other values, and where there is none."""
+    """A name at a path below a node; raises ElvisError for other values, and if there is none."""
     found = _needed(node, path, what)
     if not isinstance(found, str):
         raise ElvisError(f"Blueprint: expected {what} at {_shown(path)}, found {_shown(found)}")
@@ -92,7 +92,7 @@ def _name_at(node: Any, path: str, what: str) -> str:
 
 
 def _whole_numbers(name: str, given: Any) -> Ints:
-    """(n,) whole numbers of an array; ElvisError for others."""
+    """(n,) whole numbers of an array; raises ElvisError for others."""
     found = _real_numbers(name, given)
     is_whole = np.isfinite(found) & (found == np.rint(found)) & (np.abs(found) < _LARGEST)
     if not is_whole.all():
@@ -101,7 +101,7 @@ def _whole_numbers(name: str, given: Any) -> Ints:
 
 
 def _real_numbers(name: str, given: Any) -> Floats:
-    """(n,) numbers of an array; ElvisError for others."""
+    """(n,) numbers of an array; raises ElvisError for others."""
     return np.ravel(host_array(_shown(name), given))
 
 
@@ -116,7 +116,7 @@ def _shown(value: Any) -> str:
 
 
 def _domains(mesh: Any) -> list[Any]:
-    """The mesh, or its domains; ElvisError where there is neither."""
+    """The mesh, or its domains; raises ElvisError if there is neither."""
     if "topologies" in _children(mesh):
         return [mesh]
     found = [child for child in _children(mesh).values() if "topologies" in _children(child)]
@@ -217,7 +217,7 @@ def _coordinates(domain: Any, topology: Any) -> Floats:
 
 
 def _components(name: str, parts: Sequence[tuple[str, Any]]) -> Floats:
-    """(n, c) numbers of arrays of one length; ElvisError where there are none, or lengths differ."""
+    """(n, c) numbers of arrays of one length; raises ElvisError if there are none, or lengths differ."""
     found = [_real_numbers(f"{name}: {own}", values) for own, values in parts]
     lengths = {len(own) for own in found}
     if len(lengths) != 1:

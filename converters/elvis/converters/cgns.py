@@ -379,7 +379,7 @@ def _base(root: Node) -> tuple[Node, list[str]]:
 
 
 def _times(base: Node) -> list[float]:
-    """Times of the steps of a base, or the numbers of their iterations; none where it has no steps."""
+    """Times of the steps of a base, or the numbers of their iterations; none if it has no steps."""
     for node in base.labelled("BaseIterativeData_t"):
         for name in ("TimeValues", "IterationValues"):
             own = node.child(name)

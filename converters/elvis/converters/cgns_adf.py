@@ -57,7 +57,7 @@ class _File:
         self.root = self.pointer(134)
 
     def content(self, start: int, count: int) -> bytes:
-        """Bytes that the file holds; FormatError where it ends before."""
+        """Bytes that the file holds; raises FormatError if it ends before."""
         if not 0 <= start <= start + count <= len(self.data):
             raise FormatError(f"expected {count} bytes at byte {start}, found the end of the file")
         return self.data[start : start + count]
@@ -81,7 +81,7 @@ class _File:
         return self.number(start, 8) * _BLOCK + self.number(start + 8, 4)
 
     def check(self, start: int, tag: bytes) -> None:
-        """FormatError unless a tag stands there."""
+        """Raise FormatError unless a tag stands there."""
         if self.content(start, len(tag)).lower() != tag.lower():
             raise FormatError(f"expected {tag.decode()} at byte {start}, found {self.content(start, len(tag))!r}")
 
@@ -125,7 +125,7 @@ class AdfNode(Node):
         return [(self._file.name(start), self._file.pointer(start + _NAME)) for start in starts]
 
     def array(self) -> Any:
-        """The data, whose chunks are put together; None where the node has none."""
+        """The data, whose chunks are put together; None if the node has none."""
         kind = self._file.name(self.start + 96)
         dimensions = self._file.hexadecimal(self.start + 128, 2)
         chunks = self._file.hexadecimal(self.start + 226, 4)

@@ -154,7 +154,7 @@ def corners_of_shape(shape: Shape) -> Floats:
 
 
 def node_count(number: int) -> int | None:
-    """How many nodes a type of elements has; None where it is unknown."""
+    """How many nodes a type of elements has; None if it is unknown."""
     if number == NODE:
         return 1
     return len(nodes_of_type(number)) if number in _TYPES else None

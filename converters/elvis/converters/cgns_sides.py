@@ -210,7 +210,7 @@ def named_points(node: Node, directions: int) -> tuple[Ints, bool, bool]:
 
 
 def named_elements(node: Node) -> Numbers | None:
-    """The elements of an unstructured zone that a node names; None where it names vertices, or nothing."""
+    """The elements of an unstructured zone that a node names; None if it names vertices, or nothing."""
     points, is_range, is_elements = named_points(node, 1)
     if not len(points) or (_location(node) == "Vertex" and not is_elements):
         return None
@@ -362,7 +362,7 @@ def _filled(ends: Ints) -> Ints:
 
 
 def _flat_axis(points: Ints, sizes: Sequence[int]) -> int | None:
-    """The direction along which points all lie at one end of a grid; None where that fits several or none."""
+    """The direction along which points all lie at one end of a grid; None if that fits several or none."""
     ends = [{0, size - 1} for size in sizes]
     flat = [i for i, column in enumerate(points.T) if len(set(column[:1].tolist())) and np.ptp(column) == 0]
     at_end = [i for i in flat if int(points[0, i]) in ends[i]]

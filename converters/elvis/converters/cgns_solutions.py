@@ -84,7 +84,7 @@ def reference_corners(shape: Shape) -> Floats:
 
 
 def lagrange(shape: Shape, order: int, points: Floats, place: str) -> NodalBasis:
-    """The functions of control points (n, d) of CPEX 0045's element; FormatError where they determine none."""
+    """The functions of control points (n, d) of CPEX 0045's element; raises FormatError if they determine none."""
     own = native_points(shape, reference_corners(shape)[UNIT[shape].corners], points)
     try:
         return NodalBasis(shape, order, own, PyramidSpace.RATIONAL)
@@ -157,7 +157,7 @@ def read_interpolation(node: Node) -> Interpolation:
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A field of a solution in a zone: the values on each of the zone's groups of cells, None where it has none."""
+    """A field of a solution in a zone: the values on each of the zone's groups of cells, None if it has none."""
 
     name: str
     is_at_vertices: bool

@@ -48,10 +48,10 @@ class Node(ABC):
 
     @abstractmethod
     def array(self) -> Any:
-        """The array of the node with its dimensions reversed; None where it has none."""
+        """The array of the node with its dimensions reversed; None if it has none."""
 
     def child(self, name: str) -> Node | None:
-        """The node below with this name; None where there is none."""
+        """The node below with this name; None if there is none."""
         return next((each for each in self.children if each.name == name), None)
 
     def labelled(self, label: str) -> list[Node]:
@@ -59,14 +59,14 @@ class Node(ABC):
         return [each for each in self.children if each.label == label]
 
     def required(self, name: str) -> Node:
-        """The node below with this name; FormatError where there is none."""
+        """The node below with this name; raises FormatError if there is none."""
         found = self.child(name)
         if found is None:
             raise FormatError(f"expected a node {name}, found none", place=self.place)
         return found
 
     def text(self) -> str:
-        """The array as characters, empty where the node has none."""
+        """The array as characters, empty if the node has none."""
         rows = self.texts()
         return rows[0] if rows else ""
 
@@ -81,7 +81,7 @@ class Node(ABC):
         return [text(row.tobytes().split(b"\0")[0]) for row in rows]
 
     def ints(self, *shape: int | None) -> Ints:
-        """Whole numbers in an array of this shape, None for any length; FormatError where it is none."""
+        """Whole numbers in an array of this shape, None for any length; raises FormatError if it is none."""
         found = self._numbers("iu", shape)
         if found.dtype.kind == "u" and found.size and found.max() > np.iinfo(np.int64).max:
             raise FormatError(f"expected whole numbers of 64 bits, found {found.max()}", place=self.place)
@@ -179,7 +179,10 @@ def is_cgns(path: Path) -> bool:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Node]:
-    """The root of a file, whose nodes can be read inside the block; FormatError with the file in all that it raises."""
+    """The root of a file, whose nodes can be read inside the block.
+
+    Raises FormatError with the file in all that it raises.
+    """
     from elvis.converters.cgns_adf import read_adf
 
     if is_adf(path):

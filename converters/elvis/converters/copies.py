@@ -52,7 +52,7 @@ class Copy:
         self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
 
     def kill(self) -> None:
-        """End it; nothing where it has been waited for."""
+        """End it; nothing if it has been waited for."""
         if self._status is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)

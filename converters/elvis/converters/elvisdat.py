@@ -133,7 +133,7 @@ def polynomials(kind: Kind, points: Floats) -> Floats:
 
 
 def _byte_order(start: bytes) -> str:
-    """The byte order in which a 1 follows the header, empty where none does."""
+    """The byte order in which a 1 follows the header, empty if none does."""
     found = [order for order in "><" if struct.unpack_from(f"{order}i", start, _HEADER)[0] == 1]
     return found[0] if found else ""
 

@@ -311,5 +311,5 @@ class _Functions(NodalBasis):
 
 
 def _times(file: Variables) -> list[float]:
-    """The times of the steps, none where there are no variables."""
+    """The times of the steps, none if there are no variables."""
     return [float(time) for time in file.floats("time_whole")] if "time_whole" in file else []

@@ -148,7 +148,10 @@ class Variables:
         return self._container.sizes.get(dimension, 0)
 
     def numbers(self, dimension: str) -> range:
-        """The numbers, from 1, of the blocks or sets that a dimension counts; FormatError for more than can be here."""
+        """The numbers, from 1, of the blocks or sets that a dimension counts.
+
+        Raises FormatError for more than can be here.
+        """
         count, most = self.size(dimension), self.path.stat().st_size
         if count > most:
             expected = f"at most {most}, as its bytes hold"
@@ -156,7 +159,7 @@ class Variables:
         return range(1, count + 1)
 
     def at(self, name: str, *index: int) -> Any:
-        """A variable, or a part of it at first indices; FormatError where there is none or it can't be read."""
+        """A variable, or a part of it at first indices; raises FormatError if there is none or it can't be read."""
         if name not in self:
             raise FormatError(f"expected a variable {name}, found none", file=self.path)
         found = np.asarray(self._container.array(name, index))
@@ -195,7 +198,7 @@ class Variables:
 class _Classic:
     """The classic container.
 
-    types  by name of a variable: its attribute elem_type, empty where it has none
+    types  by name of a variable: its attribute elem_type, empty if it has none
     sizes  of dimensions by name
     """
 

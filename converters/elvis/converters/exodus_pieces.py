@@ -165,7 +165,7 @@ def _mark_copies(pieces: Sequence[ExodusPiece]) -> None:
 
 
 def is_empty(file: Variables, name: str, dimension: str) -> bool:
-    """Whether a block or a set has no entries; FormatError if it has some and the variable isn't there.
+    """Whether a block or a set has no entries; raises FormatError if it has some and the variable isn't there.
 
     netCDF knows no dimension of length 0, so the library writes neither the dimension nor the variable.
     """

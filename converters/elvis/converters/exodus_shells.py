@@ -61,7 +61,7 @@ def plane_sides(piece: ExodusPiece) -> PlaneSides:
 
 
 def _stated(kind: str, shape: Shape, space: int) -> int | None:
-    """The first edge of elements of a type; None where writers differ."""
+    """The first edge of elements of a type; None if writers differ."""
     name = kind.upper()
     if name.startswith("SHELL"):
         return FACES_OF_SHELLS

@@ -97,7 +97,7 @@ def exported(dataset: Dataset, names: Sequence[str] | None, order: int | None, t
     """The dataset as cells of a program, compared with itself at points between the nodes.
 
     order  of all cells; None for the lowest that holds map and fields, as far as the program goes
-    ElvisError for unknown fields and for data with Fourier directions.
+    Raises ElvisError for unknown fields and for data with Fourier directions.
     """
     if any(block.expansion.homogeneous for each in dataset.fields for block in each.blocks):
         raise ElvisError("expected fields without Fourier directions, found some with")

@@ -150,7 +150,7 @@ class GmfFile:
             _Text(self, raw)
 
     def value(self, name: str) -> float | None:
-        """The number that follows a keyword, None where it isn't there."""
+        """The number that follows a keyword, None if it isn't there."""
         section = self.sections.get(name)
         if section is None:
             return None
@@ -172,7 +172,7 @@ class GmfFile:
         self.version, self.dimension, self.real_size = version, dimension, 4 if version == 1 else 8
 
     def add(self, name: str, section: Section) -> None:
-        """Take in a section; FormatError where there are two of it."""
+        """Take in a section; raises FormatError if there are two of it."""
         if name in self.sections:
             raise FormatError("expected one section, found two", file=self.path, place=name)
         self.sections[name] = section

@@ -49,7 +49,7 @@ def guessed(shape: Shape, order: int, places: Floats) -> Ints | None:
     """(n, k) entries of nodes that no table orders, vertices first: each is where it lies in straight elements.
 
     places  (elements, n, 3) of the nodes
-    None where that isn't one order for all elements
+    None if that isn't one order for all elements
     """
     entries, some = lattice(shape, order), places[:_COMPARED]
     count = len(UNIT[shape].own)

@@ -241,7 +241,10 @@ class Gmsh(NodalConverter):
         return self._known[key]
 
     def _check_tags(self, section: Section, tags: Ints) -> None:
-        """A note where some values belong to nothing in the mesh, as after saving a part; FormatError where most do."""
+        """A note where some values belong to nothing in the mesh, as after saving a part.
+
+        Raises FormatError if most do.
+        """
         own = np.concatenate([group.tags for group in self._groups])
         known = self._mesh.tags if section.kind == "NodeData" else np.concatenate([own, self._mesh.others])
         what = "nodes" if section.kind == "NodeData" else "elements"

@@ -61,7 +61,7 @@ def _numbers(section: re.Match[bytes] | None) -> Floats | None:
 def _in_blocks(numbers: Floats, width: Callable[[int], int]) -> Counter[int] | None:
     """Elements of version 4: blocks of elements of one type, each element a tag and its nodes."""
     found: Counter[int] = Counter()
-    # version 4.1 has two more numbers, the least and the greatest tag, before the blocks
+    # version 4.1 has two more numbers, the smallest and the largest tag, before the blocks
     for start in (4, 2):
         found.clear()
         at = start

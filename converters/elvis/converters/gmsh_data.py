@@ -120,7 +120,7 @@ class _Binary:
 
 
 def _integers(values: Floats) -> Ints:
-    """Numbers of a text that should be whole; -1 where they aren't finite."""
+    """Numbers of a text that should be whole; -1 if they aren't finite."""
     return np.where(np.isfinite(values), values, -1).astype(np.int64)
 
 
@@ -220,7 +220,7 @@ class Contents:
 
 
 def scan(path: Path) -> Contents:
-    """The data sections of a file; FormatError where one is damaged."""
+    """The data sections of a file; raises FormatError if one is damaged."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         start = beginning(data)
         if data[start : start + len(MAGIC_1)] == MAGIC_1:

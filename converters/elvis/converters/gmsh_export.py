@@ -150,7 +150,7 @@ def write_msh(path: Path, export: Export, mesh: Mesh, target: GmshTarget, time: 
 
 
 def _check_whole(path: Path) -> None:
-    """OSError where the library has not come to the end of the file: it says nothing of a disk that is full."""
+    """Raise OSError if the library has not come to the end of the file: it says nothing of a disk that is full."""
     end = b"$EndElements"
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 2 * len(end)))

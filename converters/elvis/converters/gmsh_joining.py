@@ -20,7 +20,7 @@ def joined(meshes: Sequence[Mesh], paths: Sequence[Path], has_element_data: bool
     """One mesh of all elements, each once.
 
     has_element_data  whether values refer to elements by number
-    FormatError if nodes of one number differ, or elements of one number that values refer to.
+    Raises FormatError if nodes of one number differ, or elements of one number that values refer to.
     """
     if len(meshes) == 1:
         return meshes[0]

@@ -61,7 +61,7 @@ class Library:
         return mesh
 
     def _check(self, path: Path, named: Path) -> Counter[int] | None:
-        """Number of elements of each type, None where they can't be counted.
+        """Number of elements of each type, None if they can't be counted.
 
         Raises FormatError if a binary mesh isn't as long as it says.
         """

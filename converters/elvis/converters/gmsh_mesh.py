@@ -146,7 +146,7 @@ _BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
 
 
 def read_mesh(contents: Contents) -> Mesh:
-    """The mesh of a file; FormatError with the library's first complaint.
+    """The mesh of a file; raises FormatError with the library's first complaint.
 
     A file with another suffix is linked, because the library knows formats by these.
     """

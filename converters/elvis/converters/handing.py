@@ -77,7 +77,7 @@ def to_meshio(
     """A meshio.Mesh of linear cells; arguments as of `to_pyvista`.
 
     Its ``info["errors"]`` has for the coordinates and each quantity ``error``, ``relative`` and the worst ``element``.
-    ElvisError as `to_pyvista`, and without meshio.
+    Raises ElvisError as `to_pyvista`, and without meshio.
     """
     meshio = require_module("meshio", "to_meshio", "notebook")
     linear = linear_cells(dataset, quantities, refinement)
@@ -110,7 +110,7 @@ def _meshio_order(shape: Shape, rows: Ints) -> Ints:
 
 
 def _fields(dataset: Dataset, quantities: str | Sequence[str]) -> list[str]:
-    """The names of fields; ElvisError for other quantities."""
+    """The names of fields; raises ElvisError for other quantities."""
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     for name in names:
         if name not in dataset:
@@ -119,7 +119,7 @@ def _fields(dataset: Dataset, quantities: str | Sequence[str]) -> list[str]:
 
 
 def _check(losses: Iterable[Loss], bound: float | None) -> None:
-    """ElvisError where an error is beyond the bound."""
+    """Raise ElvisError if an error is beyond the bound."""
     for loss in losses:
         if bound is not None and not loss.is_within(bound):
             raise ElvisError(

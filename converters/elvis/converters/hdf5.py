@@ -38,7 +38,7 @@ _MOST_TEXTS = 1 << 20
 
 @contextmanager
 def reading(path: Path) -> Iterator[h5py.File]:
-    """The file, open for reading; FormatError where it is damaged, inside the block too."""
+    """The file, open for reading; raises FormatError if it is damaged, inside the block too."""
     import h5py
 
     check_plain(path)
@@ -95,21 +95,27 @@ def _has_member(file: h5py.File, name: str) -> bool:
 
 
 def require(file: h5py.File, name: str) -> Any:
-    """A dataset of the file itself that is as large as it claims; FormatError where there is none."""
+    """A dataset of the file itself that is as large as it claims; raises FormatError if there is none."""
     found = _member(file, name)
     check_stored(found, name)
     return found
 
 
 def rows(file: h5py.File, name: str, index: tuple[int, ...]) -> Any:
-    """A part of a dataset, at first indices; FormatError where there is none, or it is larger than the file holds."""
+    """A part of a dataset, at first indices.
+
+    Raises FormatError if there is none, or it is larger than the file holds.
+    """
     found = _member(file, name)
     check_stored(found, name, math.prod(found.shape[len(index) :]) if index else None)
     return found[index or ...]
 
 
 def ints(file: h5py.File, name: str, *shape: int | None) -> Ints:
-    """Whole numbers of a dataset, an array of this shape, None for any length; FormatError where it holds others."""
+    """Whole numbers of a dataset, an array of this shape, None for any length.
+
+    Raises FormatError if it holds others.
+    """
     return np.asarray(_numbers(file, name, "iu", shape), np.int64)
 
 
@@ -129,7 +135,7 @@ def texts(file: h5py.File, name: str, *shape: int) -> list[str]:
 
 
 def attribute(file: h5py.File, name: str) -> Any:
-    """The only value of an attribute, a scalar or an array of one; FormatError where there is none."""
+    """The only value of an attribute, a scalar or an array of one; raises FormatError if there is none."""
     values = attributes(file, name)
     if len(values) != 1:
         raise FormatError(f"expected one value of the attribute {name}, found {len(values)}", file=file.file.filename)
@@ -137,7 +143,7 @@ def attribute(file: h5py.File, name: str) -> Any:
 
 
 def attributes(owner: h5py.HLObject, name: str) -> Any:
-    """The values of an attribute, one after another; FormatError where there is none."""
+    """The values of an attribute, one after another; raises FormatError if there is none."""
     if name not in owner.attrs:
         raise FormatError(f"expected an attribute {name}, found none", file=owner.file.filename)
     check_attribute(owner, name)
@@ -145,7 +151,7 @@ def attributes(owner: h5py.HLObject, name: str) -> Any:
 
 
 def number(file: h5py.File, name: str) -> float:
-    """The only value of an attribute, a finite number; FormatError where it is none."""
+    """The only value of an attribute, a finite number; raises FormatError if it is none."""
     value = attribute(file, name)
     if not isinstance(value, np.number) or not np.isfinite(value):
         raise FormatError(f"expected a number in the attribute {name}, found {value!r:.40}", file=file.file.filename)

@@ -28,7 +28,7 @@ _MOST_BLOCKS = 1 << 20
 
 
 def dataset(file: h5py.Group, name: str) -> Any:
-    """A dataset of the file or a virtual one; FormatError where there is none, or it claims more than is stored."""
+    """A dataset of the file or a virtual one; raises FormatError if there is none, or it claims more than is stored."""
     import h5py
 
     found = file.get(name)
@@ -156,7 +156,7 @@ class VirtualDataset:
         return starts[0], strides[0], counts[0], blocks[0]
 
     def _path(self, pattern: str, block: int) -> Path:
-        """The file of a block; FormatError unless it is this file or lies below its folder.
+        """The file of a block; raises FormatError unless it is this file or lies below its folder.
 
         As by HDF5, of a path from the root that its writer knew the name counts.
         """

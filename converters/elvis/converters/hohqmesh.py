@@ -56,7 +56,7 @@ def is_plane_mesh(path: Path) -> bool:
 
 
 def read_plane_mesh(path: Path) -> PlaneMesh:
-    """The mesh of a file; FormatError where it is damaged."""
+    """The mesh of a file; raises FormatError if it is damaged."""
     try:
         return _Lines(content(path).decode("utf-8", "replace").split("\n")).mesh()
     except FormatError as error:

@@ -56,7 +56,7 @@ _MEANS = ("u", "v", "w", "uu", "vv", "ww", "uv", "uw", "vw")
 #: the end of the name of a list of boundaries
 _ZONES = ".bmesh"
 
-#: heights that differ by less than this share of the greatest are one
+#: heights that differ by less than this share of the largest are one
 _LEVEL = 1e-12
 
 #: names of the reference values
@@ -193,7 +193,7 @@ class Horses(NodalConverter):
     def _variables(self, head: Header, count: int, equations: str) -> tuple[str, ...]:
         """The names of the variables of the equations that are asked for, or that the reference values suggest.
 
-        FormatError where the equations have another number of variables.
+        Raises FormatError if the equations have another number of variables.
         """
         if equations == "auto":
             gamma, _, _, density, _, _ = head.references

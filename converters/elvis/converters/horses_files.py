@@ -63,7 +63,7 @@ class Record:
 
     nodes    (nx, ny, nz)
     arrays   (nx ny nz, variables) one after another, the first direction fastest
-    sensor   of the element, None where the file has none
+    sensor   of the element, None if the file has none
     """
 
     nodes: tuple[int, int, int]
@@ -94,7 +94,7 @@ def header_of(path: Path) -> Header | None:
 
 
 def read_records(path: Path, header: Header) -> tuple[Layout, list[Record]]:
-    """The arrays of all elements, and how they are laid out; FormatError where the file is damaged."""
+    """The arrays of all elements, and how they are laid out; raises FormatError if the file is damaged."""
     data = content(path)
     for layout in _layouts(data, header):
         found = _records(data, header.elements, layout)
@@ -160,7 +160,7 @@ class Zone(NamedTuple):
 
 
 def read_zones(path: Path) -> list[Zone]:
-    """The boundaries of a list; FormatError where it is damaged."""
+    """The boundaries of a list; raises FormatError if it is damaged."""
     lines = [line for line in content(path).decode("utf-8", "replace").split("\n") if line.strip()]
     words = _Rows(path, lines)
     zones = []

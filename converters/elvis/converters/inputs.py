@@ -33,7 +33,7 @@ def is_count(word: str | bytes) -> bool:
 
 
 def single(paths: Sequence[Path]) -> Path:
-    """The only file; FormatError where there are several."""
+    """The only file; raises FormatError if there are several."""
     if len(paths) != 1:
         raise FormatError(f"expected one file, found {len(paths)}", file=paths[0])
     return Path(paths[0])
@@ -51,7 +51,7 @@ def by_kind(paths: Sequence[Path], kind_of: Callable[[Path], str]) -> defaultdic
 
 
 def check_roles(meshes: int, others: int, what: str = "solution") -> None:
-    """FormatError unless there are one mesh and at most one other file, which holds ``what``."""
+    """Raise FormatError unless there are one mesh and at most one other file, which holds ``what``."""
     if meshes != 1 or others > 1:
         advice = f"; of the steps of a series give one {what}" if others > 1 else ""
         advice = "; give its mesh too" if not meshes else advice

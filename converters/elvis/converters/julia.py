@@ -114,7 +114,7 @@ class _Counter:
         self.steps = 0
 
     def count(self) -> None:
-        """One more; FormatError if there are too many."""
+        """One more; raises FormatError if there are too many."""
         self.steps += 1
         if self.steps > _MOST_STEPS:
             raise FormatError(f"expected formulas of at most {_MOST_STEPS} steps, found more")
@@ -129,7 +129,7 @@ class Function:
     outer: Mapping[str, Value]
 
     def __call__(self, *values: Value) -> Value:
-        """The value at arguments; FormatError for another number of them."""
+        """The value at arguments; raises FormatError for another number of them."""
         if len(values) != len(self.parameters):
             raise FormatError(f"expected {len(self.parameters)} arguments, found {len(values)}")
         return self.body({**self.outer, **dict(zip(self.parameters, values, strict=True))})
@@ -151,7 +151,7 @@ def definitions(code: str, known: Mapping[str, Value]) -> Scope:
 
 
 def evaluated(function: Value, points: Sequence[Any]) -> list[Any]:
-    """The components of a function at points, an array for each coordinate; FormatError where it has none.
+    """The components of a function at points, an array for each coordinate; raises FormatError if it has none.
 
     Raises FormatError for values that are no numbers or not finite.
     """
@@ -226,7 +226,7 @@ class _Reader:
         return self.words[self.place] if self.place < len(self.words) else ""
 
     def take(self, wanted: str | None = None) -> str:
-        """Pass the next word; FormatError if it isn't the one that is wanted."""
+        """Pass the next word; raises FormatError if it isn't the one that is requested."""
         word = self.word
         if not word or (wanted is not None and word != wanted):
             raise FormatError(f"expected {wanted or 'a formula'!r}, found {word or 'the end'!r}")
@@ -283,7 +283,7 @@ class _Reader:
         return (name,), _closure(parameters, lambda scope: _run(statements, dict(scope)))
 
     def _short_function(self) -> _Statement | None:
-        """``name(x) = value``; None where something else comes."""
+        """``name(x) = value``; None if something else comes."""
         start = self.place
         name = self.word
         if name.isidentifier() and self.words[start + 1 : start + 2] == ["("]:
@@ -317,7 +317,7 @@ class _Reader:
         return found
 
     def _targets(self) -> tuple[str, ...]:
-        """Names before an equals sign, which is passed; none where something else comes."""
+        """Names before an equals sign, which is passed; none if something else comes."""
         start, names = self.place, []
         while self.word.isidentifier():
             names.append(self.take())

@@ -210,7 +210,7 @@ class _Part:
         self._regions, self._borders = (named_attributes(text, f"{w}attribute_sets") for w in ("", "bdr_"))
 
     def _functions(self, piece: Piece, folder: Path) -> list[_Function | QuadratureFunction]:
-        """The functions on the mesh; FormatError where one has another number of values than its space."""
+        """The functions on the mesh; raises FormatError if one has another number of values than its space."""
         found: list[_Function | QuadratureFunction] = []
         for source in piece.functions.values():
             if source.text.startswith(QUADRATURE):
@@ -234,7 +234,7 @@ class _Part:
         return QuadratureFunction(source.named, source.text, shapes, corners, rule)
 
     def _shape(self, corners: int) -> Shape:
-        """The shape of elements with this many corners; FormatError where none of the mesh's dimension has."""
+        """The shape of elements with this many corners; raises FormatError if none of the mesh's dimension has."""
         try:
             return _SHAPES[self._dimension, corners]
         except KeyError:

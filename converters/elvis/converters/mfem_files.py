@@ -35,7 +35,7 @@ COMPLEX = ("ComplexGridFunction", "ParComplexGridFunction")
 
 
 def first_line(path: Path) -> str:
-    """The first line of a file, shortened; empty where it can't be read."""
+    """The first line of a file, shortened; empty if it can't be read."""
     return leading(path, 80).split(b"\n")[0].decode("ascii", "replace").strip()
 
 
@@ -60,7 +60,7 @@ def is_root(path: Path) -> bool:
 
 
 def read_root(path: Path) -> tuple[float | None, list[Path]]:
-    """Time and files, of the mesh and of functions, that an index names; FormatError where it names none."""
+    """Time and files, of the mesh and of functions, that an index names; raises FormatError if it names none."""
     table = json_content(path)
     try:
         main = table["dsets"]["main"]
@@ -73,7 +73,7 @@ def read_root(path: Path) -> tuple[float | None, list[Path]]:
 
 
 def _members(path: Path, name: str, count: int) -> Iterator[Path]:
-    """The files of all processes; FormatError where one is not there, or not below the index."""
+    """The files of all processes; raises FormatError if one is not there, or not below the index."""
     if Path(name).is_absolute() or ".." in Path(name).parts or name.count("%") != 1 or "%06d" not in name:
         raise FormatError(f"expected a name below the index with %06d in it, found {name!r:.80}", file=path)
     for number in range(count):
@@ -84,7 +84,7 @@ def _members(path: Path, name: str, count: int) -> Iterator[Path]:
 
 
 def load(path: Path) -> str:
-    """The text of a file without comments; FormatError where it is none."""
+    """The text of a file without comments; raises FormatError if it is none."""
     try:
         text = content(path).decode("ascii")
     except UnicodeDecodeError as error:
@@ -114,7 +114,7 @@ def check_mesh(path: Path, text: str) -> None:
 
 
 def _check_foreign(path: Path, text: str) -> None:
-    """FormatError if a text of Netgen ends early, or names vertices that it lacks.
+    """Raise FormatError if a text of Netgen ends early, or names vertices that it lacks.
 
     In the plane come the segments of the boundary, the elements and the vertices; in space the vertices come first.
     """
@@ -139,7 +139,7 @@ def _check_foreign(path: Path, text: str) -> None:
 
 
 def _taken(numbers: Iterator[str], skipped: int, count: int) -> list[str]:
-    """The next ``count`` words after some that are skipped; ValueError if there are fewer."""
+    """The next ``count`` words after some that are skipped; raises ValueError if there are fewer."""
     found = list(islice(numbers, skipped, skipped + count))
     if len(found) != count:
         raise ValueError(f"expected {count} words, found {len(found)}")
@@ -162,14 +162,14 @@ def declared_elements(text: str) -> int | None:
 
 
 def check_space(path: Path, space: int, dimension: int) -> None:
-    """FormatError where elements of this dimension have vertices with fewer coordinates, or with more than three."""
+    """Raise FormatError if elements of this dimension have vertices with fewer coordinates, or with more than three."""
     if not dimension <= space <= 3:
         expected = "3" if dimension == 3 else f"{dimension} to 3"
         raise FormatError(f"expected vertices with {expected} coordinates, found {space}", file=path, place="vertices")
 
 
 def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Floats:
-    """(count,) numbers that follow the last description of a space; FormatError where there are others or fewer.
+    """(count,) numbers that follow the last description of a space; raises FormatError if there are others or fewer.
 
     is_last  whether nothing may follow
     """
@@ -189,7 +189,7 @@ def header_end(path: Path, text: str) -> int:
 
 
 def header(path: Path) -> str:
-    """The description of the space of a function in a file; FormatError if there is none."""
+    """The description of the space of a function in a file; raises FormatError if there is none."""
     text = load(path)
     return text[: header_end(path, text)]
 
@@ -213,13 +213,13 @@ def rounding(text: str) -> float:
 
 
 def _words(text: str, section: str) -> list[str]:
-    """Words of a section and all that follow, empty where there is none."""
+    """Words of a section and all that follow, empty if there is none."""
     found = re.search(rf"(?m)^{section}\s*$", text)
     return text[found.end() :].split() if found else []
 
 
 def _check_elements(path: Path, text: str, section: str, dimension: int, limit: int) -> None:
-    """FormatError where the elements of a section are not of this dimension, or name vertices from ``limit`` up."""
+    """Raise FormatError if the elements of a section are not of this dimension, or name vertices from ``limit`` up."""
     words = _words(text, section)
     if not words or not is_count(words[0]):
         raise FormatError(f"expected a number of {section}, found none", file=path, place=section)

@@ -62,7 +62,7 @@ class Library:
         return own.functions[-1].description(own.corners)
 
     def rule(self, mesh: int, element: int, order: int, named: str) -> dict[str, Any]:
-        """The ``points`` (n, d) of the library's rule of an order in an element; FormatError where it has none."""
+        """The ``points`` (n, d) of the library's rule of an order in an element; raises FormatError if it has none."""
         own = self._meshes[mesh].mesh
         rule = _guard(named, lambda: self._mfem.IntRules.Get(own.GetElementBaseGeometry(element), order))
         points = [rule.IntPoint(i) for i in range(rule.GetNPoints())]
@@ -209,7 +209,7 @@ class _Function:
 
 
 def _guard(named: str, read: Callable[[], Any]) -> Any:
-    """What ``read`` returns; FormatError with the library's reason where it fails."""
+    """What ``read`` returns; raises FormatError with the library's reason where it fails."""
     try:
         return read()
     except RuntimeError as error:

@@ -78,7 +78,7 @@ class PointFunctions(ShapeFunctions):
             table = self._space(order, points)
             if table.shape[1] >= len(points) and np.linalg.matrix_rank(table) == len(points):
                 self.order = order
-                # of all combinations with these values, those with the least sum of squares
+                # of all combinations with these values, those with the smallest sum of squares
                 self._inverse = np.linalg.pinv(table)
                 return
         raise FormatError(f"expected points that polynomials up to order {_HIGHEST} tell apart, found {len(points)}")

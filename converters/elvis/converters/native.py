@@ -34,7 +34,7 @@ class _Part:
     rows: Ints
 
     def plane(self, field: int, number: int) -> tuple[Expansion, Floats] | None:
-        """A Fourier plane of a field, the field itself where it has none; None where the patch lacks the field."""
+        """A Fourier plane of a field, the field itself where it has none; None if the patch lacks the field."""
         expansion, coefficients = self.patch.fields[field], self.patch.coefficients[field]
         if expansion is None or coefficients is None:
             return None
@@ -154,7 +154,7 @@ def _domain(mesh: Mesh) -> list[Composite]:
 
 
 def _composites_named(mesh: Mesh, names: str) -> list[Composite]:
-    """Composites of the domain by names or numbers; ElvisError where there is none of that name."""
+    """Composites of the domain by names or numbers; raises ElvisError if there is none of that name."""
     domain = _domain(mesh)
     found = []
     for name in (part.strip() for part in names.split(",")):

@@ -252,7 +252,7 @@ def _member(index: Path, step: int) -> Path:
 
 
 def _time_of(index: Path, step: int) -> float:
-    """The time of a step of a series, nan where its file is missing or damaged."""
+    """The time of a step of a series, nan if its file is missing or damaged."""
     try:
         return read_header(_member(index, step)).time
     except FormatError:

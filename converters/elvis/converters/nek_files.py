@@ -114,7 +114,7 @@ def _width(head: Header) -> int:
 
 
 def read_header(path: Path) -> Header:
-    """The header of a field file; FormatError where it isn't one."""
+    """The header of a field file; raises FormatError if it isn't one."""
     words = leading(path, _HEADER).decode("ascii", "replace").split()
     try:
         numbers = [int(word) for word in words[1:7]]

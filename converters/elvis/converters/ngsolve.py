@@ -175,7 +175,7 @@ class NGSolve(NodalConverter):
         return found
 
     def _regions(self, name: str, count: int) -> Any:
-        """(count,) names, empty where the file has none."""
+        """(count,) names, empty if the file has none."""
         found = np.asarray(self._data.get(name, np.full(count, "")))
         if found.shape != (count,):
             raise FormatError(f"expected {count} names, found {found.shape}", file=self._path, place=name)
@@ -222,7 +222,7 @@ class NGSolve(NodalConverter):
         return EvaluatedValues.of(self._asked.positions, numbers, geometry, 3)
 
     def _checked_basis(self, shape: str, geometry: int, names: dict[str, int]) -> NodalBasis:
-        """The functions of the points of samples; FormatError where arrays don't fit."""
+        """The functions of the points of samples; raises FormatError if arrays don't fit."""
         own, vertices, reference = SHAPES[shape], self._numbers(f"{shape}_verts", 2), self._numbers(f"{shape}_ref", 2)
         count, width = len(vertices), len(reference)
         xyz = self._numbers(f"{shape}_xyz", 3)

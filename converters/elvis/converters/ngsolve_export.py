@@ -172,7 +172,7 @@ class Session:
 
 
 def _type(field: Sampled) -> str:
-    """The library's name of the kind of a field's space, empty where there is none."""
+    """The library's name of the kind of a field's space, empty if there is none."""
     return getattr(field.space, "type", "")
 
 
@@ -331,7 +331,7 @@ class Library:
         """The `Session.description` of a mesh and functions.
 
         fields  file and spaces (see `_space`) by name; functions of several spaces are called ``NAME_1``, ``NAME_2``
-        FormatError where a function has another number of values than its space, or, naming ``named``, where the
+        Raises FormatError if a function has another number of values than its space, or, naming ``named``, if the
         samples can't be made.
         """
         mesh = self._ngsolve.Mesh(path)
@@ -356,7 +356,7 @@ class Library:
 
 
 def _functions(ngsolve: Any, mesh: Any, path: Path, spaces: Sequence[Sequence[Any]]) -> list[Sampled]:
-    """The functions of a file, one of each space; FormatError where it has another number of values than these."""
+    """The functions of a file, one of each space; raises FormatError if it has another number of values than these."""
     own = [_space(ngsolve, mesh, path, *each) for each in spaces]
     space = own[0] if len(own) == 1 else ngsolve.FESpace(own)
     width = 16 if space.is_complex else 8

@@ -78,7 +78,7 @@ def _is_compressed(path: Path) -> bool:
 class Reader:
     """A mesh and its functions in the library's process; ``path`` is the mesh.
 
-    FormatError where the library fails.
+    Raises FormatError if the library fails.
     """
 
     def __init__(self, path: Path, fields: Mapping[str, tuple[str, Sequence[Space]]], size: int) -> None:
@@ -108,7 +108,7 @@ def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], P
     """The description of a mesh and its functions (`ngsolve_export.Session`), the mesh, and the library to be asked.
 
     spaces  of the functions, as ``H1:5,L2:4``, in the order of their files
-    FormatError for damaged files; ElvisError where spaces are missing or don't fit.
+    Raises FormatError for damaged files; raises ElvisError if spaces are missing or don't fit.
     """
     meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
     if len(meshes) != 1:
@@ -149,7 +149,7 @@ def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, l
 
 
 def _space(text: str) -> Space:
-    """A space by its text; ElvisError for others."""
+    """A space by its text; raises ElvisError for others."""
     match = _SPACE.fullmatch(text.strip())
     if match is None or int(match[2]) > _HIGHEST:
         expected = f"{', '.join(SPACES)}, a colon and an order up to {_HIGHEST}"
@@ -166,7 +166,10 @@ def _name(mesh: Path, path: Path) -> str:
 
 
 def _check(path: Path, text: str) -> list[str]:
-    """Sentences for the report; FormatError where the mesh is cut off, or has elements on points that aren't there."""
+    """Sentences for the report.
+
+    Raises FormatError if the mesh is cut off, or has elements on points that aren't there.
+    """
     lines = [line for line in text.splitlines() if line.strip()]
     starts = {line.strip(): at for at, line in enumerate(lines) if line and line[0].isalpha()}
     count = _count(path, lines, starts, "points")
@@ -190,7 +193,7 @@ def _declared(path: Path, text: str) -> int:
 
 
 def _text(path: Path) -> str:
-    """All of a file; FormatError where it is compressed and damaged, or holds far more than its size suggests."""
+    """All of a file; raises FormatError if it is compressed and damaged, or holds far more than its size suggests."""
     if not _is_compressed(path):
         return content(path).decode("ascii", "replace")
     limit = unpacked_limit(path.stat().st_size)
@@ -205,7 +208,10 @@ def _text(path: Path) -> str:
 
 
 def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
-    """A note on a mesh without an end whose sections are all there; FormatError where the last one may be cut off."""
+    """A note on a mesh without an end whose sections are all there.
+
+    Raises FormatError if the last one may be cut off.
+    """
     lines = [line for line in text.splitlines() if line.strip()]
     while lines[-1].startswith("#"):
         lines.pop()
@@ -218,7 +224,7 @@ def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
 
 
 def _count(path: Path, lines: Sequence[str], starts: dict[str, int], section: str) -> int:
-    """How many lines a section has; FormatError where it has fewer than it says."""
+    """How many lines a section has; raises FormatError if it has fewer than it says."""
     at = starts.get(section, len(lines))
     text = lines[at + 1].strip() if at + 1 < len(lines) else ""
     if not is_count(text) or at + 1 + int(text) >= len(lines):

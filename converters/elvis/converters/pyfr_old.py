@@ -50,7 +50,7 @@ class Values:
     """Values (n, variables, points) of elements of one kind, at points (points, d) in PyFR's coordinates.
 
     place  in the file, for messages
-    rows   (n,) of the elements among all of the kind, None where these are all
+    rows   (n,) of the elements among all of the kind, None if these are all
     """
 
     place: str
@@ -149,7 +149,7 @@ def _lattice(kind: str, order: int) -> Floats:
 
 
 def solution_points(kind: str, rule: str, count: int, file: str) -> Floats:
-    """(count, d) the points of a rule, in PyFR's coordinates and order; ElvisError where its table isn't there."""
+    """(count, d) the points of a rule, in PyFR's coordinates and order; raises ElvisError if its table isn't there."""
     if kind in _PRODUCTS and rule in _LINES:
         shape = _SHAPES[kind]
         along = max(round(count ** (1 / shape.dimension)), 1)

@@ -22,7 +22,7 @@ _ROUNDING, _DIGITS = 2.0**-24, 15
 
 
 def check_name(path: Path) -> None:
-    """ElvisError for a name with another suffix, or where the library that writes such files is missing."""
+    """Raise ElvisError for a name with another suffix, or if the library that writes such files is missing."""
     if path.suffix not in SUFFIXES:
         raise ElvisError(f"{path}: expected a name ending in {', '.join(SUFFIXES)}")
     if path.suffix != ".vtp":

@@ -129,7 +129,7 @@ class Forest:
 def morton_corners(levels: Ints, counts: Ints, dimension: int) -> Ints:
     """(n, d) lower corners of the leaves of trees on a lattice of 2^L cells each way, L the deepest level.
 
-    FormatError where the leaves of a tree don't fill it.
+    Raises FormatError if the leaves of a tree don't fill it.
     """
     deepest = _deepest(levels)
     if levels.min(initial=0) < 0 or deepest * dimension > _BITS:
@@ -262,7 +262,7 @@ def _deepest(levels: Ints) -> int:
 
 
 class _Bytes:
-    """The numbers of a file, one after another; FormatError where it ends before."""
+    """The numbers of a file, one after another; raises FormatError if it ends before."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._place = data, 0

@@ -24,7 +24,7 @@ class Mapping:
 
     dimension  of the points
     extra      a text of definitions that the other one lacks
-    FormatError where the text makes no formula of known names.
+    Raises FormatError if the text makes no formula of known names.
     """
 
     def __init__(self, code: str, dimension: int, extra: str = "") -> None:

@@ -84,7 +84,10 @@ class Vtk(NodalConverter):
 
     @classmethod
     def joins(cls, paths: Sequence[Path]) -> bool:
-        """Whether meshes don't overlap, or hold different fields; FormatError if some overlap and others don't."""
+        """Whether meshes don't overlap, or hold different fields.
+
+        Raises FormatError if some overlap and others don't.
+        """
         kinds = {kind_of(path) for path in paths}
         if "series" in kinds:
             return True
@@ -142,7 +145,7 @@ class Vtk(NodalConverter):
 
     @staticmethod
     def read_grids(paths: Sequence[Path], step: int) -> tuple[list[Grid], list[Path] | None]:
-        """The grids of a step, and the files that they are in, None where conversions aren't to be kept."""
+        """The grids of a step, and the files that they are in, None if conversions aren't to be kept."""
         return read(paths, step)
 
     def _collect(self, dimension: int) -> list[Part]:
@@ -195,7 +198,10 @@ class Vtk(NodalConverter):
                 self.warnings = [*self.warnings, f"{told} (option hexahedra)"]
 
     def _number_wedges(self, wedges: str) -> None:
-        """Mirror the nodes of a face of Lagrange wedges where asked, or where they lie so; FormatError in doubt."""
+        """Mirror the nodes of a face of Lagrange wedges where asked, or where they lie so.
+
+        Raises FormatError in doubt.
+        """
         known = [part for part in self._every() if LAGRANGE.get(part.cell.kind.type) is Shape.PRISM]
         for file in dict.fromkeys(part.grid.file for part in known):
             parts = [part for part in known if part.grid.file == file]
@@ -400,7 +406,7 @@ def _block(part: Part) -> Elements:
 
 
 def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
-    """The highest dimension of a cell; FormatError where there is none."""
+    """The highest dimension of a cell; raises FormatError if there is none."""
     shapes = [shape_of(kind, grid.file) for grid in grids for kind in np.unique(grid.types[grid.ghosts == 0]).tolist()]
     dimension = max((shape.dimension for shape in shapes if shape is not None), default=0)
     if not dimension:

@@ -97,10 +97,10 @@ class Kind:
 class Cell(ShapeFunctions):
     """The reference cell of a kind.
 
-    order     of the least complete space that holds its functions
+    order     of the smallest complete space that holds its functions
     nodes     (n, 3) parametric coordinates of the nodes
-    frame     (n_vertices, d) parametric coordinates of our vertices; None where points come in our coordinates
-    FormatError where the number of nodes fits no order; ElvisError for rare kinds without the library
+    frame     (n_vertices, d) parametric coordinates of our vertices; None if points come in our coordinates
+    Raises FormatError if the number of nodes fits no order; raises ElvisError for rare kinds without the library
     """
 
     def __init__(self, kind: Kind, file: str) -> None:

@@ -140,14 +140,14 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
 
 
 def overlap(path: Path, other: Path) -> float:
-    """The share of some cells of a file whose centres lie in cells of another; FormatError as `read`."""
+    """The share of some cells of a file whose centres lie in cells of another; raises FormatError as `read`."""
     size = _checked_size(_with_pieces([path, other]))
     with Apart(_WORKER, size) as library:
         return float(_ask(library, path, size, "overlap", str(path), kind_of(path), str(other), kind_of(other)))
 
 
 def array_names(path: Path) -> frozenset[str]:
-    """The names of the arrays in a file; FormatError as `read`."""
+    """The names of the arrays in a file; raises FormatError as `read`."""
     size = _checked_size(_with_pieces([path]))
     with Apart(_WORKER, size) as library:
         return frozenset(_ask(library, path, size, "arrays", str(path), kind_of(path)))
@@ -207,7 +207,7 @@ def _with_pieces(paths: Sequence[Path]) -> list[Path]:
 
 
 def _checked_size(paths: Sequence[Path]) -> int:
-    """Bytes of all files; FormatError where one declares more than these hold."""
+    """Bytes of all files; raises FormatError if one declares more than these hold."""
     size = sum(path.stat().st_size for path in paths)
     for path in paths:
         _check_counts(path, size)
@@ -215,7 +215,7 @@ def _checked_size(paths: Sequence[Path]) -> int:
 
 
 def _check_counts(path: Path, size: int) -> None:
-    """FormatError where XML declares more of something than ``size`` bytes of all files hold, even packed."""
+    """Raise FormatError if XML declares more of something than ``size`` bytes of all files hold, even packed."""
     if kind_of(path) == "legacy" or leading(path, _START).startswith(_HDF5):
         return
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:

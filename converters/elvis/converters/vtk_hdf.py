@@ -64,7 +64,7 @@ def other_type(path: Path) -> str:
 
 
 def times_in(path: Path) -> list[float]:
-    """The times of the steps of a file, none where it has no steps."""
+    """The times of the steps of a file, none if it has no steps."""
     with reading(path) as file:
         grids = _grids(file)
         return _times(grids[0][1]) if grids else []

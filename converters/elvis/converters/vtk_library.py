@@ -139,7 +139,7 @@ def _distances(grid: Any, places: Floats) -> Floats:
 
 @contextmanager
 def _refusing(path: str) -> Iterator[None]:
-    """FormatError with the first complaint of the library, which would print them all."""
+    """Raise FormatError with the first complaint of the library, which would print them all."""
     from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
 
     complaints = vtkStringOutputWindow()

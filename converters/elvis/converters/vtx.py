@@ -94,7 +94,7 @@ class Vtx(Vtk):
 
 
 def grid_of(file: str, time: float, type: int, schema: str, arrays: Mapping[str, Sequence[Any]]) -> Grid:
-    """The grid of the blocks of all processes; FormatError where they don't fit together.
+    """The grid of the blocks of all processes; raises FormatError if they don't fit together.
 
     type    of all cells
     schema  XML that names arrays at points and on cells
@@ -126,7 +126,7 @@ def grid_of(file: str, time: float, type: int, schema: str, arrays: Mapping[str,
 
 
 def _columns(name: str, blocks: Sequence[Any]) -> Any:
-    """(n, k) the rows of all blocks; FormatError where some have more components than others."""
+    """(n, k) the rows of all blocks; raises FormatError if some have more components than others."""
     tables = [block[:, None] if block.ndim == 1 else block for block in blocks]
     widths = {table.shape[1] for table in tables}
     if len(widths) != 1 or not min(widths):
@@ -162,7 +162,7 @@ def _copies(cells: Ints, numbers: Sequence[Any], counts: Sequence[int]) -> Ints:
 def _section(name: str, schema: str, blocks: Sequence[Any], counts: Mapping[str, Sequence[int]]) -> str:
     """``PointData`` or ``CellData``, where an array belongs by the schema, else by its numbers of rows.
 
-    FormatError where it has other numbers of rows.
+    Raises FormatError if it has other numbers of rows.
     """
     rows = [len(block) for block in blocks]
     fitting = [section for section, own in counts.items() if rows == own]
@@ -179,7 +179,7 @@ def _section(name: str, schema: str, blocks: Sequence[Any], counts: Mapping[str,
 
 
 def _folders(paths: Sequence[Path]) -> list[Path]:
-    """The folders of ADIOS2's that paths are, or lie in; none where one is something else."""
+    """The folders of ADIOS2's that paths are, or lie in; none if one is something else."""
     found = dict.fromkeys(path if path.is_dir() else path.parent for path in paths)
     known = [folder for folder in found if leading(folder / _INDEX, _HEAD).startswith(_BEGINNING)]
     return known if len(known) == len(found) else []

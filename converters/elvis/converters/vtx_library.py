@@ -43,7 +43,7 @@ class Library:
         self._library = adios2
 
     def times(self, path: str) -> list[float]:
-        """The times of the steps of a file; FormatError where it is damaged."""
+        """The times of the steps of a file; raises FormatError if it is damaged."""
         with self._opened(path) as file:
             return _times(file)
 
@@ -51,7 +51,7 @@ class Library:
         """The time, the type of cells and the schema of a step, and its arrays by name, a list of blocks each.
 
         most  bytes that an array may take
-        FormatError where the file is damaged.
+        Raises FormatError if the file is damaged.
         """
         with self._opened(path) as file:
             times = _times(file)
@@ -71,7 +71,7 @@ class Library:
 
     @contextmanager
     def _opened(self, path: str) -> Iterator[Any]:
-        """A file; FormatError with the library's complaint."""
+        """A file; raises FormatError with the library's complaint."""
         size = sum(each.stat().st_size for each in Path(path).iterdir())
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE + size / _BYTES_PER_SECOND)
         try:
@@ -118,7 +118,10 @@ def _times(file: Any) -> list[float]:
 
 
 def _relative(variable: Any, step: int, steps: int) -> int:
-    """The step of a variable: its only one where it is written once, as a mesh may be; FormatError for others."""
+    """The step of a variable: its only one where it is written once, as a mesh may be.
+
+    Raises FormatError for others.
+    """
     count = variable.steps()
     if count not in (1, steps):
         raise FormatError(f"expected {variable.name()} once or in all {steps} steps, found it in {count}")

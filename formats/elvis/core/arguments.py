@@ -226,7 +226,7 @@ def triples(text: str, count: int) -> tuple[Triple, ...]:
 
 
 def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
-    """The names in ``wanted`` (commas between them), or all; ElvisError for one that the dataset lacks."""
+    """The names in ``wanted`` (commas between them), or all; raises ElvisError for one that the dataset lacks."""
     known = tuple(field.name for field in dataset.solution)
     names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
     for name in names:
@@ -237,7 +237,7 @@ def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
 
 
 def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expression, ...]:
-    """The quantities, or all fields for None; ElvisError for what names no quantity of the dataset."""
+    """The quantities, or all fields for None; raises ElvisError for what names no quantity of the dataset."""
     from elvis.core.quantities import Expression, Names
 
     names = Names.of(dataset)
@@ -245,7 +245,7 @@ def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expressi
 
 
 def texts_of(wanted: str | None, further: Sequence[str] = ()) -> list[str] | None:
-    """The texts in ``wanted`` (commas between them) and ``further``; None where nothing is wanted: all fields."""
+    """The texts in ``wanted`` (commas between them) and ``further``; None if nothing is requested: all fields."""
     if wanted is None and not further:
         return None
     return [*(_split(wanted) if wanted is not None else ()), *further]

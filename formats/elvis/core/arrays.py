@@ -47,7 +47,7 @@ def among(numbers: Ints, others: Ints) -> Bools:
 
 
 def rows_of(ids: Ints, wanted: Ints) -> Ints:
-    """(m,) the row of each of the wanted ids (m,) among distinct ids (n,), which hold all of them, in any order."""
+    """(m,) the row of each of the requested ids (m,) among distinct ids (n,), which hold all of them, in any order."""
     order = np.argsort(ids, kind="stable")
     return np.asarray(order[np.searchsorted(ids, wanted, sorter=order)])
 

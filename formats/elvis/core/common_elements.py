@@ -44,7 +44,7 @@ class CommonElements:
 
     element_ids  (n,)  in the first dataset, ascending
     others       (n,)  their ids in the second
-    kinds        (n,)  numbers of the symmetries, -1 where reference coordinates are the same
+    kinds        (n,) numbers of the symmetries, -1 if reference coordinates are the same
     symmetries   in ascending order
     is_whole     whether they are all elements of the first dataset
     apart        largest distance of their maps in a coordinate, relative to the size of coordinates
@@ -118,7 +118,7 @@ class CommonElements:
 def common_elements(first: Dataset, second: Dataset) -> CommonElements:
     """The elements that two datasets have in common: their maps are the same to rounding of the coordinates.
 
-    There are none where fields have other Fourier series.
+    There are none if fields have other Fourier series.
     """
     if _series(first) != _series(second):
         return _joined([], [], 0, 0.0)
@@ -223,9 +223,9 @@ def _near(ours: Floats, theirs: Floats, tolerance: float) -> tuple[Ints, Ints]:
 
 
 def _distances(one: GeometryBlock, two: GeometryBlock, rows: Ints, others: Ints, corners: Corners) -> Floats:
-    """(n,) greatest distance of the maps x1(xi) and x2(S xi) of elements in a coordinate.
+    """(n,) largest distance of the maps x1(xi) and x2(S xi) of elements in a coordinate.
 
-    Polynomials that agree at as many points as either has coefficients are the same; the greatest degree counts in all
+    Polynomials that agree at as many points as either has coefficients are the same; the largest degree counts in all
     directions, which the symmetry exchanges.
     """
     shape = one.expansion.shape
@@ -247,7 +247,7 @@ def _lattice(shape: Shape, count: int) -> Floats:
 def _symmetry(shape: Shape, corners: Corners) -> Floats | None:
     """(1 + d, d) the affine map of reference coordinates, (1, xi) to S xi, that takes corner i to ``corners[i]``.
 
-    None where there is none.
+    None if there is none.
     """
     own = np.hstack([np.ones((len(corners), 1)), shape.vertices])
     wanted = shape.vertices[list(corners)]
@@ -267,7 +267,7 @@ def _turned_points(shape: Shape, corners: Corners, points: Floats) -> Floats:
 def _turning(expansion: Expansion, shape: Shape, corners: Corners) -> tuple[Expansion, Floats] | None:
     """An expansion that holds u(S xi) for all u of another one, and the matrix (m, m') of coefficients.
 
-    None where a Modified expansion of the same degrees, exchanged as the symmetry does, doesn't hold them.
+    None if a Modified expansion of the same degrees, exchanged as the symmetry does, doesn't hold them.
     """
     matrix = _symmetry(shape, corners)
     if matrix is None or expansion.homogeneous is not None:

@@ -76,6 +76,6 @@ def _loss(facts: Mapping[str, Any]) -> Loss:
 
 
 def _number(value: Any) -> float:
-    """A number that is not negative; infinite where there is none."""
+    """A number that is not negative; infinite if there is none."""
     found = inf if value is None else float(value)
     return found if isfinite(found) and found >= 0 else inf

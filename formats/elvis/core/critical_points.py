@@ -34,7 +34,7 @@ from elvis.core.zero_search import ZeroSearch
 
 #: elements at once
 _CHUNK = 256
-#: eigenvalues whose real part is less than this part of the greatest one have none
+#: eigenvalues whose real part is less than this part of the largest one have none
 _NEUTRAL = 1e-9
 
 
@@ -150,7 +150,7 @@ def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> F
 
 
 def numerator(component: Expression) -> Expression:
-    """A polynomial that is zero where a component is; the component itself where none is known."""
+    """A polynomial that is zero if a component is; the component itself where none is known."""
     same = same_level(component.root, 0.0)
     if same is None or same.spurious is not None or same.value != 0:
         return component
@@ -225,13 +225,13 @@ def size(patches: Sequence[Patch]) -> float:
 
 
 def ends(patches: Sequence[Patch]) -> list[float]:
-    """The least and the greatest coefficients of maps."""
+    """The smallest and the largest coefficients of maps."""
     every = [patch.geometry_coefficients for patch in patches]
     return [float(end) for own in every for end in (own.min(), own.max())]
 
 
 def _spread(ends: Sequence[float]) -> float:
-    """The greatest of some numbers less the least; 1 without any."""
+    """The largest of some numbers less the smallest; 1 without any."""
     return max(ends) - min(ends) if ends else 1.0
 
 

@@ -37,7 +37,7 @@ class Homogeneous:
     bases    one Fourier-like basis for each direction
     lengths  of the periodic directions: (LZ,) or (LY, LZ)
     y_ids, z_ids  Fourier mode number of each plane (1D; y_ids empty) or line (2D), in data order
-    strips   ids of the strips, empty where there are none
+    strips   ids of the strips, empty if there are none
     """
 
     bases: tuple[Basis, ...]
@@ -85,7 +85,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A scalar field; ``continuous`` is None where the file doesn't say."""
+    """A scalar field; ``continuous`` is None if the file doesn't say."""
 
     name: str
     blocks: tuple[Block, ...]
@@ -104,7 +104,7 @@ class ExpansionRule:
 
     kind    MODIFIED, GLL_LAGRANGE, …; or comma-separated bases in the long form
     modes   number of modes, one for all directions or one for each
-    points  number of quadrature points in each direction, empty where the default holds
+    points  number of quadrature points in each direction, empty if the default holds
     """
 
     composites: tuple[int, ...]
@@ -137,10 +137,13 @@ class Rates(Protocol):
         """(n,) of the steps of the series."""
 
     def field(self, name: str) -> Field:
-        """The derivative of a field, named as `rate_name` says; ElvisError where there is none."""
+        """The derivative of a field, named as `rate_name` says; raises ElvisError if there is none."""
 
     def intervals(self, start: float, stop: float) -> Iterator[Interval]:
-        """The parts of time between steps from one time to another; ElvisError where these are not of the series."""
+        """The parts of time between steps from one time to another.
+
+        Raises ElvisError if these are not of the series.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +249,7 @@ class Dataset:
 
     @property
     def order(self) -> int | None:
-        """Highest polynomial order of the fields; None where there are no fields."""
+        """Highest polynomial order of the fields; None if there are no fields."""
         blocks = (block for field in self.solution for block in field.blocks)
         return max((count - 1 for block in blocks for count in block.expansion.modes), default=None)
 

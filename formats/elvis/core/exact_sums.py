@@ -13,7 +13,7 @@ from elvis.core.arrays import Floats
 
 
 def rounded_sum(numbers: Iterable[float]) -> float:
-    """The sum, rounded once; infinite where it is greater than any number, NaN where one of them is."""
+    """The sum, rounded once; infinite if it is greater than any number, NaN if one of them is."""
     every = list(numbers)
     try:
         return fsum(every)

@@ -40,10 +40,10 @@ _AT_ONCE, _NUMBERS = 1 << 12, 1 << 20
 
 @dataclass(frozen=True)
 class Extreme:
-    """The least or greatest value of a quantity.
+    """The smallest or largest value of a quantity.
 
     value    which it has
-    bound    which it doesn't exceed anywhere; NaN where that is not known
+    bound    which it doesn't exceed anywhere; NaN if that is not known
     place    (x, y, z) where it has the value
     element  id of an element that holds the place
     """
@@ -55,7 +55,10 @@ class Extreme:
 
 
 def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
-    """The least and the greatest value of a field; ElvisError where no element has it, or with Fourier directions."""
+    """The smallest and the largest value of a field.
+
+    Raises ElvisError if no element has it, or with Fourier directions.
+    """
     held = _patches(dataset, name)
     if not held:
         raise ElvisError(f"expected elements of the domain under {name}, found none")
@@ -95,7 +98,7 @@ def _patches(dataset: Dataset, name: str) -> list[Patch]:
 def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extreme, Extreme]:
     """The same of the difference of two fields, on elements that have both.
 
-    ElvisError where no element has both, or with Fourier directions.
+    Raises ElvisError if no element has both, or with Fourier directions.
     """
     held = [patch for patch in patches(dataset, [name, other]) if None not in patch.fields]
     if not held or any(patch.homogeneous for patch in held):
@@ -162,7 +165,7 @@ class Nets:
 
     @property
     def size(self) -> Floats:
-        """(n,) their greatest magnitudes."""
+        """(n,) their largest magnitudes."""
         return np.asarray(np.abs(self.values).max(axis=tuple(range(1, self.values.ndim))))
 
 
@@ -292,7 +295,7 @@ class _Boxes:
         return _Boxes(np.tile(self.rows, count), low, high, Nets(all_halves(nets), np.tile(error, count)))
 
     def highest(self) -> Floats:
-        """(n,) the greatest coefficient of each."""
+        """(n,) the largest coefficient of each."""
         return np.asarray(self.nets.values.max(axis=tuple(range(1, self.nets.values.ndim))))
 
     def improve(self, best: Best) -> None:

@@ -244,7 +244,7 @@ def _vertices(skeleton: Skeleton, shape: Shape) -> Ints:
 
 
 def _orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
-    """(n, d) numbers of modes of the elements of a shape; 2 where they are straight."""
+    """(n, d) numbers of modes of the elements of a shape; 2 if they are straight."""
     if shape.dimension == 1:
         return skeleton.edge_orders()
     return skeleton.face_orders(shape) if shape.dimension == 2 else solid_orders(skeleton, shape, vertices)

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name that differs in upper and lower case, or little more; empty where none is near."""
+    """The known name that differs in upper and lower case, or little more; empty if none is near."""
     names = list(dict.fromkeys(known))
     folded = {each.lower(): each for each in reversed(names)}
     if name.lower() in folded:

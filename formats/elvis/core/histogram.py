@@ -26,7 +26,7 @@ _EACH, _BATCH = 64, 1 << 18
 class Histogram:
     """Shares of the domain by value.
 
-    ends      (n + 1,) ends of the bins: evenly from the least to the greatest value at the points
+    ends      (n + 1,) ends of the bins: evenly from the smallest to the largest value at the points
     shares    (n,) parts of the volume (area, length) that the points in a bin stand for; their sum is 1
     points    how many there are with a finite value
     elements  on how many they lie
@@ -43,7 +43,7 @@ class Histogram:
 def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: float = MOST) -> Histogram:
     """The histogram of an expression by volume; where elements are too many for ``most`` points, on each n-th of them.
 
-    ElvisError where no element of the domain has a finite value of it.
+    Raises ElvisError if no element of the domain has a finite value of it.
     """
     evaluator = Evaluator(dataset, [expression])
     pieces = [piece for piece in whole_elements(evaluator.patches) if None not in piece.patch.fields]

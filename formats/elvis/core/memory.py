@@ -105,7 +105,7 @@ def _of_groups(process: Path = Path("/proc/self/cgroup"), groups: Path = _GROUPS
 
 
 def _of_group(folder: Path, version: int) -> float:
-    """Bytes that are free to one group; infinite where it has no limit."""
+    """Bytes that are free to one group; infinite if it has no limit."""
     limit, used, reclaimable = _FILES[version]
     try:
         most, now = ((folder / name).read_text(encoding="ascii").strip() for name in (limit, used))

@@ -189,7 +189,7 @@ class Mesh:
 
     @property
     def corners(self) -> Floats:
-        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+        """(2, 3) smallest and largest coordinates of vertices and of points of curves."""
         return corners_of(self.vertices, self.edge_curves.points, self.face_curves.points)
 
     @property
@@ -198,7 +198,7 @@ class Mesh:
         return {s: self.of(s) for s in Shape.of_dimension(self.dimension) if len(self.of(s))}
 
     def composite(self, id: int) -> Composite | None:
-        """The composite of this id, None where there is none."""
+        """The composite of this id, None if there is none."""
         return next((c for c in self.composites if c.id == id), None)
 
     def named_parts(self) -> dict[str, tuple[tuple[str, Ints], ...]]:

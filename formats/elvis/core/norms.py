@@ -95,7 +95,7 @@ def quantity_norms(dataset: Dataset, expressions: Sequence[Expression], ranks: R
 
 
 def _turns(dataset: Dataset, ranks: Ranks) -> Turns:
-    """The batches of elements that a rank takes: all where it has a part of them."""
+    """The batches of elements that a rank takes: all if it has a part of them."""
     return Turns(ranks if dataset.mesh.excerpt is None else ALONE)
 
 

@@ -84,8 +84,8 @@ def patches(
     """The elements of the domain with their mapping and the named fields, in as few patches as there are expansions.
 
     blocks  the dataset's `geometry`, where it is at hand already
-    ElvisError for a field that the dataset hasn't; FormatError where a field gives an element another shape or another
-    number of coefficients than its expansion has.
+    Raises ElvisError for a field that the dataset hasn't; raises FormatError if a field gives an element another shape
+    or another number of coefficients than its expansion has.
     """
     mapping = geometry(dataset) if blocks is None else tuple(blocks)
     sources: list[Sequence[Block]] = [_field(dataset, name) for name in field_names]
@@ -105,7 +105,7 @@ def _field(dataset: Dataset, name: str) -> tuple[Block, ...]:
 
 
 def _corners(group: Group, mapping: Sequence[GeometryBlock]) -> Corners | None:
-    """The vertices of a group's elements; None where they aren't known, or are in several blocks."""
+    """The vertices of a group's elements; None if they aren't known, or are in several blocks."""
     own = [block for block in mapping if block.expansion == group.expansions[0]]
     if len(own) > 1 or own[0].corners is None:
         return None

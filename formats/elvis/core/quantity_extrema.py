@@ -46,10 +46,10 @@ _HOPEFUL = 3
 
 
 def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
-    """The least and the greatest value of a quantity; bounds are infinite where nothing is known.
+    """The smallest and the largest value of a quantity; bounds are infinite if nothing is known.
 
-    Bounds of converted data include the error of the conversion, which is an estimate.
-    ElvisError where no element has a value, and for data with Fourier directions.
+    Bounds of converted data include the error of the conversion, which is an estimate.  Raises ElvisError if no element
+    has a value, and for data with Fourier directions.
     """
     return _widened(_extrema(dataset, expression), float(largest_radii(dataset, [expression])[0]))
 
@@ -192,7 +192,7 @@ def _deciding_polynomial(own: _Quantity) -> Ints | None:
 
 
 def _of_polynomial(own: _Quantity) -> tuple[Extreme, Extreme] | None:
-    """The extremes of a polynomial, or of functions that grow with one; None where they have no values there."""
+    """The extremes of a polynomial, or of functions that grow with one; None if they have no values there."""
     try:
         least, greatest = (greatest_of(own.chosen, sign) for sign in (-1, 1))
     except _NotFiniteError:
@@ -230,7 +230,7 @@ def _deciding_any(own: _Quantity) -> Ints:
 
 
 def _searches(own: _Quantity) -> tuple[_Search, _Search]:
-    """Searches for the least and the greatest value that have seen all elements, batch by batch."""
+    """Searches for the smallest and the largest value that have seen all elements, batch by batch."""
     searches = _Search(own, -1), _Search(own, 1)
     for number, patch in enumerate(own.held):
         corners = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
@@ -274,7 +274,7 @@ class _Search:
         self._root = own.expression.root if sign > 0 else negative(own.expression.root)
         self._value, self._bound = -np.inf, -np.inf
         self._place: tuple[int, int, Floats] | None = None
-        # of the elements with the greatest bounds: these, the numbers of their patches, their rows
+        # of the elements with the largest bounds: these, the numbers of their patches, their rows
         self._upper, self._numbers, self._rows = np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
 
     def attain(self, number: int, places: ElementPoints, values: Floats) -> None:
@@ -315,7 +315,7 @@ class _Search:
         return _extreme(self._own.held[number], row, reference, self._value, bound, self._sign)
 
     def _whole(self) -> Iterator[_Part]:
-        """The elements with the greatest bounds."""
+        """The elements with the largest bounds."""
         for number, patch in enumerate(self._own.held):
             here = self._numbers == number
             if here.any():

@@ -82,7 +82,7 @@ def deciding(blocks: Sequence[Block]) -> Ints:
 
 
 def _ends(block: Block, rows: Ints, sign: float) -> tuple[Floats, Floats]:
-    """For some elements (n,) the greatest of a few values of a field, or of its negative (-1), and a bound of all."""
+    """For some elements (n,) the largest of a few values of a field, or of its negative (-1), and a bound of all."""
     values, bounds = np.empty(len(rows)), np.empty(len(rows))
     samples = _samples(block.expansion)
     for first in range(0, len(rows), _ELEMENTS_AT_ONCE):
@@ -99,7 +99,7 @@ def finite_rows(coefficients: Floats) -> Bools:
 
 
 def _greatest(blocks: Sequence[tuple[Expansion, Floats]]) -> tuple[float, float]:
-    """The greatest value that is known to be attained, and a bound that none exceeds."""
+    """The largest value that is known to be attained, and a bound that none exceeds."""
     attained = max(float(evaluate(e, c, _samples(e)).max()) for e, c in blocks)
     bound = attained
     for expansion, coefficients in blocks:
@@ -125,7 +125,7 @@ def _samples(expansion: Expansion) -> Floats:
 
 
 def _bounds(expansion: Expansion, coefficients: Floats) -> Floats:
-    """(n,) the greatest Bernstein coefficient of each element."""
+    """(n,) the largest Bernstein coefficient of each element."""
     bounds = np.empty(len(coefficients))
     for first in range(0, len(coefficients), _ELEMENTS_AT_ONCE):
         chunk = slice(first, first + _ELEMENTS_AT_ONCE)
@@ -149,7 +149,7 @@ def _wave_bounds(expansion: Expansion, coefficients: Floats) -> Floats:
 
 
 def _descending(bounds: Floats) -> Ints:
-    """(n,) the order of bounds from the greatest down, of equal ones as they stand."""
+    """(n,) the order of bounds from the largest down, of equal ones as they stand."""
     return np.argsort(-bounds, kind="stable")
 
 

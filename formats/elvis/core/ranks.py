@@ -301,7 +301,7 @@ class MpiRanks:
         return found
 
     def _wait(self) -> None:
-        """Wait a little; ElvisError where the run has ended, or, for rank 0, where another one has failed."""
+        """Wait a little; raises ElvisError if the run has ended, or, for rank 0, if another one has failed."""
         if self.rank and (status := self._next(0, _END)) is not None:
             self._status = int(status)
             raise ElvisError(f"part 1 of {self.size} has ended")
@@ -366,7 +366,10 @@ def _is_open(number: int) -> bool:
 
 
 def is_idle(ranks: Ranks) -> bool:
-    """Whether a rank has nothing to do, as the first one does all; ElvisError where one has another command line."""
+    """Whether a rank has nothing to do, as the first one does all.
+
+    Raises ElvisError if one has another command line.
+    """
     ranks.gather(None, shlex.join(sys.argv[1:]))
     return ranks.rank > 0
 

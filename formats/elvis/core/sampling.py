@@ -45,7 +45,7 @@ class Samples:
     errors: Floats
 
     def __getitem__(self, name: str) -> Floats:
-        """(k,) values of a quantity; KeyError where it was not asked for."""
+        """(k,) values of a quantity; raises KeyError if it was not asked for."""
         if name not in self.names:
             hint = perhaps(name, self.names)
             raise KeyError(f"{name!r} was not asked for{hint}: there are {', '.join(self.names) or 'no quantities'}")
@@ -73,7 +73,7 @@ class Samples:
         return Samples(self.names, self.points[here], self.location.part(here), self.values[here], self.errors[here])
 
     def to_pandas(self) -> Any:
-        """A pandas.DataFrame of `columns`; ElvisError where pandas is not installed."""
+        """A pandas.DataFrame of `columns`; raises ElvisError if pandas is not installed."""
         return require_module("pandas", "a table", "notebook").DataFrame(self.columns())
 
 
@@ -125,7 +125,7 @@ def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any
     points      (n, d) or one point (d,): as many coordinates as the data have, or three
     all         a result for every element that holds a point, both sides of a jump included, not just one a point
 
-    ElvisError for what names no quantity, and for points of another shape.
+    Raises ElvisError for what names no quantity, and for points of another shape.
     """
     from elvis.core.quantities import Expression, Names, evaluator
 
@@ -192,7 +192,7 @@ def line(
 
 
 def world_points(points: Any, dimension: int) -> Floats:
-    """(n, 3) points; ElvisError unless they are (n, d) numbers, or one of d, with d from ``dimension`` to 3."""
+    """(n, 3) points; raises ElvisError unless they are (n, d) numbers, or one of d, with d from ``dimension`` to 3."""
     try:
         found = np.asarray(points, np.float64)
     except (TypeError, ValueError) as error:

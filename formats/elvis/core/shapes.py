@@ -125,7 +125,7 @@ class Shape(Enum):
 
     @classmethod
     def from_label(cls, label: str) -> Shape:
-        """The shape that field files call ``label``; KeyError where there is none."""
+        """The shape that field files call ``label``; raises KeyError if there is none."""
         return {shape.label: shape for shape in cls}[label]
 
 

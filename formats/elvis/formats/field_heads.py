@@ -29,9 +29,9 @@ _PIECES = re.compile(rb"<Partition\s[^>]*>([^<]*)<")
 class FieldHead:
     """Facts about a field file that are known without reading its coefficients.
 
-    time   None where the file has none
+    time   None if the file has none
     mark   stands for the fields, the elements that they are on and the Fourier modes: files of one mark hold the same
-    fault  why the file can't be whole; empty where nothing speaks against it
+    fault  why the file can't be whole; empty if nothing speaks against it
     """
 
     time: float | None

@@ -428,8 +428,7 @@ class _Reader:
 
 
 def _check_numbers(folder: Path, pieces: Iterable[str]) -> None:
-    """FormatError where the pieces of a mesh, one of each process from 0 on, leave numbers out: their elements would be
-    missing."""
+    """Raise FormatError if pieces of a mesh, one per process from 0, are missing, and with them their elements."""
     numbers = {int(re.sub(r"\D", "", name.partition(".")[0])) for name in pieces}
     missing = min(set(range(len(numbers))) - numbers, default=None)
     if missing is not None:
@@ -448,7 +447,7 @@ def _advice(path: Path) -> str:
 
 
 def _file_name(entry: Element) -> str:
-    """The name of a piece of a parallel run; FormatError where it leads out of the folder."""
+    """The name of a piece of a parallel run; raises FormatError if it leads out of the folder."""
     name = entry.require("FileName")
     if name in (".", "..") or Path(name).name != name:
         raise entry.error(f"expected the name of a file in the same folder, found {name!r}")

@@ -88,7 +88,7 @@ def _check(mesh_format: str, field_format: str, mesh_file: Path | None, field_fi
 
 
 def _check_text(path: Path) -> None:
-    """ElvisError where the name of a file is not text, so that the XML can't name the one next to it."""
+    """Raise ElvisError if the name of a file is not text, so that the XML can't name the one next to it."""
     try:
         path.name.encode()
     except UnicodeEncodeError as error:
@@ -98,7 +98,7 @@ def _check_text(path: Path) -> None:
 
 
 def _field_file(dataset: Dataset, mesh_file: Path | None, field_path: str | Path | None) -> Path | None:
-    """The file of the fields, None where there are none to write."""
+    """The file of the fields, None if there are none to write."""
     if field_path is not None:
         if not dataset.fields:
             raise ElvisError(f"{field_path}: expected fields to write, found none")

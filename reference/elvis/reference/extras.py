@@ -8,5 +8,5 @@ from elvis.core.needing import require_module
 
 
 def comparison_module(module: str, extra: str = "compare") -> Any:
-    """The module; MissingPackageError with the command that installs the extra which brings it."""
+    """The module; raises MissingPackageError with the command that installs the extra which brings it."""
     return require_module(module, "a comparison", extra)

@@ -49,7 +49,7 @@ class Inverter:
     """The elements of a patch, Fourier directions left aside: points have coordinate 0 along them.
 
     sizes       (n,) diagonals of boxes around the elements
-    magnitudes  (n,) greatest coordinates
+    magnitudes  (n,) largest coordinates
     low, high   (n, 3) the boxes
     """
 

@@ -35,7 +35,7 @@ class Ends:
 
     name      name of the tracer
     level     cuts of each element, None if not applicable
-    greatest, median
+    largest, median
     skipped   reason why there are none
     """
 
@@ -127,7 +127,7 @@ def _of_vtk(
     true: Sequence[_Lines],
     size: float,
 ) -> list[Ends]:
-    """VTK's lines after each number of refinements, and in its own cells; none where VTK is not there."""
+    """VTK's lines after each number of refinements, and in its own cells; none if VTK is not there."""
     try:
         comparison_module("vtkmodules.vtkFiltersFlowPaths")
     except MissingPackageError:
@@ -170,7 +170,7 @@ def _away(grid: object, true: Sequence[_Lines]) -> list[Floats]:
 
 
 def _ends(name: str, level: int | None, apart: Sequence[Floats], size: float) -> Ends:
-    """The greatest distance, and the median."""
+    """The largest distance, and the median."""
     every = np.concatenate([np.empty(0), *apart]) / size
     if not len(every):
         return Ends(name, level, skipped="no line begins in the elements")

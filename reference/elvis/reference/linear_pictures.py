@@ -18,7 +18,7 @@ class LinearPictures:
     """Pictures of linear meshes of a dataset, as `compare_scene` scores them; the last mesh is kept."""
 
     def __init__(self, dataset: Dataset) -> None:
-        """ElvisError for 1D data, which have no such pictures."""
+        """Raise ElvisError for 1D data, which have no such pictures."""
         if Kind.of(dataset) is Kind.LINE:
             raise ElvisError("1D data are drawn as curves from points of their own: there are no linear pictures")
         self._dataset = dataset

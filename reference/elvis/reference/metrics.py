@@ -74,7 +74,7 @@ class Errors:
 
     @property
     def contour_max(self) -> float | None:
-        """Greatest displacement of a contour that both have, in pixels; None without contours."""
+        """Largest displacement of a contour that both have, in pixels; None without contours."""
         return max((own.greatest for own in self.contours if own.greatest is not None), default=None)
 
     @property
@@ -84,7 +84,7 @@ class Errors:
 
 
 def check_comparable(exact: Record, other: Record) -> None:
-    """ElvisError unless both records are of one size and can be of one camera, and something is seen."""
+    """Raise ElvisError unless both records are of one size and can be of one camera, and something is seen."""
     if exact.shape != other.shape:
         sizes = " and ".join(f"{record.shape[1]} x {record.shape[0]}" for record in (exact, other))
         raise ElvisError(f"expected records of one size, found {sizes} pixels")
@@ -103,7 +103,7 @@ def errors(
 ) -> Errors:
     """The errors of ``other``.
 
-    ends   of the colour range; by default least and greatest value of the exact picture
+    ends   of the colour range; by default smallest and largest value of the exact picture
     pixel  size of a pixel in world units
     """
     low, high = value_range(exact) if ends is None else not_narrow(ends)
@@ -165,7 +165,7 @@ def value_errors(exact: Record, other: Record, ends: tuple[float, float]) -> Flo
 
 
 def worst(exact: Record, other: Record, measure: Floats, among: Bools | None = None) -> Place | None:
-    """The pixel at which a measure (h, w) is greatest, and positive; the first of several."""
+    """The pixel at which a measure (h, w) is largest, and positive; the first of several."""
     shown = np.nan_to_num(measure if among is None else np.where(among, measure, 0.0), nan=0.0, posinf=np.inf)
     row, column = (int(i) for i in np.unravel_index(shown.argmax(), shown.shape))
     if not shown[row, column] > 0:
@@ -177,11 +177,11 @@ def worst(exact: Record, other: Record, measure: Floats, among: Bools | None = N
 
 
 def _summary(values: Floats) -> tuple[float, float]:
-    """Greatest and mean; zero where there are none."""
+    """Largest and mean; zero if there are none."""
     return (float(values.max()), float(values.mean())) if len(values) else (0.0, 0.0)
 
 
 def _angles(first: Floats, second: Floats) -> Floats:
-    """(n,) degrees between unit vectors (n, 3); zero where one isn't known."""
+    """(n,) degrees between unit vectors (n, 3); zero if one isn't known."""
     across, along = np.linalg.norm(np.cross(first, second), axis=1), np.einsum("ni,ni->n", first, second)
     return np.asarray(np.nan_to_num(np.degrees(np.arctan2(across, along))))

@@ -117,7 +117,7 @@ def points_of_pixels(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, F
 
 
 def field_of(patches: Sequence[Patch], found: Location) -> Floats:
-    """(n,) the first field of the patches where each point was found, NaN where it was not."""
+    """(n,) the first field of the patches where each point was found, NaN if it was not."""
     result = np.full(len(found), np.nan)
     for number, patch in enumerate(patches):
         here = found.patch == number
@@ -126,7 +126,7 @@ def field_of(patches: Sequence[Patch], found: Location) -> Floats:
 
 
 def _check(dataset: Dataset, scene: Scene) -> None:
-    """ElvisError for data that there are no pictures of."""
+    """Raise ElvisError for data that there are no pictures of."""
     mesh = dataset.mesh
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
@@ -141,7 +141,7 @@ def _check(dataset: Dataset, scene: Scene) -> None:
 
 
 def _patches(dataset: Dataset, field: str) -> list[Patch]:
-    """The patches that have the field; ElvisError for data of too many dimensions."""
+    """The patches that have the field; raises ElvisError for data of too many dimensions."""
     found = [patch for patch in patches(dataset, [field]) if patch.fields[0] is not None]
     if any(patch.dimension > 3 for patch in found):
         raise ElvisError(f"pictures of data of more than three dimensions can't be made, as of field {field!r}")

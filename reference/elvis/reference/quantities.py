@@ -50,7 +50,7 @@ class Quantities:
 
     names    as scenes call them
     patches  the elements that carry the first of them
-    dataset  that they are of; None where a runtime plugin has opened the data
+    dataset  that they are of; None if a runtime plugin has opened the data
     flow     what lines are followed in
     """
 
@@ -87,13 +87,16 @@ class Quantities:
         return Equation.of(self._expressions[name].root, value)
 
     def modes(self, names: Sequence[str], patch: Patch) -> dict[str, int] | None:
-        """The numbers of fields in a patch; None where map or fields are no polynomials there, or aren't known."""
+        """The numbers of fields in a patch; None if map or fields are no polynomials there, or aren't known."""
         numbers = {name: self._evaluator.names.index(name) for name in names}
         waves = bool(patch.periods) or any(patch.fields[number] is None for number in numbers.values())
         return None if waves or not patch.geometry_coefficients.shape[2] else numbers
 
     def selected_faces(self, number: int, select: Sequence[str]) -> Bools:
-        """(e, local faces) of the faces of a patch that a selection names; SceneError for a name that isn't known."""
+        """(e, local faces) of the faces of a patch that a selection names.
+
+        Raises SceneError for a name that isn't known.
+        """
         return selected_faces(self._mesh, self.patches[number], select)
 
     def guessed_degree(self, name: str, patch: Patch) -> int:

@@ -24,12 +24,12 @@ class Record:
     """A picture's channels, (height, width[, 3]); row 0 is the top.
 
     color      in [0, 1]
-    depth      distance from the eye's plane along the view, infinite where nothing is seen
-    field      NaN where nothing is seen
-    element    id in the file, -1 where nothing is seen
-    position, reference, normal  world and reference coordinates, unit normals; NaN where nothing is seen
+    depth      distance from the eye's plane along the view, infinite if nothing is seen
+    field      NaN if nothing is seen
+    element    id in the file, -1 if nothing is seen
+    position, reference, normal  world and reference coordinates, unit normals; NaN if nothing is seen
     status     0 miss, 1 certain, 2 ambiguous, 3 failed
-    uncertainty  the true depth is within this of the given one; NaN where nothing is seen, None where it isn't known
+    uncertainty  the true depth is within this of the given one; NaN if nothing is seen, None if it isn't known
     """
 
     color: Floats
@@ -52,7 +52,7 @@ class Record:
 
     @staticmethod
     def load(path: Path) -> Record:
-        """A record from an .npz file; FormatError where it is none, or lacks a channel."""
+        """A record from an .npz file; raises FormatError if it is none, or lacks a channel."""
         with Archive(path, "a record that elvis render writes as .npz") as archive:
             found = {name: archive[name] for name in (*CHANNELS, "uncertainty") if name in archive.names}
         missing = [name for name in CHANNELS if name not in found]

@@ -68,7 +68,7 @@ def _counts(mesh: Mesh, patch: Patch) -> Ints:
 
 
 def _composite(mesh: Mesh, name: str) -> Composite:
-    """The composite of this name or id; SceneError where there is none."""
+    """The composite of this name or id; raises SceneError if there is none."""
     named = mesh.named_parts()
     if name in named:
         return Composite(-1, named[name])

@@ -31,15 +31,15 @@ class Source(ABC):
 
     @abstractmethod
     def quantities(self, names: Sequence[str]) -> Quantities:
-        """The fields and expressions of these names; ElvisError for a name that means nothing of these data."""
+        """The fields and expressions of these names; raises ElvisError for a name that means nothing of these data."""
 
     @abstractmethod
     def bounds(self, name: str) -> tuple[float, float] | None:
-        """Certified bounds of a quantity over all data; None where none are known."""
+        """Certified bounds of a quantity over all data; None if none are known."""
 
     @abstractmethod
     def domain(self) -> Floats:
-        """(2, 3) corners of the box around the domain; SceneError where none is known."""
+        """(2, 3) corners of the box around the domain; raises SceneError if none is known."""
 
 
 @dataclass(frozen=True, eq=False)

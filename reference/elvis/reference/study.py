@@ -130,7 +130,7 @@ class Study:
 
 
 def compare_records(exact: Record, other: Record, name: str) -> Study:
-    """Two records of one picture; ElvisError where they can't be compared."""
+    """Two records of one picture; raises ElvisError if they can't be compared."""
     check_comparable(exact, other)
     found = errors(exact, other, contours=even_levels(exact.field))
     rival = Rival("other", name, record=other, errors=found)
@@ -141,7 +141,7 @@ def compare_records(exact: Record, other: Record, name: str) -> Study:
 
 
 def even_levels(values: Floats) -> tuple[float, ...]:
-    """Values of contours, evenly between least and greatest of the finite values."""
+    """Values of contours, evenly between smallest and largest of the finite values."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
     return tuple(np.linspace(low, high, CONTOURS + 2)[1:-1].tolist()) if not_narrow((low, high)) == (low, high) else ()
@@ -311,7 +311,7 @@ def exact_surfaces(
 def sampled_surfaces(
     dataset: Dataset, scene: Scene, quantities: Quantities, surfaces: Mapping[str, tuple[Isosurface, LinearMesh]]
 ) -> dict[str, Sampled]:
-    """The faces and isosurfaces of a scene in space by name; none where open3d is not there."""
+    """The faces and isosurfaces of a scene in space by name; none if open3d is not there."""
     if dataset.mesh.dimension < 3 or why_not():
         return {}
     found = {
@@ -353,7 +353,7 @@ def complete(frame: Frame) -> Scene:
 
 
 def _validate(dataset: Dataset, scene: Scene, draw: Callable[..., Frame], longest: int) -> Validation | None:
-    """Check the same picture, smaller, against the reference; None where the reference drew it itself."""
+    """Check the same picture, smaller, against the reference; None if the reference drew it itself."""
     if not longest or scene.device == "reference" or scene.size is None:
         return None
     width, height = scene.size

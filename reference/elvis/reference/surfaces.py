@@ -51,7 +51,7 @@ def _away(surface: TriangleMesh, points: Floats) -> Floats:
 
 @lru_cache(maxsize=4)
 def triangles(file: str) -> LinearMesh:
-    """The triangles of an STL, PLY, OBJ or GLB file; ElvisError where there are none."""
+    """The triangles of an STL, PLY, OBJ or GLB file; raises ElvisError if there are none."""
     check_plain(file)
     try:
         mesh = comparison_module("trimesh").load_mesh(file, process=False)

@@ -75,7 +75,7 @@ def check_tolerances(
 
 
 def uncertainty_of(record: Record) -> Floats:
-    """(h, w) how far the true depths may be from the given ones: 0 where the picture doesn't say."""
+    """(h, w) how far the true depths may be from the given ones: 0 if the picture doesn't say."""
     return np.zeros(record.shape) if record.uncertainty is None else np.nan_to_num(record.uncertainty, posinf=np.inf)
 
 

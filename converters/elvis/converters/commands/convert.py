@@ -218,7 +218,7 @@ def _convert(
 
 
 def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: bool) -> None:
-    """ElvisError where an output can't be written, is an input or of another mesh; before any long work."""
+    """Raise ElvisError if an output can't be written, is an input or of another mesh; before any long work."""
     from elvis.core.errors import ElvisError
     from elvis.core.files.output import check_places
     from elvis.formats.reading import named_files

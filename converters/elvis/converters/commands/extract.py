@@ -135,7 +135,10 @@ def _surface(named: dict[str, str | None]) -> tuple[str, str]:
 
 
 def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any]) -> bool:
-    """Whether a boundary, or a plane of Fourier data, keeps its own elements; ElvisError for an unsuitable name."""
+    """Whether a boundary, or a plane of Fourier data, keeps its own elements.
+
+    Raises ElvisError for an unsuitable name.
+    """
     from elvis.converters.triangle_export import SUFFIXES, check_name
 
     is_plane = surface[0] == "plane" and output.suffix == ".xml"
@@ -255,7 +258,7 @@ def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ..
 
 
 def _across(text: str) -> tuple[str, float]:
-    """The axis that a plane is at right angles to, and where it cuts it; ElvisError for a plane across none."""
+    """The axis that a plane is at right angles to, and where it cuts it; raises ElvisError for a plane across none."""
     from elvis.core.arguments import triples
 
     name, equals, value = (part.strip() for part in text.partition("="))

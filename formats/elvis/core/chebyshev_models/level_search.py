@@ -198,7 +198,7 @@ class LevelSearch:
         finite = np.isfinite(elements.leaves).all(axis=(1, 2, 3, 4))
         found = [self._none(elements.element[~finite])]
         elements = elements.part(finite)
-        # infinite remainders become NaN where they meet; neither is ever taken for a small one
+        # infinite remainders become NaN if they meet; neither is ever taken for a small one
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             halvings, count = self._plan(elements) if len(elements) else _PLANS[0]
             for boxes in in_batches(elements, _AT_ONCE):

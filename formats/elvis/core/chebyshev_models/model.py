@@ -83,7 +83,7 @@ class ChebyshevModel:
         return _rounded(self.values * other.values, lost, error)
 
     def reciprocal(self) -> ChebyshevModel:
-        """One over the quantity; remainders are infinite where it may be zero."""
+        """One over the quantity; remainders are infinite if it may be zero."""
         with np.errstate(all="ignore"):
             values = 1.0 / self.values
             none = np.zeros_like(self.remainder)
@@ -126,7 +126,7 @@ def _aliased(first: Floats, second: Floats) -> Floats:
 
 
 def _rounded(values: Floats, remainder: Floats, error: Floats) -> ChebyshevModel:
-    """A model after one more operation, whose rounding counts for the greatest value at the nodes, four times."""
+    """A model after one more operation, whose rounding counts for the largest value at the nodes, four times."""
     with np.errstate(invalid="ignore", over="ignore"):
         greatest = np.abs(values).reshape(len(values), -1).max(axis=1)
         return ChebyshevModel(values, remainder, error + 4.0 * UNIT * greatest)

@@ -38,7 +38,7 @@ class CoreLimits:
     spacing: float | None = None
 
     def check(self) -> None:
-        """ElvisError for negative limits, and a spacing that is not positive."""
+        """Raise ElvisError for negative limits, and a spacing that is not positive."""
         for name, limit in (("least swirl", self.least_swirl), ("least length", self.least_length)):
             if not limit >= 0:
                 raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")

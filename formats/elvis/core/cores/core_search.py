@@ -103,7 +103,7 @@ class CoreSearch:
         return np.minimum(found, motions.q / limits**2) if self._only_q else found
 
     def _limits(self, rows: Ints) -> Floats:
-        """(n,) turning that counts in elements; 0 where nothing moves or turns, NaN where values are no numbers."""
+        """(n,) turning that counts in elements; 0 if nothing moves or turns, NaN if values are no numbers."""
         lattice = 2 * lattice_of(self._own) - 1
         places = Lattice(self.patch, rows, uncollapse(self.patch.shape, lattice))
         motions = self.parallel.at(places)

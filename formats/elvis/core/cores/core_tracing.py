@@ -21,7 +21,7 @@ from elvis.core.quantities.element_points import ElementPoints
 
 #: of differences; steps of the corrector; the last one's length
 _DIFFERENCE, _STEPS, _SHORT = 1e-5, 8, 1e-12
-#: steps along the core in reference coordinates: the first, the greatest, the least
+#: steps along the core in reference coordinates: the first, the largest, the smallest
 _FIRST, _GREATEST, _LEAST = 0.05, 0.3, 1e-6
 #: maximum change of direction in a step, and of the corrector's lateral step relative to the step
 _TURN, _ASIDE = 0.15, 0.2
@@ -193,7 +193,7 @@ class CoreTracing:
         return found, turned, sound
 
     def _most(self, rows: Ints, xi: Floats, tangents: Floats) -> Floats:
-        """(n,) the greatest steps that are as long in the world as points may be apart."""
+        """(n,) the largest steps that are as long in the world as points may be apart."""
         jacobians = pointwise.jacobians(self._search.patch, rows, xi)
         speed = np.linalg.norm(np.einsum("nci,ni->nc", jacobians, tangents), axis=1)
         return np.asarray(np.minimum(self._spacing / speed, _GREATEST))

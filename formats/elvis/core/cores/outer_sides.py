@@ -30,7 +30,7 @@ class OuterSides:
                         self._at_vertex[vertex].add((number, row, side))
 
     def boundary(self, patch: int, row: int, xi: Floats) -> str | None:
-        """The name of the boundary on which a place of an element is, ``left`` without one; None where it is inside."""
+        """The name of the boundary on which a place of an element is, ``left`` without one; None if it is inside."""
         shape = self._patches[patch].shape
         normals, offsets = self._neighbours.facets(patch)
         near = normals @ xi + offsets < _ON_SIDE

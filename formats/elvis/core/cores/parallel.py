@@ -57,7 +57,7 @@ class Motions:
 
     @property
     def swirl(self) -> Floats:
-        """(n,) imaginary part of the complex eigenvalues of the velocity's gradient; 0 where all are real."""
+        """(n,) imaginary part of the complex eigenvalues of the velocity's gradient; 0 if all are real."""
         values = np.linalg.eigvals(self.gradient)
         return np.asarray(np.abs(values.imag).max(axis=1, initial=0.0) / self.below**2)
 
@@ -131,7 +131,7 @@ def real_eigenvalues(matrices: Floats) -> Floats:
     values = np.linalg.eigvals(matrices).astype(complex)
     gaps = np.abs(values[:, [0, 1, 2]] - values[:, [1, 2, 0]])
 
-    # the two nearest to one another are, or become, the pair: of these opposite to the least gap is the other one
+    # the two nearest to one another are, or become, the pair: of these opposite to the smallest gap is the other one
     is_complex = (values.imag != 0).any(axis=1)
     other = np.where(is_complex, np.abs(values.imag).argmin(axis=1), (gaps.argmin(axis=1) + 2) % 3)
     return np.asarray(values[np.arange(len(values)), other].real)

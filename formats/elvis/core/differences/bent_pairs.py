@@ -25,7 +25,7 @@ _MOST_PAIRS = 1 << 19
 _MOST_NUMBERS = 1 << 23
 #: maximum number of rounds; each round bisects one element's boxes
 _ROUNDS = 40
-#: part of the greatest difference found by which the bound may be more
+#: part of the largest difference found by which the bound may be more
 _CLOSE = 1e-4
 
 
@@ -99,7 +99,7 @@ def _boxes(side: Side, rows: Ints) -> PairBoxes:
 
 
 def _limits(boxes: PairBoxes, others: PairBoxes, first: Ints, second: Ints) -> Floats:
-    """(n,) what differences on pairs of boxes don't exceed, -1 where these don't meet."""
+    """(n,) what differences on pairs of boxes don't exceed, -1 if these don't meet."""
     low, high = _extent(boxes)
     other_low, other_high = _extent(others)
     meets = (low[first] <= other_high[second]).all(axis=1) & (other_low[second] <= high[first]).all(axis=1)

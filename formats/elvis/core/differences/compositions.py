@@ -291,7 +291,7 @@ def _field_roundings(space: BernsteinSpace) -> int:
 def _crossing(upper: Floats) -> Floats:
     """(n, f) places in [0, 1] before which polynomials with coefficients below ``upper`` (n, D, f) are negative.
 
-    2 where they are everywhere.  The hull of the coefficients over their places k / (D - 1) is entered on a line from a
+    2 if they are everywhere.  The hull of the coefficients over their places k / (D - 1) is entered on a line from a
     negative one to a later one that isn't.
     """
     count = upper.shape[1]
@@ -306,5 +306,5 @@ def _crossing(upper: Floats) -> Floats:
 
 
 def _size(nets: Floats, first: int) -> Floats:
-    """Greatest magnitudes over the axes from ``first`` on."""
+    """Largest magnitudes over the axes from ``first`` on."""
     return np.asarray(np.abs(nets).max(axis=tuple(range(first, nets.ndim))))

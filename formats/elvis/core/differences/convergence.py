@@ -87,7 +87,7 @@ def family(
     fields: Sequence[str] | None = None,
     error: float = ERROR,
 ) -> Family:
-    """The differences of some datasets to a reference; ElvisError as `diff`, and for no member."""
+    """The differences of some datasets to a reference; raises ElvisError as `diff`, and for no member."""
     if not members:
         raise ElvisError("expected a dataset and the one that it is compared with, found one")
     given = tuple(names) or tuple(str(k + 1) for k in range(len(members)))

@@ -1,9 +1,9 @@
 """Norms of the difference of the fields that two solutions share, with stated errors.
 
-On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its greatest magnitude
+On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its largest magnitude
 is found by branch and bound.  On two meshes the second solution is located at every point of quadrature on the first
-one's elements, which are halved where its borders make kinks, until the error asked for holds; the greatest magnitude
-is sought at points and on all pairs of elements that may meet, where it is bounded.
+one's elements, which are halved where its borders make kinks, until the error asked for holds; the largest magnitude is
+sought at points and on all pairs of elements that may meet, where it is bounded.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from elvis.core.quantities.tree import Node, call, field, number, world_derivati
 #: requested relative error of squares of norms, number of points of a first estimate, and maximum number of points at
 #: which rules are compared
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
-#: how much greater than the greatest difference found its bound may be without a remark
+#: how much greater than the largest difference found its bound may be without a remark
 _WIDE = 1.001
 #: relative difference up to which there is none
 _ROUNDED = 1e-11
@@ -254,7 +254,7 @@ def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
 
 
 def _greatest_of(found: Sequence[Extreme]) -> Extreme:
-    """The greatest of several magnitudes, and the greatest of their bounds."""
+    """The largest of several magnitudes, and the largest of their bounds."""
     known = [own for own in found if np.isfinite(own.value)] or list(found)
     best = max(known, key=lambda own: own.value)
     return replace(best, bound=float(np.max([own.bound for own in known])))
@@ -289,7 +289,7 @@ class _Compared:
         self.sums = self._summed(slopes)
 
     def greatest(self) -> Extreme:
-        """The greatest magnitude of the difference."""
+        """The largest magnitude of the difference."""
         found = None
         if self._is_common:
             found = greatest_of_fields(self._both, *Expression("", self._difference).fields)
@@ -310,7 +310,7 @@ class _Compared:
         return self._or_near(best, doubtful)
 
     def _or_near(self, best: Extreme, points: Floats) -> Extreme:
-        """The greatest difference so far, or a greater one that is found near points (n, 3)."""
+        """The largest difference so far, or a larger one that is found near points (n, 3)."""
         if not len(points):
             return best
         found = greatest_near(self._evaluator, self.held, self._expressions["value"], points)
@@ -337,14 +337,14 @@ class _Compared:
         return float(np.clip(value / size if size > 0 else 1.0, _EPS, 1.0))
 
     def _largest(self, root: Node) -> float:
-        """The greatest finite magnitude of an expression at some points."""
+        """The largest finite magnitude of an expression at some points."""
         parts = integration_points(self._both, Expression("", root), _POINTS)
         finite = (np.abs(values[np.isfinite(values)]) for values, _ in parts)
         return max((float(values.max(initial=0.0)) for values in finite), default=0.0)
 
 
 def _of_root(square: float, error: float) -> float:
-    """Error of a root if the square has an error."""
+    """Raise Error of a root if the square has an error."""
     return float(np.sqrt(square + error) - np.sqrt(max(square - error, 0.0)))
 
 

@@ -38,7 +38,7 @@ _CLOSER = 0.4
 
 
 def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extreme | None:
-    """The greatest magnitude of the difference of two fields of a dataset; None with Fourier directions."""
+    """The largest magnitude of the difference of two fields of a dataset; None with Fourier directions."""
     try:
         ends = extrema_of_difference(dataset, name, other)
     except ElvisError:
@@ -61,7 +61,7 @@ class _Places:
         return _Places(self.patch, self.rows[which], self.eta[which], self.values[which])
 
     def starts(self) -> _Places:
-        """The best places of halves of elements in every direction, those with the greatest values, greatest first."""
+        """The best places of halves of elements in every direction, those with the largest values, largest first."""
         order = np.argsort(-self.values, kind="stable")
         halves = (self.eta > 0) @ 2 ** np.arange(self.eta.shape[1])
         parts = self.rows * 2 ** self.eta.shape[1] + halves
@@ -71,7 +71,7 @@ class _Places:
 
 
 def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: Expression) -> Extreme:
-    """The greatest magnitude of an expression, from points of a lattice in every element and around the best of these.
+    """The largest magnitude of an expression, from points of a lattice in every element and around the best of these.
 
     held  the elements, of the evaluator's
 
@@ -136,7 +136,7 @@ def _located(evaluator: Evaluator, expression: Expression, patch: Patch, locatio
 
 
 def _polished(evaluator: Evaluator, expression: Expression, starts: _Places, width: float) -> _Places:
-    """Places near starts with greater magnitudes, the greatest first: each start has shrinking lattices of its own."""
+    """Places near starts with larger magnitudes, the largest first: each start has shrinking lattices of its own."""
     patch, places = starts.patch, starts
     steps = np.stack(np.meshgrid(*[np.linspace(-1, 1, _AROUND)] * patch.dimension, indexing="ij"), axis=-1)
     steps = steps.reshape(-1, patch.dimension)

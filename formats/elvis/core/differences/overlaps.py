@@ -26,13 +26,13 @@ from elvis.core.polynomials.rounding import UNIT, gamma, halving_roundings
 
 #: coefficients of differences that may be taken in all, and together; halvings of boxes, and of those before nets
 _MOST, _BATCH, _ROUNDS, _BEFORE = 1 << 26, 1 << 17, 20, 8
-#: part of the greatest difference found by which the bound may be more
+#: part of the largest difference found by which the bound may be more
 _CLOSE = 1e-4
 #: relative rounding of values permitted without bisecting boxes, and growth above which boxes are bisected
 _SMALL, _GROWN = 1e-12, 1.5
 #: times that boxes are cut down
 _CUTS = 2
-#: greatest degree of differences on boxes
+#: largest degree of differences on boxes
 _MOST_DEGREE = 30
 #: how far outside an element a corner may be that counts as its own, in the unit of `margins.facets`
 _INSIDE = 8 * UNIT
@@ -40,7 +40,7 @@ _INSIDE = 8 * UNIT
 
 @dataclass
 class _Search:
-    """The greatest difference so far, how many coefficients may still be taken, and world points of open boxes."""
+    """The largest difference so far, how many coefficients may still be taken, and world points of open boxes."""
 
     best: Extreme
     budget: int = _MOST
@@ -88,7 +88,7 @@ def _roles(one: Side, two: Side, rows: Ints, others: Ints) -> Iterator[tuple[Sid
 
 
 def _apart(one: Side, two: Side, rows: Ints, others: Ints) -> Floats:
-    """(n,) greatest difference of values in the ranges of both fields on elements."""
+    """(n,) largest difference of values in the ranges of both fields on elements."""
     (low, high), (other_low, other_high) = one.ranges(), two.ranges()
     above, below = high[rows] - other_low[others], other_high[others] - low[rows]
     return np.asarray(np.maximum(above, below) * (1 + 4 * UNIT))
@@ -187,7 +187,7 @@ class _Pairs:
         return max(bound, float(limit.max(initial=0.0)))
 
     def _note(self, boxes: PairBoxes, limit: Floats) -> None:
-        """Note points of those boxes whose bounds are the greatest."""
+        """Note points of those boxes whose bounds are the largest."""
         chosen = boxes.part(np.argsort(-limit, kind="stable")[:DOUBTFUL])
         points = middles(chosen.places) + self._inner.affine.origin[chosen.others]
         self._search.doubtful.append(np.pad(points, ((0, 0), (0, 3 - points.shape[1]))))
@@ -210,5 +210,5 @@ class _Pairs:
 
 
 def _magnitudes(nets: Floats) -> Floats:
-    """(n,) the greatest of nets (n, D, …)."""
+    """(n,) the largest of nets (n, D, …)."""
     return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim))))

@@ -62,7 +62,7 @@ class Side:
 
     @property
     def degree(self) -> int:
-        """The greatest of the field in a direction of eta."""
+        """The largest of the field in a direction of eta."""
         return max(box_degrees(self.space))
 
     @property

@@ -1,7 +1,7 @@
 """Distances to surfaces: curved boundaries of a dataset, and triangle meshes from files.
 
 surface_patches  parts of faces as polynomials, cut until they are nearly flat
-quadratic        the least value of a quadratic function on a triangle, square or line
+quadratic        the smallest value of a quadratic function on a triangle, square or line
 boundaries       faces of a dataset's boundaries
 triangle_files   triangle meshes
 sides            which side of a closed surface is inside

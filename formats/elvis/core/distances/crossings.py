@@ -14,7 +14,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.boxes import BoxTree, outward
 from elvis.core.needing import require_module
 
-#: parts of the greatest coordinate within which sides of neighbours are the same
+#: parts of the largest coordinate within which sides of neighbours are the same
 EQUAL = 1e-12
 #: and within which points lie on a triangle
 _ON = 16 * np.finfo(np.float64).eps

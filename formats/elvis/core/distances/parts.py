@@ -173,7 +173,7 @@ class Model:
         return np.asarray(third.sum(axis=3))
 
     def _bounds(self, bounds: Floats, order: int) -> Floats:
-        """(n, 2, …) greatest lengths of the derivatives of X of this order."""
+        """(n, 2, …) largest lengths of the derivatives of X of this order."""
         # bounds of the patch: the number of the directions (2, …) that are the second one gives the column
         seconds = np.indices((2,) * order).sum(axis=0)
         columns = _COLUMNS[order - 1][seconds]

@@ -9,7 +9,7 @@ from elvis.core.distances.surface_patches import CORNERS
 
 
 def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
-    """(n, 2) the points of a domain (see `surface_patches`) where gradient . w + w . bend w / 2 is least.
+    """(n, 2) the points of a domain (see `surface_patches`) where gradient . w + w . bend w / 2 is smallest.
 
     bend (n, 3)      its entries ss, st, tt
     gradient (n, 2)

@@ -104,7 +104,7 @@ class _Places:
 
 
 class _Search:
-    """Some points, the least distance of each that is known, and what takes part in its sign."""
+    """Some points, the smallest distance of each that is known, and what takes part in its sign."""
 
     def __init__(self, surface: Surface, points: Floats, first: Ints) -> None:
         self.surface = surface
@@ -164,7 +164,7 @@ class _Search:
         return np.asarray(distance <= self.distance[point] + self.equal)
 
     def _search_pairs(self, point: Ints, patch: Ints) -> None:
-        """Find the least distances between pairs of points and patches."""
+        """Find the smallest distances between pairs of points and patches."""
         group = np.searchsorted(self._first_patch, patch, side="right") - 1
         for number in np.unique(group):
             here = group == number
@@ -187,7 +187,7 @@ class _Search:
             model = model.take(worth)
             start = start[worth]
 
-            # where D is convex it is least where Newton's method ends; other places bound the distance at least
+            # where D is convex it is smallest where Newton's method ends; other places bound the distance at least
             parts = model.parts
             is_convex = model.is_convex(bounds)
             convex_rows = np.flatnonzero(is_convex)
@@ -207,7 +207,7 @@ class _Search:
                 waiting.append((point[whole[owner]], sides))
 
     def _minimize(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
-        """(n, 2) where the distance is least in parts where it is convex, by Newton's method."""
+        """(n, 2) where the distance is smallest in parts where it is convex, by Newton's method."""
         result = start.copy()
         if patches.is_flat:
             return result
@@ -215,7 +215,7 @@ class _Search:
         for _ in range(_STEPS):
             if not len(moving):
                 break
-            # the least of the quadratic model around each point, in coordinates of the part
+            # the minimum of the quadratic model around each point, in coordinates of the part
             here = result[moving]
             parts = model.parts.take(moving)
             local = Model.of(patches, parts.around(here), model.goal[moving])

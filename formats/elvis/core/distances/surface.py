@@ -66,7 +66,7 @@ class Surface:
 
     @cached_property
     def scale(self) -> float:
-        """The greatest coordinate or extent, which rounding errors are parts of."""
+        """The largest coordinate or extent, which rounding errors are parts of."""
         low, high = self.boxes[:, :3].min(axis=0), self.boxes[:, 3:].max(axis=0)
         return float(max(np.abs(low).max(), np.abs(high).max(), np.linalg.norm(high - low)))
 

@@ -81,7 +81,7 @@ class SurfacePatches:
 
     @property
     def bounds(self) -> Floats:
-        """(n, 10) greatest lengths of the derivatives `BOUNDED`, and how far the patch may be from its linear part."""
+        """(n, 10) largest lengths of the derivatives `BOUNDED`, and how far the patch may be from its linear part."""
         size = np.linalg.norm(self.coefficients, axis=3)
         m, k = size.shape[1:]
         columns = []

@@ -31,7 +31,10 @@ def named_files(expression: str) -> list[Path]:
 
 
 def triangles_of(name: str) -> tuple[Floats, Ints]:
-    """Vertices (n, 3), those at one place one, and triangles (m, 3) of them; FormatError where the file holds none."""
+    """Vertices (n, 3), those at one place one, and triangles (m, 3) of them.
+
+    Raises FormatError if the file holds none.
+    """
     corners = corners_of(name)
     points, triangles = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
     triangles = triangles.reshape(-1, 3)
@@ -42,7 +45,7 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
 
 
 def corners_of(name: str) -> Floats:
-    """(m, 3, 3) the corners of the triangles of a file; FormatError where it holds none."""
+    """(m, 3, 3) the corners of the triangles of a file; raises FormatError if it holds none."""
     trimesh = require_module("trimesh", "a triangle file", "distances")
 
     check_plain(name)

@@ -83,7 +83,7 @@ class Archive:
                 return np.asarray(npy.read_array(member, allow_pickle=False))
 
     def _check(self, name: str) -> None:
-        """FormatError where a member can't be as large as it says, or its array is of another size."""
+        """Raise FormatError if a member can't be as large as it says, or its array is of another size."""
         member = self._archive.getinfo(name + _SUFFIX)
         size = self._path.stat().st_size
         held = min(member.compress_size, size)

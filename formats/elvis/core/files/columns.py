@@ -24,7 +24,7 @@ _FORMATS = {"f": "%.17g", "U": "%s"}
 
 
 def check_suffix(path: str | Path) -> None:
-    """ElvisError where the suffix names no format that is written, or a package is missing that writes it."""
+    """Raise ElvisError if the suffix names no format that is written, or a package is missing that writes it."""
     suffix = Path(path).suffix
     if suffix.lower() not in (".csv", ".npz", _PARQUET):
         raise ElvisError(f"{path}: expected a name that ends in .csv, .npz or .parquet, found {suffix or 'no suffix'}")

@@ -77,7 +77,7 @@ class Store:
         return self.folder / f"{sha256(key).hexdigest()[:40]}.{self.kind}"
 
     def write(self, key: bytes, *content: bytes) -> Path:
-        """Keep a result, in a file that takes its name when it is whole; OSError where that can't be.
+        """Keep a result, in a file that takes its name when it is whole; raises OSError if that can't be.
 
         content  in parts, one after another
         """
@@ -99,9 +99,9 @@ class Store:
         return path
 
     def read(self, path: Path) -> tuple[bytes, bytes] | None:
-        """Key and content of a file; None where it isn't as it was written, then it is set aside.
+        """Key and content of a file; None if it isn't as it was written, then it is set aside.
 
-        OSError where it can't be read, or another user than this one and the system's has written it.
+        Raises OSError if it can't be read, or another user than this one and the system's has written it.
         """
         about, entry = os.stat(path), None
         if not stat.S_ISREG(about.st_mode):
@@ -117,7 +117,7 @@ class Store:
         return entry
 
     def parsed(self, data: bytes) -> tuple[bytes, bytes] | None:
-        """Key and content of the bytes of a file; None where they aren't as they were written."""
+        """Key and content of the bytes of a file; None if they aren't as they were written."""
         begin = len(self.mark) + _CHECKSUM
         checksum, rest = data[len(self.mark) : begin], memoryview(data)[begin:]
         if not data.startswith(self.mark) or sha256(rest).digest() != checksum:

@@ -150,21 +150,21 @@ def write_text(path: str | Path, content: str, outputs: Outputs | None = None) -
 
 
 def check_place(path: str | Path) -> None:
-    """ElvisError where no file ``path`` can be written; to be asked before long work."""
+    """Raise ElvisError if no file ``path`` can be written; to be asked before long work."""
     if Path(path).is_dir():
         raise ElvisError(f"{path}: cannot be written: it is a folder")
     _check_writable(path)
 
 
 def check_folder_place(path: str | Path) -> None:
-    """ElvisError where no folder ``path`` can be written; to be asked before long work."""
+    """Raise ElvisError if no folder ``path`` can be written; to be asked before long work."""
     if Path(path).exists() and not Path(path).is_dir():
         raise ElvisError(f"{path}: cannot be written: it is a file, and a folder is to be written")
     _check_writable(path)
 
 
 def check_places(paths: Sequence[str | Path], inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """ElvisError where these files can't all be written, or one of them is an input; to be asked before long work.
+    """Raise ElvisError if these files can't all be written, or one of them is an input; to be asked before long work.
 
     overwrite  whether inputs may be written over
     """
@@ -199,7 +199,7 @@ def check_inputs(
 
 
 def _check_writable(path: str | Path) -> None:
-    """ElvisError where the folder of ``path`` is missing, or may not be written to, or what stands there may not."""
+    """Raise ElvisError if the folder of ``path`` is missing, or may not be written to, or what stands there may not."""
     if _descriptor(path) is not None:
         return
     target = Path(os.path.realpath(path))

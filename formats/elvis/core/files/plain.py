@@ -50,7 +50,7 @@ def leading(path: str | Path, count: int) -> bytes:
 
 
 def content(path: str | Path) -> bytes:
-    """All bytes of a plain file; FormatError where it is none or can't be read."""
+    """All bytes of a plain file; raises FormatError if it is none or can't be read."""
     check_plain(path)
     try:
         return Path(path).read_bytes()
@@ -72,7 +72,7 @@ def unpacked_limit(packed: int, whole: int | None = None) -> int:
     """Bytes that packed data may hold; readers refuse what claims more before they take memory.
 
     packed  bytes of the data
-    whole   bytes of their file, which may hold a field of zeros next to others; None where the data are all of it
+    whole   bytes of their file, which may hold a field of zeros next to others; None if the data are all of it
     """
     size = packed if whole is None else whole
     return min(DEFLATE_RATIO * packed, _ALWAYS_ALLOWED + _GREATEST_RATIO * size)

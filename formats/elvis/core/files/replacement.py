@@ -82,7 +82,7 @@ def _keep(target: Path, old: Path) -> None:
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Let two folders change their names in one step; False where the system or the file system can't do that."""
+    """Let two folders change their names in one step; False if the system or the file system can't do that."""
     library: Any = ctypes.CDLL(None, use_errno=True)
     swap_flag = ctypes.c_uint(2)  # RENAME_SWAP there, RENAME_EXCHANGE here
     first, second = os.fsencode(one), os.fsencode(other)

@@ -78,7 +78,7 @@ def _is_own_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def _make_folder(folder: Path) -> tuple[Path, int | None]:
-    """A new scratch folder and its lock, which is None where the file system has none."""
+    """A new scratch folder and its lock, which is None if the file system has none."""
     for _ in range(_TRIES):
         own = folder / f".elvis-{os.urandom(6).hex()}.tmp"
         own.mkdir(mode=0o700)
@@ -92,7 +92,7 @@ def _make_folder(folder: Path) -> tuple[Path, int | None]:
 
 
 def _locked(own: Path) -> int | None:
-    """A descriptor that holds the lock of a scratch folder; None where it can't be had or the folder is gone."""
+    """A descriptor that holds the lock of a scratch folder; None if it can't be had or the folder is gone."""
     try:
         return _lock(own)
     except OSError:

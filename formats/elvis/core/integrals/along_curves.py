@@ -28,7 +28,7 @@ _COUNTS, _DEPTH = (7, 8, 10), 40
 _SAFETY, _ROUNDING = 8.0, 64 * float(np.finfo(np.float64).eps)
 
 
-#: values (n, k) at parameters (n,), NaN where there are none
+#: values (n, k) at parameters (n,), NaN if there are none
 Values: TypeAlias = Callable[[Floats], Floats]
 
 
@@ -86,7 +86,7 @@ class AlongCurve:
     value, error, rounding, magnitude  (k,)
     measure                            (k,) length where there are values
     beyond                             (k,) length where there are none: outside of elements, or at poles
-    place                              (3,) such a place, None where there is none
+    place                              (3,) such a place, None if there is none
     """
 
     value: Floats
@@ -101,7 +101,7 @@ class AlongCurve:
 class _Rules:
     """Gauss rules for expressions along a curve.
 
-    place  (3,) where one has no value, None where none was met
+    place  (3,) where one has no value, None if none was met
     """
 
     def __init__(self, curve: Curve, values: Values) -> None:

@@ -124,7 +124,7 @@ class _Speeds:
         return self._sampler.sample(points).values[:, 0]
 
     def crossing(self, value: float) -> float:
-        """The first length at which the speed has a value; NaN where it begins beyond."""
+        """The first length at which the speed has a value; NaN if it begins beyond."""
         lengths = np.linspace(0.0, self._curve.length, _POINTS)
         for _ in range(_ROUNDS):
             is_beyond = self.at(lengths) / value >= 1

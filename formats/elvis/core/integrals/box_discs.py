@@ -1,7 +1,7 @@
 """Discs that hold the values of expressions on complex neighbourhoods of boxes of eta: Bernstein ellipses.
 
 Leaves are polynomials of eta.  Their first Legendre coefficient is the middle, the sum of |c_k| P_k((rho + 1/rho)/2)
-over the others the radius, since |P_k| is greatest at the end of the ellipse.  Only the coordinate of one direction is
+over the others the radius, since |P_k| is largest at the end of the ellipse.  Only the coordinate of one direction is
 complex; all others are in [-1, 1], where |P_k| <= 1.  Functions of leaves follow by `elvis.core.quantities.discs`.
 """
 
@@ -89,7 +89,7 @@ class BoxDiscs:
         return (middle, np.broadcast_to(found.radius, (self.count, columns))), slack[:, 0]
 
     def interval(self, root: Node) -> Interval:
-        """Least and greatest value (n,) of an expression on the real boxes; infinite where nothing is known."""
+        """Smallest and largest value (n,) of an expression on the real boxes; infinite if nothing is known."""
 
         def leaf(node: Node) -> Interval:
             middle, radius = self._leaf(node).disc
@@ -195,7 +195,7 @@ class BoxDiscs:
         return {}
 
     def _values_of(self, node: Node) -> Floats | None:
-        """Values (n q,) of a leaf at the points; None where it is not a polynomial."""
+        """Values (n q,) of a leaf at the points; None if it is not a polynomial."""
         if node.op == "coordinate":
             return self.places.positions[:, node.axes[0]]
         if node.op != "field":
@@ -291,7 +291,7 @@ class BoxDiscs:
 
 @bounded_cache
 def _growths(count: int) -> Floats:
-    """(2, count, rhos) the greatest that |P_k| and |Im P_k| are inside of the ellipses, or more.
+    """(2, count, rhos) the maxima of |P_k| and |Im P_k| are inside of the ellipses, or more.
 
     |P_k| at their real ends; with P_k = sum a_j T_j, where no a_j is negative, |Im P_k| <= sum a_j (rho^j - rho^-j)/2.
     """

@@ -58,7 +58,7 @@ class Turned:
 class _ZeroSide:
     """A side of some elements of a patch on which g is zero.
 
-    sign   (n,) of g next to it, 0 where it has both
+    sign   (n,) of g next to it, 0 if it has both
     is_simple  (n,) whether the zero is of first order
     areas  (n,) at most
     """

@@ -37,7 +37,7 @@ class ConversionTerms:
         self._evaluator, self._expressions = evaluator, tuple(expressions)
 
     def over(self, pieces: Sequence[Part]) -> Floats:
-        """(k,) terms for pieces together; infinite where they are not known, such as on surfaces and curves that move.
+        """(k,) terms for pieces together; infinite if they are not known, such as on surfaces and curves that move.
 
         Zeros where no conversion lost anything.
         """

@@ -110,7 +110,7 @@ class Curve:
 
 
 def _made(dataset: Dataset, name: str, kind: str, texts: list[str]) -> Curve:
-    """A curve of a kind; ValueError where the texts don't say one."""
+    """A curve of a kind; raises ValueError if the texts don't say one."""
     if kind == "circle":
         centre, normal = map(_point, texts[:2])
         (radius,) = map(float, texts[2:])

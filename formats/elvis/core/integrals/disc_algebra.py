@@ -40,7 +40,7 @@ def cofactors(t: Matrix, row: int) -> list[Disc]:
 def solution(t: Matrix, first: Sequence[Disc]) -> list[Disc]:
     """The solution g of t g = first, with t = 1 + R: g = first - R g (Neumaier 1990, section 4.2).
 
-    |g| <= |first| / (1 - |R|) in the norm of the greatest; so t is regular on all discs.
+    |g| <= |first| / (1 - |R|) in the norm of the largest; so t is regular on all discs.
     """
     one = discs.number(1.0)
     rest = [[discs.minus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(t)]

@@ -29,7 +29,7 @@ _LEAST_SIDE = 2.0**-43
 def lattice_counts(piece: Piece) -> tuple[int, ...]:
     """Points in each direction of eta that determine fields, map, their derivatives in xi and the fold of the shape.
 
-    Without Fourier directions.  A side has the greatest degree of any direction in each of its own.
+    Without Fourier directions.  A side has the largest degree of any direction in each of its own.
     """
     expansions = [own for own in (piece.patch.geometry, *piece.patch.fields) if own is not None]
     degrees = [box_degrees(bernstein_space(own)) for own in expansions]

@@ -250,7 +250,7 @@ def _mixed(coefficients: Floats) -> Floats:
 
 
 def _height(bends: Floats, first: Floats, second: Floats) -> Floats:
-    """(n, columns) the greatest of |P| on discs of a and b."""
+    """(n, columns) the maximum of |P| on discs of a and b."""
     p, q, along_i, mixed, along_j = np.abs(bends).T[:, :, None]
     return np.asarray(p * first + q * second + along_i * first**2 + mixed * first * second + along_j * second**2)
 
@@ -275,6 +275,6 @@ def _known(radius: Floats) -> Floats:
 
 
 def _where(is_proved: Bools, *radii: Floats) -> tuple[Floats, Floats, Floats]:
-    """Three radii, 0 where nothing is proved."""
+    """Three radii, 0 if nothing is proved."""
     first, second, third = (np.where(is_proved, radius, 0.0) for radius in radii)
     return first, second, third

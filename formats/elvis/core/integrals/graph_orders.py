@@ -90,7 +90,7 @@ def shares_of_ends(nets: Floats, band: Floats) -> Floats:
 
 
 def greatest(nets: Floats) -> Floats:
-    """(n,) greatest magnitudes of coefficients; 0 for none."""
+    """(n,) largest magnitudes of coefficients; 0 for none."""
     return np.asarray(np.abs(nets).max(axis=tuple(range(1, nets.ndim)), initial=0.0))
 
 

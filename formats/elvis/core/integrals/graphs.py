@@ -36,7 +36,7 @@ class _Lines:
 
     box, i, j, weights  (n,) of each
     nets                (n, Dk) of g
-    slopes              the same of its derivatives in i and in j, where they are wanted
+    slopes              the same of its derivatives in i and in j, where they are requested
     """
 
     box: Ints

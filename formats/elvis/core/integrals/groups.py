@@ -18,9 +18,9 @@ from elvis.core.integrals.level_error import LevelRules
 
 #: Gauss points in a direction by which further rules have more that are compared
 COMPARED = (1, 2)
-#: boxes are halved in directions that have this part of the greatest share of the error
+#: boxes are halved in directions that have this part of the largest share of the error
 _ALIKE = 0.25
-#: or, where only intervals bound it, that reduce it by this part of the greatest reduction
+#: or, where only intervals bound it, that reduce it by this part of the largest reduction
 _AS_GOOD = 0.5
 #: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
 _NEW = 2.0
@@ -135,7 +135,7 @@ class Group:
     """Boxes with integrals by one rule.
 
     numbers    of the expressions
-    counts     of points in each direction; the least, where several rules are compared
+    counts     of points in each direction; the smallest, where several rules are compared
     integrals  by the best rule
     error      (n, k) by which these may be off, rounding left aside
     is_bound   (n, k) whether the error is a bound
@@ -244,7 +244,7 @@ class Bounded(Group):
 
     @property
     def least(self) -> Counts:
-        """Points in each direction of the least rule."""
+        """Points in each direction of the smallest rule."""
         return tuple(count - FURTHER[step] for count, step in zip(self.counts, self.steps, strict=True))
 
     @property

@@ -47,7 +47,7 @@ class Integrand:
     is_load: bool = False
 
     def check(self, over: str, pieces: Sequence[Part]) -> None:
-        """ElvisError where it means nothing on pieces: a volume of a surface, a normal inside of elements."""
+        """Raise ElvisError if it means nothing on pieces: a volume of a surface, a normal inside of elements."""
         for piece in pieces:
             in_plane = piece.patch.dimension == 2 and piece.patch.is_flat
             self.check_on(over, piece.dimension, in_plane, piece.has_normals)

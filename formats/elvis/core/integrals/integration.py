@@ -63,7 +63,7 @@ class Integral:
         return self.value
 
     def facts(self) -> dict[str, Any]:
-        """Plain data for files: ``error`` is None where only an estimate is known, which ``estimate`` is."""
+        """Plain data for files: ``error`` is None if only an estimate is known, which ``estimate`` is."""
         facts = asdict(self)
         is_estimate = self.kind == ESTIMATE
         place = list(facts).index("error")

@@ -144,7 +144,7 @@ class LevelBoxes:
         return self.halved(np.ones((len(self), self.patch.shape.dimension), bool), _DEPTH)
 
     def halved(self, directions: Bools, tests: int = _FURTHER) -> LevelBoxes:
-        """Halves in directions i, j, k (n, 1 to 3) where that is wanted, as far as the surface meets them.
+        """Halves in directions i, j, k (n, 1 to 3) where that is requested, as far as the surface meets them.
 
         On surfaces k is halved with all others, so that boxes keep their form.
         """

@@ -115,7 +115,7 @@ class CellNets:
         return self._known[node]
 
     def interval(self, root: Node) -> Interval:
-        """Least and greatest value (cells,) of an expression; infinite where nothing is known."""
+        """Smallest and largest value (cells,) of an expression; infinite if nothing is known."""
 
         def leaf(node: Node) -> Interval:
             if node.op == "number":
@@ -175,7 +175,7 @@ class LevelDiscs:
     low, size   (n, 3)  of the boxes along i, j, k
     order       (n, 3)  the axes that are i, j, k
     parts       discs of i, j, k
-    gradient    of g but for a factor, on surfaces; empty where it isn't known
+    gradient    of g but for a factor, on surfaces; empty if it isn't known
     """
 
     cells: CellNets
@@ -210,7 +210,7 @@ class LevelDiscs:
         return np.broadcast_to(found.middle, (shape[0], 1)), np.broadcast_to(found.radius, shape)
 
     def interval(self, root: Node) -> Interval:
-        """Least and greatest value (n,) of an expression at real points; infinite where nothing is known."""
+        """Smallest and largest value (n,) of an expression at real points; infinite if nothing is known."""
         one = np.float64(0.0), np.float64(1.0)
 
         def leaf(node: Node) -> Interval:

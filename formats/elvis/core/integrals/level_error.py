@@ -54,7 +54,7 @@ class LevelRules:
     exact: int | None = None
 
     def gradient(self, zero: Node | None) -> tuple[Node, ...]:
-        """The gradient of a polynomial, empty where no discs are known of it."""
+        """The gradient of a polynomial, empty if no discs are known of it."""
         try:
             found = tuple(world_derivative(zero, axis) for axis in range(3)) if zero is not None else ()
         except ElvisError:
@@ -154,7 +154,7 @@ class _Boxes:
 
 
 def _largest(interval: Interval) -> Floats:
-    """The greatest magnitude in an interval."""
+    """The largest magnitude in an interval."""
     return np.asarray(np.maximum(-interval[0], interval[1]))
 
 
@@ -189,7 +189,7 @@ def _summed(values: Floats, box: Ints, count: int) -> Floats:
 
 
 def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes) -> Interval:
-    """Least and greatest integral (n,) over boxes, from least and greatest values of the integrand."""
+    """Smallest and largest integral (n,) over boxes, from smallest and largest values of the integrand."""
     low, high = ends
     if not boxes.is_filled:
         most = _largest(ends) * _extent(whole, boxes)

@@ -296,7 +296,7 @@ class ZeroSet:
             middle = np.zeros((len(patch), patch.shape.dimension))
             points = ElementPoints(patch, np.arange(len(patch)), uncollapse(patch.shape, middle))
             (size,) = evaluator.sizes_at([self.expression], points)
-            # NaN where a patch lacks the field
+            # NaN if a patch lacks the field
             sizes.append(float(np.fmax.reduce(np.ravel(size), initial=0.0)))
         return max(sizes)
 

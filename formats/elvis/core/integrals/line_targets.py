@@ -28,7 +28,7 @@ class LineTargets:
 
     @staticmethod
     def of(dataset: Dataset, names: Sequence[str]) -> LineTargets:
-        """Curves among names of targets; ElvisError for an invalid curve."""
+        """Curves among names of targets; raises ElvisError for an invalid curve."""
         curves = {name: curve for name in names if (curve := Curve.parse(dataset, name)) is not None}
         return LineTargets(curves, [name for name in names if name.partition(":")[0] == SECTION])
 

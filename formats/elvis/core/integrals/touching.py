@@ -75,7 +75,7 @@ def _shares(nets: Floats, within: Floats) -> Floats:
 
 
 def _bounds(nets: Floats, within: Floats) -> tuple[Floats, Floats]:
-    """(n,) bounds of shares by the first, and by the second derivatives; 2 and 1 where these have no sign."""
+    """(n,) bounds of shares by the first, and by the second derivatives; 2 and 1 if these have no sign."""
     by_slope, by_bend = np.full(len(nets), 2.0), np.ones(len(nets))
     with np.errstate(divide="ignore"):
         for axis in range(1, nets.ndim):
@@ -89,6 +89,6 @@ def _bounds(nets: Floats, within: Floats) -> tuple[Floats, Floats]:
 
 
 def _least(nets: Floats) -> Floats:
-    """(n,) lower bounds of the magnitudes of polynomials; 0 where they may vanish."""
+    """(n,) lower bounds of the magnitudes of polynomials; 0 if they may vanish."""
     axes = tuple(range(1, nets.ndim))
     return np.asarray(np.maximum(np.maximum(nets.min(axis=axes), -nets.max(axis=axes)), 0.0))

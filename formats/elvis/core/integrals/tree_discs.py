@@ -72,7 +72,7 @@ class Ball(NamedTuple):
 
     @property
     def size(self) -> Any:
-        """(n, 1) the greatest absolute value at real points, or one number."""
+        """(n, 1) the largest absolute value at real points, or one number."""
         return np.abs(self.middle) + (self.radius[:, :1] if np.ndim(self.radius) else self.radius) + self.slack
 
     @property
@@ -140,7 +140,7 @@ class TreeDiscs:
     """Discs of an expression on n boxes.
 
     leaf      the ball of a leaf
-    cofactor  powers and cofactor of a leaf, None where it has none
+    cofactor  powers and cofactor of a leaf, None if it has none
     factors   radii (2 d, columns) of 1 + t and 1 - t around 1
     """
 

@@ -288,7 +288,7 @@ def _rule(corners: int, count: int) -> tuple[Floats, Floats]:
 
 
 def _components(first: Ints, second: Ints, count: int) -> Ints:
-    """(count,) the least number of each set that pairs connect."""
+    """(count,) the smallest number of each set that pairs connect."""
     label = np.arange(count)
     pairs = np.unique(np.stack([first, second], axis=1), axis=0)
     while True:

@@ -98,7 +98,7 @@ class SideSet:
     group, row  (n,) the group of each side, and its row there
     entity      (n,) rows of the sides in the mesh
     element     (n,) a number for the element of each side
-    degree      the greatest of the map along a side
+    degree      the largest of the map along a side
     """
 
     def __init__(self, groups: Sequence[SideGroup]) -> None:
@@ -231,6 +231,6 @@ def _probes(corners: int) -> Floats:
 
 
 def _units(vectors: Floats) -> Floats:
-    """(n, 3) vectors of length 1, zero where they are zero."""
+    """(n, 3) vectors of length 1, zero if they are zero."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.where(length > 0, vectors / np.where(length > 0, length, 1.0), 0.0))

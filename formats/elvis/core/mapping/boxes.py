@@ -54,7 +54,7 @@ def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
 
 
 def _extents(patch: Patch, part: slice) -> tuple[Floats, Floats]:
-    """(n, 3) the least and the greatest Bernstein coefficients of the maps of some elements of a patch."""
+    """(n, 3) the smallest and the largest Bernstein coefficients of the maps of some elements of a patch."""
     if patch.corners is None:
         with np.errstate(invalid="ignore", over="ignore"):
             net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[part])

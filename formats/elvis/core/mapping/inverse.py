@@ -63,7 +63,7 @@ class Roots:
     """Results for n pairs of a point and an element.
 
     reference  (n, d)  coordinates, NaN unless inside
-    margin     (n,)    least height over the element's facets, 0 on its boundary (`margins`); NaN unless inside
+    margin     (n,) smallest height over the element's facets, 0 on its boundary (`margins`); NaN unless inside
     status     (n,)    of `Status`
     """
 
@@ -154,10 +154,11 @@ def _try(targets: Targets, starts: Floats, chosen: Ints, roots: Roots, iteration
 class _Elements:
     """Facts about distinct elements ``rows`` (u,), sorted, of a patch.
 
-    size    (u,)  diagonal of the box round the Bernstein net; rounding (u,) of the greatest coordinate
+    size    (u,) diagonal of the box round the Bernstein net; rounding (u,) of the largest coordinate
     low, high (u, 3) corners of that box, a little larger
     centre        of the reference shape, its image (u, 3) and dual tangents (u, 3, d) there
-    lowest  (u, k) least height of the net over each facet, seen through the linear part of the map, less its rounding
+    lowest  (u, k) smallest height of the net over each facet, seen through the linear part of the map, less its
+            rounding
     """
 
     def __init__(self, patch: Patch, rows: Ints, distance: float) -> None:

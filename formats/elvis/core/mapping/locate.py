@@ -122,7 +122,7 @@ class Locator:
         doubtful = np.zeros(len(world), bool)
         doubtful[point[roots.status == Status.FAILED]] = True
 
-        # the elements that hold a point, greatest margin first
+        # the elements that hold a point, largest margin first
         hits = np.flatnonzero(roots.status == Status.INSIDE)
         hits = hits[np.lexsort((self._ids[element[hits]], -roots.margin[hits], point[hits]))]
         if not every and len(hits):

@@ -43,7 +43,7 @@ def heights(shape: Shape, points: Floats) -> Floats:
 
 
 def margins(shape: Shape, points: Floats) -> Floats:
-    """(n,) the least height of reference points (n, d): positive inside, 0 on the boundary, negative outside."""
+    """(n,) the smallest height of reference points (n, d): positive inside, 0 on the boundary, negative outside."""
     return np.asarray(heights(shape, points).min(axis=1))
 
 

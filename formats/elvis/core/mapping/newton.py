@@ -26,7 +26,7 @@ class Targets:
     rows       (n,)    rows of the patch
     points     (n, 3)  world coordinates
     precision  (n,)    length of a last Newton step, measured in the world
-    distance   (n,)    greatest distance of a point from its image: more than the precision off curves and surfaces only
+    distance   (n,) largest distance of a point from its image: more than the precision off curves and surfaces only
     rounding   (n,)    how far each world coordinate of a point or of its image may be off
     """
 
@@ -51,7 +51,7 @@ class Feet:
     """The nearest reference points that were found.
 
     reference  (n, d)
-    margin     (n,)    least height over the facets there
+    margin     (n,) smallest height over the facets there
     converged  (n,)    whether the method converged there
     inside     (n,)    whether that is a root inside
     """

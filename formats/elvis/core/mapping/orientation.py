@@ -173,7 +173,7 @@ def _solid_faces(mesh: Mesh, shape: Shape, part: slice, polygons: Mapping[Shape,
 
 
 def _check_faces(mesh: Mesh, shape: Shape, part: slice, vertices: Ints, faces: list[Ints]) -> None:
-    """FormatError unless every face has the vertices of its place, triangles with the same collapsed vertex."""
+    """Raise FormatError unless every face has the vertices of its place, triangles with the same collapsed vertex."""
     ids = mesh.vertex_ids
     for number, (local, face) in enumerate(zip(shape.faces, faces, strict=True)):
         wanted = vertices[list(local)]
@@ -209,7 +209,7 @@ def orientation_matrix(corners: int, turn: int, modes: int) -> tuple[Ints, Float
     """How the Modified modes of a turned face follow from those in its own frame.
 
     Mode (p, q) of the element's face, both below ``modes`` and flattened to p * modes + q, is ``sign`` (modes^2,) times
-    mode ``index`` (modes^2,) of the face's own.  Quadrilaterals (four corners) have eight turns: 2 F0 + 1 where the
+    mode ``index`` (modes^2,) of the face's own.  Quadrilaterals (four corners) have eight turns: 2 F0 + 1 if the
     element runs the other way round, with F0 the place of the element's first vertex in the face's list; triangles two.
     """
     p, q = np.divmod(np.arange(modes * modes), modes)

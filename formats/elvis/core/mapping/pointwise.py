@@ -56,7 +56,7 @@ def determinants(patch: Patch, rows: Ints, points: Floats) -> Floats:
 
 
 def values(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
-    """(n,) values of field number ``field`` of the patch; ElvisError where the patch lacks it."""
+    """(n,) values of field number ``field`` of the patch; raises ElvisError if the patch lacks it."""
     expansion, coefficients = _field(patch, field)
     return evaluate_at(expansion, coefficients, rows, points[:, : dimension(expansion)])
 
@@ -64,7 +64,7 @@ def values(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
 def gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
     """(n, 3) gradient of a field in world coordinates, tangential to a curve or surface.
 
-    Not finite where the Jacobian is singular; ElvisError where the patch lacks the field.
+    Not finite where the Jacobian is singular; raises ElvisError if the patch lacks the field.
     """
     own = reference_gradients(patch, field, rows, points)
     duals = tangents.duals(jacobians(patch, rows, points))[:, :, : own.shape[1]]
@@ -72,7 +72,10 @@ def gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
 
 
 def reference_gradients(patch: Patch, field: int, rows: Ints, points: Floats) -> Floats:
-    """(n, d) derivatives of a field in the reference coordinates that it depends on; ElvisError as for `gradients`."""
+    """(n, d) derivatives of a field in the reference coordinates that it depends on.
+
+    Raises ElvisError as for `gradients`.
+    """
     expansion, coefficients = _field(patch, field)
     own = points[:, : dimension(expansion)]
     return evaluate_at_with_gradients(expansion, coefficients, rows, own)[1]

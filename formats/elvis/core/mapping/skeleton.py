@@ -1,6 +1,6 @@
 """The edges and faces of a mesh as Modified modes: the first two steps of the geometry mapping (format notes 2.4).
 
-Coefficients of a face are kept by mode (p, q) in a square, flattened; zero where the face has no such mode.  Modes come
+Coefficients of a face are kept by mode (p, q) in a square, flattened; zero if the face has no such mode.  Modes come
 first, so that each is one stretch of memory for many faces.
 """
 
@@ -70,7 +70,7 @@ class Skeleton:
         self._edge_slots[curves.rows] = np.arange(len(curves))
 
     def _read_faces(self) -> None:
-        """The curve of each face, -1 where it has none; curved faces need edges with as many nodes."""
+        """The curve of each face, -1 if it has none; curved faces need edges with as many nodes."""
         self._face_slots: dict[Shape, Ints] = {}
         if not self.curved:
             return

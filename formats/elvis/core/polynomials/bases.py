@@ -34,7 +34,7 @@ class Basis(IntEnum):
 
     @classmethod
     def from_label(cls, label: str) -> Basis:
-        """The basis that files call ``label``; KeyError where there is none."""
+        """The basis that files call ``label``; raises KeyError if there is none."""
         return {name: basis for basis, name in _LABELS.items()}[label]
 
 

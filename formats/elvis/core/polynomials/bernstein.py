@@ -12,7 +12,7 @@ coefficients are
     prism           (p, q)     triangle of degree p in (t1, t3), b_j^q(t2)        j, k, i
     pyramid         (p, q, r)  as the hexahedron, in the collapsed coordinates eta
 
-All functions are non-negative and sum to 1, so a polynomial lies between its least and its greatest coefficient.
+All functions are non-negative and sum to 1, so a polynomial lies between its smallest and its largest coefficient.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class BernsteinSpace:
 
     @cached_property
     def positions(self) -> Ints:
-        """Position of the function of given powers: a d-dimensional array, -1 where there is none."""
+        """Position of the function of given powers: a d-dimensional array, -1 if there is none."""
         table = np.full(tuple(self.powers.max(axis=0) + 1), -1, np.int64)
         table[tuple(self.powers.T)] = np.arange(len(self.powers))
         return frozen_ints(table)
@@ -79,7 +79,10 @@ class BernsteinSpace:
 
 
 def bernstein_space(expansion: Expansion) -> BernsteinSpace:
-    """The smallest space that contains the expansion; FormatError where it is not polynomial (Fourier directions)."""
+    """The smallest space that contains the expansion.
+
+    Raises FormatError if it is not polynomial (Fourier directions).
+    """
     if expansion.homogeneous is not None:
         raise FormatError("expected a polynomial expansion, found one with homogeneous (Fourier) directions")
     degrees = [int(form_degrees(part).max()) for part in product_plan(expansion).factors]

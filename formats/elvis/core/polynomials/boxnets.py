@@ -18,7 +18,7 @@ from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
-#: parts of a box's length at which `parts_of_boxes` may begin and end, and the greatest degree for which that is exact
+#: parts of a box's length at which `parts_of_boxes` may begin and end, and the largest degree for which that is exact
 GRID, EXACT = 8, 17
 
 #: for each direction of eta those whose powers lower the degree in it, on shapes whose spaces aren't tensor products

@@ -65,7 +65,7 @@ _RADAU = {0: _GLL, 1: _GRM10, 2: _GRM20}
 def cubature(shape: Shape, families: tuple[str, ...], counts: tuple[int, ...]) -> Cubature:
     """The product of rules of the given PointsType names and numbers of points, one for each direction.
 
-    FormatError where a family has no quadrature rule.
+    Raises FormatError if a family has no quadrature rule.
     """
     nodes, weights = [], []
     for family, count, power in zip(families, counts, COLLAPSE[shape], strict=True):

@@ -24,7 +24,7 @@ def hessians_at(expansion: Expansion, coefficients: Floats, rows: Ints, points: 
     """(n, ..., d, d) second derivatives in xi at the points xi (n, d), point i in element ``rows[i]``.
 
     coefficients  (e, ..., m) of e elements
-    On a pyramid they aren't finite at the apex.  FormatError for Fourier directions.
+    On a pyramid they aren't finite at the apex.  Raises FormatError for Fourier directions.
     """
     space = bernstein_space(expansion)
     result = np.empty((len(points), *coefficients.shape[1:-1], *(space.shape.dimension,) * 2))

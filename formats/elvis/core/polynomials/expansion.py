@@ -135,7 +135,7 @@ class ProductPlan:
 
 @bounded_cache
 def product_plan(expansion: Expansion) -> ProductPlan:
-    """The modes as products of factors; FormatError for an expansion that cannot be."""
+    """The modes as products of factors; raises FormatError for an expansion that cannot be."""
     check(expansion)
     modes = _spatial_modes(expansion.shape, expansion.modes)
     pairs = [_direction(expansion, modes, i) for i in range(expansion.shape.dimension)]
@@ -199,7 +199,7 @@ def _constant_modes(shape: Shape, modes: Ints, i: int) -> Bools:
 
 
 def mode_count(expansion: Expansion) -> int:
-    """Number of coefficients of one element, over all planes; FormatError for an expansion that cannot be."""
+    """Number of coefficients of one element, over all planes; raises FormatError for an expansion that cannot be."""
     planes = expansion.homogeneous
     return len(product_plan(expansion).modes) * (len(planes.z_ids) if planes else 1)
 

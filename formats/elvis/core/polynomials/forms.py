@@ -22,7 +22,7 @@ Form: TypeAlias = tuple[list[int], int, float]
 
 
 def forms(factors: Factors) -> list[Form]:
-    """The exact form of each factor; FormatError for Fourier modes, which are no polynomials."""
+    """The exact form of each factor; raises FormatError for Fourier modes, which are no polynomials."""
     if isinstance(factors, JacobiFactors):
         return [(_jacobi_form(row), 1, float(scale)) for row, scale in zip(factors.rows, factors.scales, strict=True)]
     if not isinstance(factors, LineFactors):
@@ -60,7 +60,7 @@ def _lagrange_forms(nodes: Floats) -> list[Form]:
 
 
 def form_degrees(factors: Factors) -> Ints:
-    """(k,) polynomial degree of each factor; FormatError for Fourier modes."""
+    """(k,) polynomial degree of each factor; raises FormatError for Fourier modes."""
     if isinstance(factors, JacobiFactors):
         return factors.degrees
     return np.array([len(form) - 1 for form, _, _ in forms(factors)], np.int64)
@@ -69,7 +69,7 @@ def form_degrees(factors: Factors) -> Ints:
 def elevations(factors: Factors, degree: int) -> Floats:
     """(degree + 1, k, degree + 1) Bernstein coefficients of each factor at every degree D <= ``degree``.
 
-    Entry [D, j, i] belongs to C(D, i) t^i (1-t)^(D-i); it is 0 where D is less than the degree of factor j.  Each is
+    Entry [D, j, i] belongs to C(D, i) t^i (1-t)^(D-i); it is 0 if D is less than the degree of factor j.  Each is
     rounded once from an exact quotient, and once more by an irrational scale.
     """
     exact = forms(factors)

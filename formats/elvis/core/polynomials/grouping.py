@@ -30,7 +30,7 @@ class Coefficients(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Elements with one expansion in each source, None where a source lacks them.
+    """Elements with one expansion in each source, None if a source lacks them.
 
     element_ids   (n,)
     coefficients  (n, …, m) for each source
@@ -86,14 +86,14 @@ class _Places:
             self.block[:], self.row[:] = number, np.arange(len(ids))
             return
 
-        # seek each id among the wanted ones; the first of a repeated id is written last
+        # seek each id among the requested ones; the first of a repeated id is written last
         place = np.minimum(np.searchsorted(wanted, ids, sorter=order), len(wanted) - 1)
         found = order[place] if len(wanted) else place[:0]
         rows = np.flatnonzero(wanted[found] == ids)[::-1] if len(wanted) else place[:0]
         self.block[found[rows]], self.row[found[rows]] = number, rows
 
     def gather(self, here: Ints) -> Floats:
-        """Coefficients of the wanted elements ``here``, all of one expansion; a whole block without a copy."""
+        """Coefficients of the requested elements ``here``, all of one expansion; a whole block without a copy."""
         blocks, rows = self.block[here], self.row[here]
         first: Floats = self.blocks[blocks[0]].coefficients
         if len(here) == len(first) and _is_range(rows) and (blocks == blocks[0]).all():

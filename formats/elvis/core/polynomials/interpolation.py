@@ -39,7 +39,7 @@ def modified(shape: Shape, modes: tuple[int, ...]) -> Expansion:
 def nodes_along(shape: Shape, family: PointsType, count: int) -> int:
     """Nodes along an edge of a curve of ``count`` nodes on a segment, triangle or quadrilateral.
 
-    FormatError where no such curve exists: n(n+1)/2 nodes of a triangular family, n^2 on other faces, 2 <= n <= 64.
+    Raises FormatError if no such curve exists: n(n+1)/2 nodes of a triangular family, n^2 on other faces, 2 <= n <= 64.
     """
     if shape is Shape.SEGMENT:
         n, expected = count, count

@@ -60,7 +60,7 @@ class PointsType(IntEnum):
 
     @classmethod
     def from_label(cls, label: str) -> PointsType:
-        """The family that files call ``label``; KeyError where there is none."""
+        """The family that files call ``label``; raises KeyError if there is none."""
         return _FROM_LABEL[label]
 
     @property
@@ -113,7 +113,7 @@ _FROM_LABEL = {label: PointsType(number) for number, label in enumerate(_LABELS)
 def nodes(family: PointsType, count: int) -> Floats:
     """(count,) nodes of a family on the line, ascending in [-1, 1].
 
-    FormatError for a family that isn't on the line or isn't supported, and where it has no rule of so few nodes.
+    Raises FormatError for a family that isn't on the line or isn't supported, and if it has no rule of so few nodes.
     """
     return frozen_floats(line_nodes(family.label, count))
 
@@ -122,9 +122,9 @@ def nodes(family: PointsType, count: int) -> Floats:
 def triangle_nodes(family: PointsType, count: int) -> Floats:
     """(count (count + 1) / 2, 2) nodes xi on the reference triangle for ``count`` nodes an edge.
 
-    In the order of files: vertices; inner nodes of edges v0v1, v1v2, v2v0; interior.  FormatError for other families
-    and where the tables have no entry (2 to 14 nodes an edge, ten digits; no Fekete nodes for 11, where the published
-    table repeats a node); evenly spaced nodes exist for every count >= 2.
+    In the order of files: vertices; inner nodes of edges v0v1, v1v2, v2v0; interior.  Raises FormatError for other
+    families and if the tables have no entry (2 to 14 nodes an edge, ten digits; no Fekete nodes for 11, where the
+    published table repeats a node); evenly spaced nodes exist for every count >= 2.
     """
     if family is PointsType.TRIANGLE_EVENLY_SPACED and count > 1:
         return frozen_floats(_evenly_spaced_triangle(count))

@@ -148,7 +148,7 @@ FAMILIES: Mapping[str, _Nodes] = {
 def line_nodes(family: str, count: int) -> Floats:
     """(count,) nodes of the family that files call ``family``.
 
-    FormatError where the family is not one-dimensional or not supported, or has no rule of so few nodes.
+    Raises FormatError if the family is not one-dimensional or not supported, or has no rule of so few nodes.
     """
     least = 2 if "Lobatto" in family or family == "PolyEvenlySpaced" else 1
     if family not in FAMILIES:

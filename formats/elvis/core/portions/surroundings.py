@@ -99,8 +99,7 @@ def _outer(portion: Portion, ids: Ints, ranks: Ranks) -> Ints:
 
 
 def _jumps(portion: Portion, field: Field, ranks: Ranks) -> tuple[Ints, Floats]:
-    """Ids (n,), ascending, of a part's elements that have its one field, and the greatest jump (n,) of it at their
-    sides.
+    """Ascending ids (n,) of a part's elements that have its one field, and its largest jump (n,) at their sides.
 
     Jumps are found twice: in the part, and in its elements at sides of other parts together with theirs.
     """
@@ -128,7 +127,7 @@ def _jumps(portion: Portion, field: Field, ranks: Ranks) -> tuple[Ints, Floats]:
 
 
 def _at_interfaces(portion: Portion, held: Ints, ranks: Ranks) -> list[Portion]:
-    """The elements of all parts at sides that don't match, together; none where there are none.
+    """The elements of all parts at sides that don't match, together; none if there are none.
 
     held  (n,) ids of the part's elements that count
     """
@@ -172,6 +171,6 @@ def _with_sides(portion: Portion, ids: Ints, is_wanted: Bools) -> Ints:
 
 
 def _at(portion: Portion, ids: Ints, is_wanted: Bools) -> Portion | None:
-    """The portion's elements of these at wanted sides; None where there are none."""
+    """The portion's elements of these at wanted sides; None if there are none."""
     own = _with_sides(portion, ids, is_wanted)
     return portion.of(own).alone if len(own) else None

@@ -36,11 +36,11 @@ _CLOSER = 8
 
 
 def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
-    """lower <= value <= upper wherever there is a value, to rounding; None where there are no elements or no values.
+    """lower <= value <= upper wherever there is a value, to rounding; None if there are no elements or no values.
 
-    ``least`` and ``greatest`` are values that are attained.  Ends are infinite where nothing is known: for expressions
-    with poles or second derivatives, and for derivatives on surfaces in space and in quasi-3D data.
-    Ends of converted data include the error of the conversion, an estimate, where it is known.
+    ``least`` and ``greatest`` are values that are attained.  Ends are infinite if nothing is known: for expressions
+    with poles or second derivatives, and for derivatives on surfaces in space and in quasi-3D data.  Ends of converted
+    data include the error of the conversion, an estimate, where it is known.
     """
     found = _own_range(dataset, expression)
     return found and found.widened(float(largest_radii(dataset, [expression])[0]))
@@ -81,7 +81,7 @@ class _Search:
         self.evaluator, self.expression = evaluator, expression
         self.with_gradients = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
         self.least, self.greatest = np.inf, -np.inf
-        self._holders: dict[int, int] = {}  # of the greatest value, 1, and of the least, -1: ids of elements
+        self._holders: dict[int, int] = {}  # of the largest value, 1, and of the smallest, -1: ids of elements
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
             for place in self._places(patch.shape):
@@ -177,7 +177,7 @@ class _Search:
         return Cells.of(patch, self.evaluator.names, self.evaluator.attributes, rows, self.with_gradients)
 
     def _refine(self, root: Node, cells: Cells, attained: float) -> float:
-        """The greatest bound of boxes that are no longer worth halving."""
+        """The largest bound of boxes that are no longer worth halving."""
         forgotten = -np.inf
         for number in range(_ROUNDS):
             cells = cells.halves()

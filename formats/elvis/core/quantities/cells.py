@@ -77,7 +77,7 @@ class Cells:
         return replace(self, rows=np.tile(self.rows, len(low) // len(self)), low=low, high=high, nets=nets)
 
     def bounds(self, root: Node) -> Interval:
-        """Certified least and greatest value (c,) of an expression on each box."""
+        """Certified smallest and largest value (c,) of an expression on each box."""
         with np.errstate(all="ignore"):
             low, high = fold(root, self._leaf, lambda node, parts: function(node).interval(*parts))
         return np.broadcast_to(low, len(self)), np.broadcast_to(high, len(self))

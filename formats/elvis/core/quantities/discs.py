@@ -28,7 +28,7 @@ def number(value: float) -> Disc:
 
 
 def rounded(middle: Any, radius: Any, is_analytic: Any = True) -> Disc:
-    """A disc with room for its rounding; infinite where a condition fails or nothing is known."""
+    """A disc with room for its rounding; infinite if a condition fails or nothing is known."""
     enlarged = radius + _ROUNDING * (np.abs(middle) + radius)
     return middle, np.where(is_analytic & ~np.isnan(enlarged), enlarged, np.inf)
 
@@ -147,7 +147,7 @@ def arctangent(a: Disc) -> Disc:
 
 
 def _change_of_arcsine(a: Disc) -> Any:
-    """The series of asin has no negative coefficients, so its derivative is greatest towards the nearer end."""
+    """The series of asin has no negative coefficients, so its derivative is largest towards the nearer end."""
     farthest = np.abs(a[0]) + a[1]
     return np.arcsin(farthest) - np.arcsin(np.abs(a[0])) + _ROUNDING
 
@@ -217,7 +217,7 @@ def sign(a: Disc) -> Disc:
 
 
 def step(a: Disc, b: Disc) -> Disc:
-    """1 where a < b, else 0."""
+    """1 if a < b, else 0."""
     less = minus(b, a)
     return np.where(less[0] > 0, 1.0, 0.0), np.where(_is_decided(less), 0.0, np.inf)
 
@@ -242,7 +242,7 @@ def greatest(a: Disc, b: Disc) -> Disc:
 def imaginary_root(value: Callable[..., Any]) -> Callable[[Disc, Disc], Disc]:
     """The imaginary part of the roots of t^3 + a t + b, where these stay simple; ``value`` gives it for numbers.
 
-    With the real root r it is sqrt(a + 3/4 r^2); it is 0 where b^2/4 + a^3/27 stays below 0.
+    With the real root r it is sqrt(a + 3/4 r^2); it is 0 if b^2/4 + a^3/27 stays below 0.
     """
 
     def bounded(a: Disc, b: Disc) -> Disc:

@@ -48,7 +48,7 @@ class ElementPoints:
         return tangents.duals(self.jacobians)
 
     def derivative(self, field: int, order: int) -> Floats:
-        """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN where the patch lacks it."""
+        """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN if the patch lacks it."""
         return self._once((field, order), lambda: self._derivative(field, order))
 
     def _once(self, key: Hashable, make: Callable[[], Floats]) -> Floats:

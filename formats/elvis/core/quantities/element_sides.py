@@ -15,7 +15,7 @@ from elvis.core.mapping.margins import facets, heights
 from elvis.core.shapes import Shape
 
 SIDES = ("nx", "ny", "nz", "face_height")
-#: greatest lambda of points that lie on a side
+#: largest lambda of points that lie on a side
 NEAR = 1e-4
 
 

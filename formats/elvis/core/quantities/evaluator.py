@@ -51,7 +51,7 @@ class Evaluator:
         return radius_at(self.errors, expression, self.names, self.leaves_at(places), places)
 
     def values(self, expression: Expression, patch: Patch, rows: Ints, points: Floats) -> Floats:
-        """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN where there are none."""
+        """(n,) values on elements ``rows`` (n,) of a patch at reference points (n, D); NaN if there are none."""
         return reference_values(expression, self.names, self.attributes, patch, rows, points)
 
     def values_at(self, expressions: Sequence[Expression], places: ElementPoints) -> Iterator[Floats | float]:

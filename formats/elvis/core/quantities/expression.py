@@ -103,7 +103,9 @@ class Expression:
 
 
 def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str]) -> list[Expression]:
-    """Quantities that become columns of a table, each once; ElvisError for one with the name of a column of its own.
+    """Quantities that become columns of a table, each once.
+
+    Raises ElvisError for one with the name of a column of its own.
 
     taken  the names of those
     """

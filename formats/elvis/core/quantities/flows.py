@@ -137,7 +137,10 @@ class Flow:
         return flow.meaning(name)
 
     def velocity(self) -> tuple[Node, ...]:
-        """The components of the velocity, as many as there are dimensions; ElvisError where the fields give none."""
+        """The components of the velocity, as many as there are dimensions.
+
+        Raises ElvisError if the fields give none.
+        """
         symbols = "uvw"[: self.dimension]
         if any(self._missing(symbol) for symbol in symbols):
             fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
@@ -239,7 +242,7 @@ class Flow:
         return STEPS.get(name, entry.formulas if entry else ())
 
     def _suitable(self, name: str) -> list[str]:
-        """The formulas that the fields suffice for, all where they suffice for none."""
+        """The formulas that the fields suffice for, all if they suffice for none."""
         every = list(self._formulas(name))
         return [text for text in every if not self._lacking(text).fields] or every
 

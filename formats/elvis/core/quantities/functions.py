@@ -1,6 +1,6 @@
 """The operators and functions of expressions: in NumPy, as intervals, as complex discs, and their derivatives.
 
-A function has the value NaN where it isn't defined: for division by zero, roots and logarithms of negative numbers.
+A function has the value NaN if it isn't defined: for division by zero, roots and logarithms of negative numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Function:
 
 
 def quotient(a: Any, b: Any) -> Any:
-    """a / b, NaN where b is zero."""
+    """a / b, NaN if b is zero."""
     is_pole = np.equal(b, 0)
     divisor = np.where(is_pole, 1.0, b)
     return np.where(is_pole, np.nan, np.divide(a, divisor))
@@ -180,7 +180,7 @@ def _times(factor: float, a: Node) -> Node:
 def _in_matrix(place: int) -> Partial:
     """The derivative of the middle eigenvalue in one entry: v v^T with its vector v, twice that beyond the diagonal.
 
-    v v^T is the adjugate of the matrix less the eigenvalue, divided by its trace, which is zero where eigenvalues meet.
+    v v^T is the adjugate of the matrix less the eigenvalue, divided by its trace, which is zero if eigenvalues meet.
     """
 
     def rule(xx: Node, yy: Node, zz: Node, xy: Node, xz: Node, yz: Node) -> Node:
@@ -227,12 +227,12 @@ def _over_sum_of_squares(a: Node, b: Node) -> Node:
 
 
 def _is_less(a: Any, b: Any) -> Any:
-    """1 where a < b, else 0."""
+    """1 if a < b, else 0."""
     return np.where(np.less(a, b), 1.0, 0.0)
 
 
 def _not_step(a: Node, b: Node) -> Node:
-    """1 where not a < b."""
+    """1 if not a < b."""
     return call("-", ONE, _step(a, b))
 
 

@@ -26,7 +26,7 @@ INSET = 1e-6
 def raise_across_interfaces(
     dataset: Dataset, patches: Sequence[Patch], lattices: dict[int, Floats], greatest: Floats
 ) -> None:
-    """Raise the greatest jumps (n,) of elements by those across their non-conforming sides.
+    """Raise the largest jumps (n,) of elements by those across their non-conforming sides.
 
     patches   elements, numbered patch after patch, whose first field is meant
     lattices  (k, c) weights of the corners at points of sides, by the number c of corners

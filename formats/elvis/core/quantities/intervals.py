@@ -133,7 +133,7 @@ def sign(a: Interval) -> Interval:
 
 
 def step(a: Interval, b: Interval) -> Interval:
-    """1 where a < b."""
+    """1 if a < b."""
     return np.where(a[1] < b[0], 1.0, 0.0), np.where(a[0] < b[1], 1.0, 0.0)
 
 
@@ -184,7 +184,7 @@ def sine(a: Interval) -> Interval:
 
 
 def _wave(wave: Callable[[Any], Any], a: Interval, top: float, bottom: float) -> Interval:
-    """A wave that is greatest at a place and least at another, and at their copies, 2 pi apart."""
+    """A wave that is largest at a place and smallest at another, and at their copies, 2 pi apart."""
     low, high = _hull([wave(end) for end in a])
     low = np.where(_holds(a, bottom, 2 * np.pi), -1.0, low)
     high = np.where(_holds(a, top, 2 * np.pi), 1.0, high)
@@ -271,7 +271,7 @@ def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
 
 
 def _clip(a: Interval, low: float, high: float) -> Interval:
-    """The part of the interval between two ends, NaN where there is none."""
+    """The part of the interval between two ends, NaN if there is none."""
     is_empty = (a[1] < low) | (a[0] > high)
     first = np.clip(a[0], low, high)
     last = np.clip(a[1], low, high)
@@ -287,6 +287,6 @@ def _sound(low: Any, high: Any, a: Interval, b: Interval) -> Interval:
 
 
 def ends(net: Floats) -> Interval:
-    """Least and greatest coefficient (n,) of Bernstein nets (n, ...)."""
+    """Smallest and largest coefficient (n,) of Bernstein nets (n, ...)."""
     flat = net.reshape(len(net), -1)
     return flat.min(axis=1), flat.max(axis=1)

@@ -54,7 +54,7 @@ def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
 
 
 def _meet(side: Ints, element: Ints, values: Floats, greatest: Floats) -> None:
-    """Raise the elements' greatest jumps by those on sides that two of them share."""
+    """Raise the elements' largest jumps by those on sides that two of them share."""
     order = np.argsort(side, kind="stable")
     first, second = order[:-1], order[1:]
     shared = side[first] == side[second]

@@ -37,9 +37,8 @@ class Level:
 
     spurious  positive where only this expression has its value, negative where both have theirs, except at single
               points and curves; None if both always have their values together
-    matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 where both have their values;
-              its determinant is 0 where this expression has its value; empty if its entries are not polynomials, or
-              too long
+    matrix    xx, yy, zz, xy, xz, yz of a symmetric matrix whose second eigenvalue is 0 if both have their values; its
+              determinant is 0 if this expression has its value; empty if its entries are not polynomials, or too long
     """
 
     root: Node

@@ -97,11 +97,11 @@ class Names:
         return attribute(name) if name in ATTRIBUTES else None
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
-        """A predefined quantity with some of its parameters; ElvisError where it isn't known, or takes others."""
+        """A predefined quantity with some of its parameters; raises ElvisError if it isn't known, or takes others."""
         return self.flow.node(name, given)
 
     def rate(self, name: str) -> Node:
-        """The derivative of a field in time; ElvisError where there is none."""
+        """The derivative of a field in time; raises ElvisError if there is none."""
         if is_rate(name) and name not in self.fields:
             raise ElvisError(f"expected one derivative in time, found another one of {name}")
         if self.is_moving:
@@ -111,7 +111,7 @@ class Names:
         return field(self.rates.field(name).name)
 
     def distance(self, target: str) -> Node:
-        """The distance to a boundary or to a file's triangles; ElvisError where there are none."""
+        """The distance to a boundary or to a file's triangles; raises ElvisError if there are none."""
         if target not in self.boundaries:
             if not target.lower().endswith(SUFFIXES):
                 known = f"; there are {', '.join(self.boundaries)}" if self.boundaries else ""

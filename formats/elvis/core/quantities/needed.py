@@ -76,7 +76,7 @@ class _Meanings:
         return [each.root for each in self.expressions]
 
     def fields_of(self, dataset: Dataset) -> set[str] | None:
-        """Its fields, however many coordinates the fields depend on; None where nothing is known of it."""
+        """Its fields, however many coordinates the fields depend on; None if nothing is known of it."""
         if not self.expressions or any(_OF_FIELDS in each.attributes for each in self.expressions):
             return None
         attributes = [name for each in self.expressions for name in each.attributes]

@@ -40,7 +40,10 @@ def _limit(name: str) -> tuple[float, str]:
 
 
 def reference_in(texts: Iterable[str]) -> dict[str, float]:
-    """``NAME=VALUE`` texts, or several of them with commas or blanks between; ElvisError as `checked_reference`."""
+    """``NAME=VALUE`` texts, or several of them with commas or blanks between.
+
+    Raises ElvisError as `checked_reference`.
+    """
     given: dict[str, object] = {}
     for part in (part for text in texts for part in text.replace(",", " ").split()):
         name, equals, value = part.partition("=")

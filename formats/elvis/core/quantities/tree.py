@@ -2,7 +2,7 @@
 
 leaves      number (its value), coordinate (its axis), field (its name and the axes that it is differentiated along,
             ascending), attribute (of an element, by name, or of another dataset)
-operators   + - * / ^ and the functions of `functions`; ``step(a, b)`` is 1 where a < b, else 0
+operators   + - * / ^ and the functions of `functions`; ``step(a, b)`` is 1 if a < b, else 0
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def target_of(name: str) -> str | None:
 
 
 def jumping_of(name: str) -> str | None:
-    """The field whose jumps an attribute is; None where it is none."""
+    """The field whose jumps an attribute is; None if it is none."""
     return name[5:-1] if name.startswith("jump(") else None
 
 
@@ -177,7 +177,7 @@ def negative(a: Node) -> Node:
 
 
 def ordered(*roots: Node) -> list[Node]:
-    """All parts of some expressions, each once and after its operands; ElvisError where there are too many."""
+    """All parts of some expressions, each once and after its operands; raises ElvisError if there are too many."""
     result: dict[Node, None] = {}
     waiting = list(reversed(roots))
     while waiting:
@@ -215,7 +215,7 @@ def derivative(root: Node, along: Callable[[Node], Node]) -> Node:
 
 
 def world_derivative(root: Node, axis: int) -> Node:
-    """The partial derivative along x, y or z; ElvisError where a part of it has none that can be evaluated."""
+    """The partial derivative along x, y or z; raises ElvisError if a part of it has none that can be evaluated."""
 
     def along(leaf: Node) -> Node:
         if leaf.op == "coordinate":

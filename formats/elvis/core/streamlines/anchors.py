@@ -45,7 +45,7 @@ def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, 
     vector  its components as texts; None: the velocity that is customary in the data
     random  number that random points are drawn with
 
-    ElvisError for 1D data, for what names no quantity, and for too few components.
+    Raises ElvisError for 1D data, for what names no quantity, and for too few components.
     """
     own_data = flow_data(data)
     expressions = own_data.components(vector)

@@ -76,7 +76,7 @@ def components_of(velocity: Sequence[str] | str | None) -> tuple[str, ...] | Non
 
 
 def positive(name: str, value: float | None) -> None:
-    """ElvisError for a number that is given and not positive."""
+    """Raise ElvisError for a number that is given and not positive."""
     if value is not None and not value > 0:
         raise ElvisError(f"{name}: expected a positive number, found {value}")
 
@@ -150,7 +150,7 @@ def limits_of(size: float, course: Course, rest: float) -> Limits:
 
 
 def _fastest(velocity: Velocity, location: Location) -> float:
-    """The greatest speed at the seeds and in the middles of elements."""
+    """The largest speed at the seeds and in the middles of elements."""
     inside = np.flatnonzero(location.patch >= 0)
     speeds = [velocity.motion(location.patch[inside], location.row[inside], location.reference[inside]).speed]
     for number, patch in enumerate(velocity.patches):

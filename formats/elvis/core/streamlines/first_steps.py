@@ -58,7 +58,7 @@ def _widths(velocity: Velocity, number: int, rows: Ints, motion: Motion, toleran
 
 
 def _bounds(velocity: Velocity, number: int, rows: Ints, jacobians: Floats) -> tuple[Floats, Floats]:
-    """(n,) bounds of |f| and L in elements with Jacobians (n, 3, d) at the seeds; inf where none is known."""
+    """(n,) bounds of |f| and L in elements with Jacobians (n, 3, d) at the seeds; inf if none is known."""
     patch, fields = velocity.patches[number], velocity.component_fields(number)
     unknown = np.full(len(rows), np.inf)
     maps = patch.geometry_coefficients[rows]
@@ -67,7 +67,7 @@ def _bounds(velocity: Velocity, number: int, rows: Ints, jacobians: Floats) -> t
     if fields is None or patch.shape is Shape.PYRAMID or patch.periods or not patch.is_flat:
         return unknown, unknown
 
-    # g = A v, its greatest value and the greatest sum of its derivatives
+    # g = A v, its largest value and the largest sum of its derivatives
     duals = tangents.duals(jacobians)
     expansion = patch.fields[fields[0]]
     assert expansion is not None

@@ -53,7 +53,7 @@ class FlowData(ABC):
     def on_wall(
         self, wall: str, texts: Sequence[str] | None, others: Sequence[Expression]
     ) -> tuple[Velocity, Neighbours]:
-        """The shear on a boundary, or other components along it, and its faces; ElvisError where there is none."""
+        """The shear on a boundary, or other components along it, and its faces; raises ElvisError if there is none."""
 
 
 class DatasetFlow(FlowData):

@@ -155,7 +155,7 @@ class Curves:
 
 
 def curves(data: FlowSource, course: Course, make: MakeTracer = Tracer) -> Curves:
-    """The lines of a course; ElvisError as `course.Flow.of`, and where there are too many pieces.
+    """The lines of a course; raises ElvisError as `course.Flow.of`, and if there are too many pieces.
 
     make  as `Flow.tracers`
     """
@@ -176,7 +176,7 @@ def curves(data: FlowSource, course: Course, make: MakeTracer = Tracer) -> Curve
 
 
 def check_count(pieces: int) -> None:
-    """ElvisError where there are too many pieces."""
+    """Raise ElvisError if there are too many pieces."""
     if pieces > _MOST_PIECES:
         raise ElvisError(f"expected curves of {_MOST_PIECES} pieces in all at most; a smaller length has fewer")
 

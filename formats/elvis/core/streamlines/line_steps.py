@@ -14,7 +14,7 @@ from elvis.core.streamlines.first_roots import bernstein_at
 class Limits:
     """Where lines end.
 
-    length, duration  in the world and in time, inf where they don't
+    length, duration  in the world and in time, inf if they don't
     speed             a line that is slower ends
     rest              a speed that counts as none
     steps             at most, accepted ones

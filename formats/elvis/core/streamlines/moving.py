@@ -73,7 +73,7 @@ class MovingVelocity(Velocity):
 
     interval  the part of time
 
-    ElvisError where fields have other bases in another step.
+    Raises ElvisError if fields have other bases in another step.
     """
 
     clocks = 1

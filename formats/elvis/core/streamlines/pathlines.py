@@ -189,7 +189,7 @@ def path_curves(dataset: Dataset, intervals: Intervals, course: Course, start: f
 def path_steps(
     dataset: Dataset, intervals: Intervals, course: Course, start: float, stop: float
 ) -> Iterator[tuple[MovingVelocity, Piece]]:
-    """The steps of `pathlines`, with the velocity of each; none where the times are the same."""
+    """The steps of `pathlines`, with the velocity of each; none if the times are the same."""
     if start == stop:
         return
     particles = _Scene.of(dataset, course).released(start, stop)

@@ -71,7 +71,7 @@ class Ribbons:
 
 
 def check_space(source: FlowSource) -> None:
-    """ElvisError for surfaces in space, whose lines have no ribbons."""
+    """Raise ElvisError for surfaces in space, whose lines have no ribbons."""
     data = flow_data(source)
     if data.dimension != data.space:
         raise ElvisError("ribbons: expected 2D data in the plane or 3D data, found surfaces in space")
@@ -126,7 +126,10 @@ class _Twist:
             self.velocity = data.velocity(components, expressions)
 
     def rates(self, element: Ints, reference: Floats, direction: Floats) -> Floats:
-        """(n,) in time, at places (n, 3) of elements (n,), about unit vectors (n, 3); ElvisError where one is none."""
+        """(n,) in time, at places (n, 3) of elements (n,), about unit vectors (n, 3).
+
+        Raises ElvisError if one is none.
+        """
         if self.velocity is None:
             return np.zeros(len(element))
         slopes = [self.velocity.at(own, element, reference) for own in self.velocity.others]

@@ -243,7 +243,7 @@ def part_middles(count: int, dimension: int) -> Floats:
 
 
 def check_boundary(name: str, known: Sequence[str]) -> None:
-    """ElvisError for a name that no boundary has."""
+    """Raise ElvisError for a name that no boundary has."""
     if name not in known:
         raise ElvisError(f"there is no boundary {name!r}{perhaps(name, known)}; there are {', '.join(known)}")
 
@@ -263,7 +263,7 @@ def _on_boundary(dataset: Dataset, patches: Sequence[Patch], name: str, count: i
 
 
 def _across(normal: Floats) -> Floats:
-    """(2, 3) unit vectors across a normal (3,) and each other, along axes where it is; ValueError for none."""
+    """(2, 3) unit vectors across a normal (3,) and each other, along axes where it is; raises ValueError for none."""
     size = float(np.linalg.norm(normal))
     if not 0 < size < np.inf:
         raise ValueError
@@ -272,7 +272,7 @@ def _across(normal: Floats) -> Floats:
 
 
 def _triple(text: str) -> Floats:
-    """``0,0.5`` or ``0,0.5,1`` as (3,); ValueError for another text."""
+    """``0,0.5`` or ``0,0.5,1`` as (3,); raises ValueError for another text."""
     found = np.array([float(part) for part in text.split(",")])
     if len(found) not in (2, 3) or not np.isfinite(found).all():
         raise ValueError
@@ -280,7 +280,7 @@ def _triple(text: str) -> Floats:
 
 
 def _count(text: str) -> int:
-    """A number of points; ValueError for another text."""
+    """A number of points; raises ValueError for another text."""
     found = int(text)
     if not 1 <= found <= _MOST:
         raise ValueError

@@ -37,7 +37,7 @@ CHECKS = (0.15, 0.4, 0.65, 0.9)
 #: defect of the dense output, in tolerances: ordinary steps with an estimated error of 0.4 have defects of 10, for the
 #: dense output is an order below the step; more than that shows an estimate that is small by chance
 DEFECT = 24.0
-#: changes of a step's width: least, greatest, and part of what the error allows
+#: changes of a step's width: smallest, largest, and part of what the error allows
 SHRINK, GROW, SAFETY = 0.2, 5.0, 0.9
 #: sides that a line may cross in succession without coming farther, as it does around a vertex
 _TURNS = 64
@@ -67,7 +67,7 @@ class Tracer:
         self._size = float(np.linalg.norm(box[3:] - box[:3]))
 
     def place(self, patch: Ints, row: Ints, reference: Floats) -> None:
-        """Begin lines at reference coordinates (n, D) of elements (n,); -1 where there is none."""
+        """Begin lines at reference coordinates (n, D) of elements (n,); -1 if there is none."""
         count = len(patch)
         self.patch, self.row = patch.copy(), row.copy()
         self.state = np.column_stack([reference, np.zeros(count)])

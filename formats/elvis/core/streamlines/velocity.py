@@ -93,7 +93,7 @@ class Velocity:
         return self._constant[number] is not None
 
     def component_fields(self, number: int) -> tuple[int, ...] | None:
-        """The numbers of the fields that the components are in a patch, with one expansion; None where they aren't."""
+        """The numbers of the fields that the components are in a patch, with one expansion; None if they aren't."""
         return self._fields[number]
 
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:

@@ -39,7 +39,7 @@ from elvis.core.streamlines.velocity import Motion, Velocity, velocity_expressio
 def shear_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Expression]:
     """The components of what lines on walls follow: given as texts, or the wall shear for a viscosity of one.
 
-    ElvisError where the data have no velocity, and for another number of components than three.
+    Raises ElvisError if the data have no velocity, and for another number of components than three.
     """
     if texts is not None:
         return velocity_expressions(dataset, texts)
@@ -49,7 +49,7 @@ def shear_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Exp
 
 
 def check_walls(dataset: Dataset, wall: str) -> None:
-    """ElvisError for data that have no walls of faces."""
+    """Raise ElvisError for data that have no walls of faces."""
     if dataset.mesh.dimension != 3:
         raise ElvisError(f"lines on the wall {wall}: expected 3D data, whose walls have faces")
 

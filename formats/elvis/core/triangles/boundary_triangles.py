@@ -35,10 +35,11 @@ def boundary_triangles(
 ) -> SurfaceTriangles:
     """The triangles of a boundary of 3D data, or of all outer faces (``all``), counter-clockwise from outside.
 
-    quantities  whose values are wanted at the corners, from the elements behind the boundary
+    quantities  whose values are requested at the corners, from the elements behind the boundary
     tolerance   distance from the exact boundary, in units of the data; by default 1/1000 of the size of the data
 
-    ElvisError for names of no boundary, for data of other dimensions, and for tolerances that take too many triangles.
+    Raises ElvisError for names of no boundary, for data of other dimensions, and for tolerances that take too many
+    triangles.
     """
     if dataset.mesh.dimension != 3:
         raise ElvisError(f"{boundary}: expected 3D data, found {dataset.mesh.dimension}D data")

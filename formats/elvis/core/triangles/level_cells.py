@@ -31,7 +31,7 @@ from elvis.core.shapes import Shape
 _NUMBERS = 1 << 22
 #: degree of the polynomial that represents other functions when their size is estimated
 _DEGREE_OF_OTHERS = 8
-#: values below this share of the greatest coefficient are rounding
+#: values below this share of the largest coefficient are rounding
 ROUNDING = 1e-13
 #: second derivatives that count as rounding, relative to their terms
 _FLAT = 1e-12
@@ -117,7 +117,10 @@ def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
 
 
 def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
-    """The cells of all elements in which q = 0 is not excluded at once; ElvisError where q is not finite somewhere."""
+    """The cells of all elements in which q = 0 is not excluded at once.
+
+    Raises ElvisError if q is not finite somewhere.
+    """
     is_mixed = len({patch.shape for patch in evaluator.patches}) > 1
     for number, patch in enumerate(evaluator.patches):
         for rows, is_affine in _by_map(patch):
@@ -201,7 +204,7 @@ def halvings_needed(block: CellBlock, tolerance: float) -> int:
     """How many halvings of cells take triangles to a tolerance, wherever more of them help.
 
     Boxes at points where the gradient or the Jacobian vanishes stay without a bound: those are as many after each
-    halving, or more, where others become fewer.  ElvisError where too many boxes are needed.
+    halving, or more, where others become fewer.  Raises ElvisError if too many boxes are needed.
     """
     counts = list[int]()
     for depth in range(_MOST_HALVINGS + 1):
@@ -251,7 +254,7 @@ def _is_regular(block: CellBlock) -> Bools:
 
 
 def _bounds(block: CellBlock) -> Floats:
-    """(n,) see `distance_bounds`; infinite where the slope along the gradient may vanish."""
+    """(n,) see `distance_bounds`; infinite if the slope along the gradient may vanish."""
     jacobian = np.stack([middle_gradient(block.maps[:, axis]) for axis in range(3)], axis=1)
     with np.errstate(all="ignore"):
         inverse = np.nan_to_num(_inverses(jacobian), posinf=0, neginf=0)

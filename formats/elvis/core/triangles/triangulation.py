@@ -41,10 +41,10 @@ def level_triangles(
     """The triangles of a surface in 3D data.
 
     surface     ``QUANTITY=VALUE``, ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R``
-    quantities  whose values are wanted at the corners
+    quantities  whose values are requested at the corners
     tolerance   distance from the exact surface, in units of the data; by default 1/1000 of the size of the data
 
-    ElvisError for other names, for data of other dimensions, and for tolerances that take too many triangles.
+    Raises ElvisError for other names, for data of other dimensions, and for tolerances that take too many triangles.
     """
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = _prepared(dataset, surface, quantities)

@@ -1,4 +1,4 @@
-"""The least values of many polynomials, certified: boxes are halved where the least value can be, others forgotten."""
+"""The certified minima of many polynomials: boxes that may hold the minimum are bisected, others dropped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.polynomials.boxnets import corners, halves
 
-#: the part of a least value to which it is found, where halving can do it
+#: the part of a smallest value to which it is found, where halving can do it
 TOLERANCE = 1e-11
 #: halvings in each direction of eta
 _HALVINGS = 24
@@ -33,7 +33,7 @@ class Least(NamedTuple):
 
 
 def least(nets: Floats, error: Floats, goal: Floats | None = None) -> Least:
-    """The least values of polynomials with box nets (n, D1, …, Dd); see `elvis.core.polynomials.boxnets`.
+    """The smallest values of polynomials with box nets (n, D1, …, Dd); see `elvis.core.polynomials.boxnets`.
 
     error  (n,)  differences not worth a search
     goal   (n,)  polynomials all of whose values are found to exceed this need not be searched further
@@ -48,7 +48,7 @@ def least(nets: Floats, error: Floats, goal: Floats | None = None) -> Least:
 
 @dataclass(frozen=True, eq=False)
 class _Boxes:
-    """Boxes still in question: their polynomial (b,), corners in (1 + eta)/2 (b, d), net, least coefficient (b,)."""
+    """Boxes still in question: their polynomial (b,), corners in (1 + eta)/2 (b, d), net, smallest coefficient (b,)."""
 
     owner: Ints
     low: Floats
@@ -64,13 +64,13 @@ class _Boxes:
         return _Boxes(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     def halves(self) -> _Boxes:
-        """Both halves of every box, across the direction in which it is least linear."""
+        """Both halves of every box, across the direction in which it is most nonlinear."""
         axes = self._axes()
         parts = [self.part(axes == axis)._halves(axis) for axis in range(self.low.shape[1])]
         return _Boxes(*(np.concatenate([getattr(p, name) for p in parts]) for name in self.__dataclass_fields__))
 
     def _axes(self) -> Ints:
-        """(b,) direction with the greatest second difference, times the degree: what bounds are off by, nearly."""
+        """(b,) direction with the largest second difference, times the degree: what bounds are off by, nearly."""
         bends = np.zeros((len(self.owner), self.low.shape[1]))
         for axis in range(self.low.shape[1]):
             if self.net.shape[1 + axis] > 2:

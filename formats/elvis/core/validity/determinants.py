@@ -107,7 +107,7 @@ def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polyn
     """The Jacobian determinant of n maps with ``coefficients`` (n, 3, m) of the world coordinates.
 
     space  number of world coordinates; where it exceeds the shape's dimension, the square of length or area is made
-    FormatError for maps that aren't polynomials.
+    Raises FormatError for maps that aren't polynomials.
     """
     columns = tangents(expansion, coefficients)
     if len(columns) == 1:

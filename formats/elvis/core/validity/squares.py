@@ -22,9 +22,9 @@ from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import halves, power_net
 
-#: greatest degree of a square root in each direction, and points in each direction at which it is fitted
+#: largest degree of a square root in each direction, and points in each direction at which it is fitted
 _DEGREE, _POINTS = 3, 7
-#: curvatures that count, as a part of the greatest one
+#: curvatures that count, as a part of the largest one
 _CURVED = 1e-4
 #: of the Gauss-Newton steps of a fit: distance beyond which points count less
 _RADII = (0.2, 0.2, 0.4, 0.4, 0.8, 0.8, *[np.inf] * 16)
@@ -89,19 +89,19 @@ def lower_bound(net: Floats, goal: float) -> float:
 
 
 def _bound(net: Floats, goal: float) -> float:
-    """The least coefficient, with squares subtracted where it is below the goal."""
+    """The smallest coefficient, with squares subtracted where it is below the goal."""
     lowest = float(net.min())
     return lowest if lowest >= goal else max(lowest, _without_squares(net))
 
 
 def _halves(net: Floats) -> list[Floats]:
-    """Both halves of a box across the direction in which it is least linear."""
+    """Both halves of a box across the direction in which it is most nonlinear."""
     bends = [np.abs(np.diff(net, 2, axis=axis)).max(initial=0.0) * net.shape[axis] for axis in range(net.ndim)]
     return [half[0] for half in halves(net[None], int(np.argmax(bends)))]
 
 
 def _without_squares(net: Floats) -> float:
-    """The least coefficient of p minus squares that are fitted to it, less what rounding may amount to."""
+    """The smallest coefficient of p minus squares that are fitted to it, less what rounding may amount to."""
     degrees = tuple(min((size - 1) // 2, _DEGREE) for size in net.shape)
     basis = _basis(degrees)
     values = _contract(net, [line_tables(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)

@@ -56,14 +56,14 @@ class Validity:
     """The Jacobian determinants of n elements.
 
     status          (n,)    of `ValidityStatus`
-    lower, upper    (n,)    certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
-                            taken all along a line or a surface; NaN where the map isn't finite
+    lower, upper    (n,) certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
+                    taken all along a line or a surface; NaN if the map isn't finite
     least, greatest (n,)    values that are attained
     error           (n,)    what rounding may amount to
     reference       (n, 3)  where ``least`` is attained, in the coordinates xi of the element; zero beyond its dimension
     world           (n, 3)  the same place in the world
     others          how many further elements there are, all positive for certain
-    ends            the range of these, None where there are none
+    ends            the range of these, None if there are none
     """
 
     element_ids: Ints
@@ -87,7 +87,7 @@ class Validity:
         return int((self.status == status).sum()) + (self.others if status == ValidityStatus.POSITIVE else 0)
 
     def reason(self, row: int) -> str | None:
-        """Why an element is undecided; None where it isn't."""
+        """Why an element is undecided; None if it isn't."""
         if self.status[row] != ValidityStatus.UNDECIDED:
             return None
         if not np.isfinite(self.least[row]):
@@ -432,7 +432,7 @@ def _range_of(found: Validity | _Facts, chosen: Bools | slice = np.s_[:]) -> Ran
 
 
 def _widest(*ranges: Range | None) -> Range | None:
-    """The range of what several ranges are of; None where there is none."""
+    """The range of what several ranges are of; None if there is none."""
     known = [each for each in ranges if each is not None]
     if not known:
         return None

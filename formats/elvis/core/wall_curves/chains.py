@@ -38,7 +38,7 @@ def places_by_number(points: Floats) -> Ints:
 
 
 def _united(numbers: Ints, groups: Ints) -> Ints:
-    """(n,) the least number among points of one group or one number."""
+    """(n,) the smallest number among points of one group or one number."""
     for _ in range(len(numbers)):
         least = np.full(groups.max() + 1, len(numbers))
         np.minimum.at(least, groups, numbers)

@@ -199,8 +199,8 @@ def wall_curves(
 ) -> tuple[list[WallCurve], Evaluator]:
     """The connected curves of a name, and what evaluates quantities on them; the longest curve comes first.
 
-    Closed curves begin at the point with the greatest x, as airfoils do at their trailing edge, and run
-    counter-clockwise about +z or about the plane's normal.  Open ones begin where x is least.
+    Closed curves begin at the point with the largest x, as airfoils do at their trailing edge, and run
+    counter-clockwise about +z or about the plane's normal.  Open ones begin where x is smallest.
 
     Raises ElvisError for names of no curve, for boundaries that the data don't have, and for data without walls of
     this dimension.
@@ -229,7 +229,7 @@ def curves_with(dataset: Dataset, name: str, evaluator: Evaluator) -> list[WallC
 
 
 def _sides(dataset: Dataset, evaluator: Evaluator, boundary: str, dimension: int, name: str) -> list[Piece]:
-    """`wall_sides` of data of a dimension; ElvisError for others."""
+    """`wall_sides` of data of a dimension; raises ElvisError for others."""
     if dataset.mesh.dimension != dimension:
         raise ElvisError(f"{name}: expected {dimension}D data, found {dataset.mesh.dimension}D; {_OTHER[dimension]}")
     return wall_sides(dataset, evaluator, boundary, name)
@@ -261,7 +261,7 @@ def _plane(text: str, name: str) -> tuple[str, Floats, Floats]:
 
 
 def _check(found: Section, name: str, boundary: str) -> None:
-    """ElvisError where the plane misses the boundary, holds sides of it, or touches it."""
+    """Raise ElvisError if the plane misses the boundary, holds sides of it, or touches it."""
     if found.in_plane:
         raise ElvisError(f"{name}: the plane holds {found.in_plane} sides of {boundary}; expected one that cuts it")
     if len(found.touching):

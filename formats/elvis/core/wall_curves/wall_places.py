@@ -75,7 +75,7 @@ def at_walls(dataset: Dataset, boundary: str, points: Floats, expressions: Seque
 
 
 def _check(evaluator: Evaluator, boundary: str) -> None:
-    """ElvisError for a quantity with the name of another column, and for data with Fourier directions."""
+    """Raise ElvisError for a quantity with the name of another column, and for data with Fourier directions."""
     taken = [own.text for own in evaluator.expressions if own.text in _OWN]
     if taken:
         raise ElvisError(taken_name(taken[0]))

@@ -99,7 +99,10 @@ class Parts:
         return value, np.stack([along, across], axis=1)
 
     def chords(self, which: Ints, base: Floats, direction: Floats) -> tuple[Floats, Floats]:
-        """(n,) least and greatest v with base + v direction in the domain, all (n, 2); least > greatest for none."""
+        """(n,) smallest and largest v with base + v direction in the domain, all (n, 2).
+
+        Smallest > largest for none.
+        """
         normals, offsets = _HALF_PLANES[self.corners]
         rate, height = direction @ normals.T, base @ normals.T + offsets
         with np.errstate(divide="ignore", invalid="ignore"):

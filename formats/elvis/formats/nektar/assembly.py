@@ -116,7 +116,7 @@ class Lookup:
         return found
 
     def rows(self, ids: Ints, user: str) -> Ints:
-        """Rows of the ids, in their shape; FormatError where one is unknown, ``user`` says who names it."""
+        """Rows of the ids, in their shape; raises FormatError if one is unknown, ``user`` says who names it."""
         return self.into_rows(np.array(ids), user)
 
     def into_rows(self, ids: Ints, user: str) -> Ints:
@@ -147,7 +147,7 @@ class Lookup:
 
 
 def _starts_of_runs(ids: Ints, most: int) -> Ints | None:
-    """(m,) rows where an id is not one more than before, first of all 0; None where these are more than ``most``."""
+    """(m,) rows where an id is not one more than before, first of all 0; None if these are more than ``most``."""
     found = [np.arange(min(len(ids), 1))]
     count = 1
     for start in range(1, len(ids), AT_ONCE):
@@ -160,7 +160,7 @@ def _starts_of_runs(ids: Ints, most: int) -> Ints | None:
 
 
 def _rows_by_id(ids: Ints) -> tuple[NDArray[Any], Ints]:
-    """Row by id, -1 where there is none, and the ids that are there twice."""
+    """Row by id, -1 if there is none, and the ids that are there twice."""
     table = np.full(int(ids.max()) + 1, -1, np.int32 if len(ids) < 1 << 31 else np.int64)
     spans = [(start, min(start + AT_ONCE, len(ids))) for start in range(0, len(ids), AT_ONCE)]
     for start, stop in spans:
@@ -172,7 +172,7 @@ def _rows_by_id(ids: Ints) -> tuple[NDArray[Any], Ints]:
 def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
     """One mesh of all pieces; entities keep the order of first appearance.
 
-    FormatError where pieces differ in dimension, or give one entity other members.
+    Raises FormatError if pieces differ in dimension, or give one entity other members.
     """
     first = pieces[0]
     if len(pieces) == 1:
@@ -284,7 +284,7 @@ _DIMENSIONS = {"V": 0, "E": 1, "F": 2}
 
 
 def assemble(raw: RawGeometry, *, is_part: bool = False) -> Mesh:
-    """The mesh; FormatError where an id is unknown or given twice, or a curve or coordinate can't be.
+    """The mesh; raises FormatError if an id is unknown or given twice, or a curve or coordinate can't be.
 
     The members in ``raw`` are overwritten, so that a mesh is never held twice.
 
@@ -315,7 +315,7 @@ def _assemble(raw: RawGeometry, is_part: bool) -> Mesh:
 
 
 def check_elements(raw: RawGeometry) -> None:
-    """FormatError where there are none."""
+    """Raise FormatError if there are none."""
     if not any(len(_ids(raw, shape)) for shape in Shape.of_dimension(raw.dimension)):
         raise FormatError(f"expected elements of dimension {raw.dimension}, found none")
 

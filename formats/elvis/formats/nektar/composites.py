@@ -21,7 +21,7 @@ _TAGS = b"VESFTQAPRH"
 
 
 def parse_tokens(text: bytes) -> tuple[tuple[str, IdList], ...]:
-    """The tokens of a composite; FormatError where there is anything else, or an unknown tag."""
+    """The tokens of a composite; raises FormatError if there is anything else, or an unknown tag."""
     found, end = [], 0
     for token in _TOKEN.finditer(text):
         _check_blank(text[end : token.start()])

@@ -51,14 +51,14 @@ class DatasetParts:
 
     @property
     def corners(self) -> Floats:
-        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+        """(2, 3) smallest and largest coordinates of vertices and of points of curves."""
         assert self.raw is not None
         return corners_of(self.raw.vertices, self.raw.edge_curves.points, self.raw.face_curves.points)
 
     def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
         """For each shape of the elements (n,) which of ``count`` parts each is in: they are ranges along a curve.
 
-        FormatError where there are no elements, or what parts need of the whole can't be.
+        Raises FormatError if there are no elements, or what parts need of the whole can't be.
         """
         return self._cut_into(count).numbers
 
@@ -73,7 +73,7 @@ class DatasetParts:
         """Some of the parts together, (count,) which.
 
         is_last  whether no other is asked for, so that what the mesh is in files takes no memory any longer
-        FormatError where they are wrong.
+        Raises FormatError if they are wrong.
         """
         part = self._cut_into(len(chosen)).of(chosen)
         if is_last:
@@ -91,8 +91,9 @@ class DatasetParts:
         return self.of(np.arange(count) == number, is_last=True)
 
     def on(self, known: Portion) -> Portion:
-        """The fields on a part of the mesh that is known already, between whose elements the same sides are inner ones;
-        FormatError where they are wrong.
+        """The fields on a part of the mesh that is known already, between whose elements the same sides are inner ones.
+
+        Raises FormatError if they are wrong.
         """
         mesh = known.dataset.mesh
         fields, blocks = fields_input.assemble_part(self.sections, mesh, self.whole.fields)

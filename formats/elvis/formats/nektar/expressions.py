@@ -48,7 +48,7 @@ _OPERATORS: Mapping[str, Callable[[float, float], float]] = {
 def evaluate(text: str, parameters: Mapping[str, float] | None = None) -> float:
     """The value of an expression with ``+ - * / ^``, parentheses, functions, constants and parameters.
 
-    FormatError for anything else, an unknown name, or a value that isn't finite.
+    Raises FormatError for anything else, an unknown name, or a value that isn't finite.
     """
     try:
         value = _Constant(text, parameters or {}).whole()

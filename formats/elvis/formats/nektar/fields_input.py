@@ -65,7 +65,7 @@ def read_section(element: Element, wanted: Collection[str] | None = None, *, sta
             whole = Section(space, ids.expand(items), packed, element.file, place)
             return whole if wanted is None else whole.of(wanted)
 
-        # fields follow one another: what comes behind the last that is wanted is not unpacked
+        # fields follow one another: what comes behind the last that is requested is not unpacked
         count = len(names) if wanted is None else max(i + 1 for i, name in enumerate(names) if name in wanted)
         first = items // len(names) * count
         values: Floats = decode_exactly(element.content, items, first).view("<f8").astype(np.float64, copy=False)
@@ -86,7 +86,7 @@ def read_metadata(element: Element | None) -> dict[str, str]:
 
 
 def time_of(metadata: Mapping[str, str]) -> float | None:
-    """The time of the metadata, None where there is none that is a number."""
+    """The time of the metadata, None if there is none that is a number."""
     try:
         return float(metadata["Time"])
     except (KeyError, ValueError):
@@ -166,7 +166,7 @@ def _column(root: h5py.Group, name: str) -> NDArray[Any]:
 
 
 def _offsets(counts: NDArray[np.uint64], sizes: list[int]) -> list[list[tuple[int, int]]]:
-    """For each block and dataset the span that it owns; FormatError where they don't fill the datasets exactly."""
+    """For each block and dataset the span that it owns; raises FormatError if they don't fill the datasets exactly."""
     if counts.sum(dtype=np.float64) > 1 << 60:
         raise FormatError(f"expected counts of data, found {counts.max()}", place="/NEKTAR/DECOMPOSITION")
     ends = np.cumsum(counts.astype(np.int64), axis=0)
@@ -268,7 +268,7 @@ def _metadata_text(group: h5py.Group, key: str) -> str:
     return ",".join(hdf5.text(value) if isinstance(value, str | bytes) else str(value) for value in values)
 
 
-#: coefficients that two files give for one element may differ by rounding, relative to the greatest
+#: coefficients that two files give for one element may differ by rounding, relative to the largest
 _SAME = 1e-9
 
 
@@ -323,7 +323,7 @@ def _block_with_ids(found: Block | None, wanted: Block) -> Block:
 
 
 def _fields(sections: Sequence[Section], mesh: Mesh) -> tuple[Field, ...]:
-    """See `assemble`; none where no element is in the mesh."""
+    """See `assemble`; none if no element is in the mesh."""
     on_mesh = _OnMesh(mesh)
     frozen = frozen_ints if any(section.values is not None for section in sections) else frozen_view
     groups: dict[tuple[tuple[str, ...], Expansion], list[Piece]] = {}
@@ -386,7 +386,7 @@ def _concatenate(group: list[Piece]) -> Piece:
 
 
 def _check_repeats(name: str, ids: Ints, values: Floats) -> None:
-    """FormatError where an element comes twice with other coefficients."""
+    """Raise FormatError if an element comes twice with other coefficients."""
     _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
     scale = np.max(np.abs(values), where=np.isfinite(values), initial=0.0)
     repeated = np.flatnonzero(first[inverse] != np.arange(len(ids)))

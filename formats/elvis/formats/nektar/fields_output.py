@@ -96,7 +96,7 @@ class OutputSection:
 def output_sections(dataset: Dataset) -> list[OutputSection]:
     """The fields of a dataset as sections, by shape in the order of the format.
 
-    ElvisError where two fields have one name.
+    Raises ElvisError if two fields have one name.
     """
     names = [field.name for field in dataset.fields]
     if len(set(names)) < len(names):
@@ -145,7 +145,7 @@ FORMAT_VERSION = 1
 
 
 def write_sections(writer: Writer, sections: Sequence[OutputSection]) -> None:
-    """The sections ELEMENTS; ElvisError for names that a comma-separated list can't hold."""
+    """The sections ELEMENTS; raises ElvisError for names that a comma-separated list can't hold."""
     for section in sections:
         _check_names(section.names)
         homogeneous = section.homogeneous
@@ -163,7 +163,7 @@ def write_sections(writer: Writer, sections: Sequence[OutputSection]) -> None:
 
 
 def write_hdf5(path: Path, sections: Sequence[OutputSection], metadata: Mapping[str, str]) -> None:
-    """A whole HDF5 field file; ElvisError where ids are too great for it."""
+    """A whole HDF5 field file; raises ElvisError if ids are too great for it."""
     with created(path) as file:
         root = file.create_group("NEKTAR")
         root.attrs.create("FORMAT_VERSION", FORMAT_VERSION, dtype=np.uint32)

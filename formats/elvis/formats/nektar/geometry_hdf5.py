@@ -47,7 +47,7 @@ def is_geometry(file: h5py.File) -> bool:
 
 
 def read_geometry(path: Path, dimension: int | None = None, space: int | None = None) -> RawGeometry:
-    """The mesh of an HDF5 file; where dimensions aren't given they are the least that hold it."""
+    """The mesh of an HDF5 file; where dimensions aren't given they are the smallest that hold it."""
     with hdf5.reading(path) as file:
         geometry = hdf5.required_group(hdf5.required_group(file, "NEKTAR"), "GEOMETRY")
         version = hdf5.version(geometry, GREATEST_VERSION)
@@ -145,7 +145,7 @@ def _domains(mesh: h5py.Group, maps: h5py.Group, version: int) -> dict[int, IdLi
 
 
 def write_geometry(path: Path, mesh: Mesh) -> None:
-    """The file of a mesh that has a domain; ElvisError where ids are too great for it."""
+    """The file of a mesh that has a domain; raises ElvisError if ids are too great for it."""
     with created(path) as file:
         geometry = file.create_group("NEKTAR/GEOMETRY")
         is_plain = list(mesh.domains) == [0]
@@ -161,7 +161,7 @@ def write_geometry(path: Path, mesh: Mesh) -> None:
 
 
 def int32(values: Ints) -> np.ndarray[tuple[int, ...], np.dtype[np.int32]]:
-    """The values as the format stores them; ElvisError where they don't fit."""
+    """The values as the format stores them; raises ElvisError if they don't fit."""
     if values.size and not 0 <= values.min() <= values.max() < 2**31:
         raise ElvisError(f"expected ids below 2^31 for HDF5, found {values.min()} to {values.max()}")
     return values.astype("<i4")

@@ -57,7 +57,7 @@ class RawParts:
 
     numbers   for each shape of the elements (n,) which part each is in
     carriers  ids of the elements between which sides are inner ones, None for all
-    FormatError where there are no elements, or what parts need of the whole can't be.
+    Raises FormatError if there are no elements, or what parts need of the whole can't be.
     """
 
     def __init__(self, raw: RawGeometry, count: int, carriers: Ints | None) -> None:

@@ -26,7 +26,7 @@ from elvis.formats.nektar.xml import Element, format_errors_at
 
 
 def dimensions(geometry: Element) -> tuple[int, int]:
-    """DIM and SPACE; FormatError unless 1 <= DIM <= SPACE <= 3."""
+    """DIM and SPACE; raises FormatError unless 1 <= DIM <= SPACE <= 3."""
     dimension, space = composites.number(geometry, "DIM", 3), composites.number(geometry, "SPACE", 3)
     if not 1 <= dimension <= space <= 3:
         raise geometry.error(f"expected 1 <= DIM <= SPACE <= 3, found DIM {dimension} and SPACE {space}")
@@ -81,7 +81,7 @@ class Scaling:
 
 
 def is_compressed(section: Element) -> bool:
-    """Whether a section says that it is compressed; FormatError for an unknown encoding."""
+    """Whether a section says that it is compressed; raises FormatError for an unknown encoding."""
     encoding = section.attributes.get("COMPRESSED", "")
     if encoding and encoding.lower() != ENCODING.lower():
         raise section.error(f"expected the encoding {ENCODING}, found {encoding!r}")
@@ -306,7 +306,10 @@ def _record_curves(element: Element | None, rows: Ints, points: Floats) -> RawCu
 
 
 def owned(counts: Ints, offsets: Ints, available: int) -> Ints | slice:
-    """Places of the points of all curves, one after another; FormatError where they aren't among those available."""
+    """Places of the points of all curves, one after another.
+
+    Raises FormatError if they aren't among those available.
+    """
     if np.any((counts < 0) | (counts > available) | (offsets < 0) | (offsets > available - counts)):
         raise FormatError(f"expected curves of at most {available} points, found one beyond them")
     total = int(counts.sum())

@@ -54,7 +54,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
 
 
 def group(parent: h5py.Group, name: str) -> h5py.Group | None:
-    """A group of this name that is stored right here, None where there is none."""
+    """A group of this name that is stored right here, None if there is none."""
     import h5py
 
     found = _member(parent, name)
@@ -64,7 +64,7 @@ def group(parent: h5py.Group, name: str) -> h5py.Group | None:
 
 
 def required_group(parent: h5py.Group, name: str) -> h5py.Group:
-    """As `group`; FormatError where there is none."""
+    """As `group`; raises FormatError if there is none."""
     found = group(parent, name)
     if found is None:
         raise FormatError(f"expected a group {name}, found none", place=_place(parent))
@@ -106,7 +106,7 @@ def strings(parent: h5py.Group, name: str) -> list[str] | None:
 
 
 def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = True) -> NDArray[Any]:
-    """The values of an attribute, as a flat array; FormatError where it must be there and isn't."""
+    """The values of an attribute, as a flat array; raises FormatError if it must be there and isn't."""
     with format_errors(_place(owner)):
         if name in owner.attrs:
             check_attribute(owner, name)
@@ -117,7 +117,7 @@ def attribute(owner: h5py.Group | h5py.Dataset, name: str, is_required: bool = T
 
 
 def dataset_attribute(parent: h5py.Group, name: str, attribute_name: str) -> NDArray[Any]:
-    """The values of an attribute of a dataset, none where there are none."""
+    """The values of an attribute of a dataset, none if there are none."""
     found = _dataset(parent, name)
     return np.empty(0) if found is None else attribute(found, attribute_name, is_required=False)
 
@@ -137,7 +137,7 @@ def text_attribute(owner: h5py.Group, name: str) -> str:
 
 
 def text(value: object) -> str:
-    """A string attribute or item as text; FormatError for anything else."""
+    """A string attribute or item as text; raises FormatError for anything else."""
     if isinstance(value, str):
         value = value.encode("utf-8", "surrogateescape")
     if isinstance(value, bytes):
@@ -146,7 +146,7 @@ def text(value: object) -> str:
 
 
 def version(owner: h5py.Group, greatest: int) -> int:
-    """FORMAT_VERSION of a group; FormatError where it is missing or greater than ``greatest``."""
+    """FORMAT_VERSION of a group; raises FormatError if it is missing or greater than ``greatest``."""
     value = attribute(owner, "FORMAT_VERSION")
     if value.dtype.kind not in "iu" or value.size != 1 or not 1 <= value[0] <= greatest:
         raise FormatError(f"expected FORMAT_VERSION 1 to {greatest}, found {value.tolist()}", place=_place(owner))
@@ -181,7 +181,7 @@ def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
 
 
 def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
-    """A dataset that is stored right here and as large as it claims, None where there is none."""
+    """A dataset that is stored right here and as large as it claims, None if there is none."""
     import h5py
 
     found = _member(parent, name)
@@ -227,7 +227,10 @@ def _kind(found: h5py.Dataset) -> str:
 
 @contextmanager
 def created(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file, open for writing in the block; OSError at its end where not all of it could be written."""
+    """A new HDF5 file, open for writing in the block.
+
+    Raises OSError at its end where not all of it could be written.
+    """
     import h5py
 
     stream = _Stream(path)

@@ -32,7 +32,7 @@ _GREATEST_UNWRITTEN = 1 << 20
 
 
 def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> None:
-    """FormatError where a dataset claims more than the file can hold for it.
+    """Raise FormatError if a dataset claims more than the file can hold for it.
 
     Short texts and whole numbers that were never written, as names are, have their fill values; real numbers have none
     that could be shown.
@@ -61,7 +61,7 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
 
 
 def _check_filters(found: h5py.Dataset, place: str) -> None:
-    """FormatError where a dataset is packed by filters that this installation doesn't have."""
+    """Raise FormatError if a dataset is packed by filters that this installation doesn't have."""
     import h5py
 
     properties = found.id.get_create_plist()
@@ -76,7 +76,10 @@ def _check_filters(found: h5py.Dataset, place: str) -> None:
 
 
 def check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
-    """FormatError for an attribute of an unknown kind or greater than any; the library would crash or never end."""
+    """Raise FormatError for an attribute of an unknown kind or greater than any.
+
+    The library would crash or never end.
+    """
     found = owner.attrs.get_id(name)
     if not is_plain(found.dtype):
         raise FormatError(f"expected numbers or strings in {name}, found {found.dtype}", place=owner.name)
@@ -88,7 +91,7 @@ def check_attribute(owner: h5py.Group | h5py.Dataset, name: str) -> None:
 
 
 def check_strings(found: h5py.Dataset) -> None:
-    """FormatError where strings of variable length claim more than the file holds."""
+    """Raise FormatError if strings of variable length claim more than the file holds."""
     offset = found.id.get_offset()
     if offset is not None and found.dtype.kind == "O":
         path = Path(found.file.filename)
@@ -121,7 +124,7 @@ _MOST_BLOCKS, _GREATEST_BLOCK = 64, 1 << 20
 
 
 def check_lengths(descriptors: bytes, file_size: int) -> None:
-    """FormatError where a string would be longer than the whole file."""
+    """Raise FormatError if a string would be longer than the whole file."""
     whole = len(descriptors) // _DESCRIPTOR * _DESCRIPTOR
     lengths = np.frombuffer(descriptors[:whole], "<u4")[::4]
     if len(lengths) and lengths.max() > file_size:
@@ -129,7 +132,7 @@ def check_lengths(descriptors: bytes, file_size: int) -> None:
 
 
 def attribute_data(file: BinaryIO, address: int, name: bytes) -> bytes:
-    """The raw data of an attribute in the object header at ``address``, none where it isn't found there."""
+    """The raw data of an attribute in the object header at ``address``, none if it isn't found there."""
     for kind, body in _messages(file, address):
         if kind == _ATTRIBUTE and len(body) > 9:
             found, data = _attribute(body)
@@ -176,7 +179,7 @@ _HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
 
 
 def check_heaps(path: Path) -> None:
-    """FormatError where a global heap of the file isn't filled exactly by its objects.
+    """Raise FormatError if a global heap of the file isn't filled exactly by its objects.
 
     A file that was sound is looked through again only when it has changed.
     """

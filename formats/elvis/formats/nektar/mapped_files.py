@@ -40,7 +40,7 @@ class MappedBytes(mmap.mmap):
 
     @staticmethod
     def of(path: Path) -> MappedBytes:
-        """A file that isn't empty; OSError where it can't be mapped."""
+        """A file that isn't empty; raises OSError if it can't be mapped."""
         with path.open("rb") as file:
             return MappedBytes(file.fileno(), 0, access=mmap.ACCESS_READ)
 

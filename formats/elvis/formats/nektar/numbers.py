@@ -28,12 +28,12 @@ _WORD = re.compile(rb"\S{1,40}")
 
 
 def floats(text: bytes) -> Floats:
-    """(n,) numbers separated by blanks; FormatError where one is malformed."""
+    """(n,) numbers separated by blanks; raises FormatError if one is malformed."""
     return _parse(text, np.float64)
 
 
 def ints(text: bytes) -> Ints:
-    """(n,) whole numbers separated by blanks; FormatError where one is malformed."""
+    """(n,) whole numbers separated by blanks; raises FormatError if one is malformed."""
     return _parse(text, np.int64)
 
 
@@ -60,7 +60,8 @@ def _first_bad(text: bytes, kind: type[Number]) -> str:
 def rows(section: Buffer, start: int, stop: int, widths: Mapping[str, int]) -> dict[str, tuple[Ints, Ints]]:
     """Entries ``<T ID="4">0 1 2</T>`` of whole numbers: by tag ids (n,) and members (n, width).
 
-    ``widths`` gives the number of members for each tag that may occur.  FormatError for anything else in the section.
+    ``widths`` gives the number of members for each tag that may occur.  Raises FormatError for anything else in the
+    section.
     """
     tables = {tag: _Table(section.count(b"</%s" % tag.encode(), start, stop), widths[tag]) for tag in widths}
     for chunk in chunks(section, start, stop):
@@ -113,7 +114,7 @@ class _Table:
         self._filled = 0
 
     def extend(self, rows: Ints) -> None:
-        """Add (n, 1 + width) rows; FormatError where entries don't end as they begin."""
+        """Add (n, 1 + width) rows; raises FormatError if entries don't end as they begin."""
         stop = self._filled + len(rows)
         _check_ends(stop, len(self._ids))
         if len(rows) and rows.max() > np.iinfo(self._ids.dtype).max:
@@ -136,7 +137,10 @@ def _opening(tag: str) -> re.Pattern[bytes]:
 
 
 def section_numbers(chunk: bytes, kind: type[Number]) -> NDArray[Number]:
-    """Numbers of a piece of a section once its opening tags are replaced; FormatError for any tag that is left."""
+    """Numbers of a piece of a section once its opening tags are replaced.
+
+    Raises FormatError for any tag that is left.
+    """
     text = _END_TAG.sub(b" ", chunk)
     if (wrong := text.find(b"<")) >= 0:
         raise FormatError(f"expected entries with an ID, found {text[wrong : wrong + 40].decode('ascii', 'replace')!r}")
@@ -177,7 +181,7 @@ class IdList:
         return sum(map(int, (self.last - self.first).tolist())) + len(self.first)
 
     def expand(self, limit: int) -> Ints:
-        """All ids, in order; FormatError where they are more than ``limit``."""
+        """All ids, in order; raises FormatError if they are more than ``limit``."""
         if self.first is self.last and len(self.first) <= limit:
             return self.first
         if self.count > limit:
@@ -185,7 +189,7 @@ class IdList:
         return _ranges(self.first, self.last - self.first + 1)
 
     def first_outside(self, present: Ints) -> int | None:
-        """The first id of the list that is not in ``present`` (sorted, each once), None where there is none."""
+        """The first id of the list that is not in ``present`` (sorted, each once), None if there is none."""
         start = np.searchsorted(present, self.first, "left")
         stop = np.searchsorted(present, self.last, "right")
         gaps = np.flatnonzero(stop - start <= self.last - self.first)
@@ -199,7 +203,7 @@ class IdList:
     def existing(self, present: Ints) -> Ints:
         """The ids that are in ``present`` (sorted), in the order of the list, whatever its ranges claim.
 
-        FormatError for a list that names the same ids over and over.
+        Raises FormatError for a list that names the same ids over and over.
         """
         start = np.searchsorted(present, self.first, "left")
         lengths = np.searchsorted(present, self.last, "right") - start
@@ -209,7 +213,7 @@ class IdList:
 
 
 def parse_ids(text: str | bytes) -> IdList:
-    """The list in ``text``; FormatError for anything but ids, commas and ascending ranges."""
+    """The list in ``text``; raises FormatError for anything but ids, commas and ascending ranges."""
     raw = text.encode("utf-8", "replace") if isinstance(text, str) else text
     if wrong := raw.translate(None, _ALLOWED):
         raise FormatError(f"expected a list of ids, found the character {chr(wrong[0])!r}")

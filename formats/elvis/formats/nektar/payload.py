@@ -33,9 +33,9 @@ _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 def decode_exactly(text: memoryview, items: int, first: int | None = None) -> NDArray[np.uint8]:
     """(8 items,) bytes of a payload that must hold this many items, as an array of bytes.
 
-    first  how many items at the beginning are wanted: what follows them is not looked at
+    first  how many items at the beginning are requested: what follows them is not looked at
 
-    FormatError where the text is no base64, the stream is damaged or ends early, or holds another number of items.
+    Raises FormatError if the text is no base64, the stream is damaged or ends early, or holds another number of items.
     """
     check_possible(text, items)
     out, filled = np.empty(8 * (items if first is None else first), np.uint8), 0

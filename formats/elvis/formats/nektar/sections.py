@@ -53,7 +53,7 @@ class Space:
     def total(self, elements: int) -> int:
         """Coefficients of all elements and fields, with nothing as long as there are elements where all agree.
 
-        FormatError where no file could hold them.
+        Raises FormatError if no file could hold them.
         """
         counts = self._counts_of_orders()
         repeats = len(self.names) * (elements if len(counts) == 1 else 1)
@@ -68,14 +68,14 @@ class Space:
         return coefficient_counts(self.shape, self.modes) * planes
 
     def check_elements(self, elements: int) -> None:
-        """FormatError where orders are given element by element for another number of elements."""
+        """Raise FormatError if orders are given element by element for another number of elements."""
         if len(self.modes) not in (1, elements):
             raise FormatError(f"expected orders of {elements} elements, found {len(self.modes)}")
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A section read: element ids (n,) and values, field by field, element by element; none where only these count."""
+    """A section read: element ids (n,) and values, field by field, element by element; none if only these count."""
 
     space: Space
     element_ids: Ints
@@ -96,7 +96,7 @@ class Section:
         return replace(self, space=replace(self.space, modes=modes), element_ids=ids, values=values)
 
     def of(self, wanted: Collection[str]) -> Section:
-        """The same without the other fields; one of the wanted is there."""
+        """The same without the other fields; one of the requested is there."""
         names = self.space.names
         rows = [row for row, name in enumerate(names) if name in wanted]
         if len(rows) == len(names):
@@ -144,7 +144,7 @@ def read_space(
 
     modes        (1, d) or (n, d), Fourier directions included
     homogeneous  lengths, y ids, z ids, strips
-    FormatError where they contradict each other, or are unknown to the format.
+    Raises FormatError if they contradict each other, or are unknown to the format.
     """
     shape, directions = read_shape(shape_label)
     if not fields or len(set(fields)) < len(fields) or not all(fields):
@@ -296,7 +296,7 @@ _COUNTS: Mapping[Shape, Callable[..., Ints]] = {
 def coefficient_counts(shape: Shape, modes: Ints) -> Ints:
     """(k,) numbers of coefficients for the numbers of modes (k, d), one row an element.
 
-    FormatError where a number isn't in 1 to MOST_MODES, or they don't ascend on a collapsed shape.
+    Raises FormatError if a number isn't in 1 to MOST_MODES, or they don't ascend on a collapsed shape.
     """
     outside = (modes < 1) | (modes > MOST_MODES)
     if outside.any():
@@ -310,7 +310,7 @@ def coefficient_counts(shape: Shape, modes: Ints) -> Ints:
 
 
 def check_bases(shape: Shape, bases: tuple[Basis, ...]) -> None:
-    """FormatError where a shape can't have these bases; data from before 5.0 on pyramids are named as such."""
+    """Raise FormatError if a shape can't have these bases; data from before 5.0 on pyramids are named as such."""
     if shape is Shape.PYRAMID and Basis.MODIFIED_C in bases:
         message = "expected ModifiedPyr_C on pyramids, found Modified_C: written before version 5.0, in another layout"
         raise FormatError(message)
@@ -336,7 +336,7 @@ def numbering(definitions: Iterable[tuple[Sequence[object], Shape]], version: st
     """The numbering of a file: today's, unless only the earlier one makes sense or the program is that old.
 
     definitions  the numbers of each section and its shape; those beyond the shape's dimension are of Fourier directions
-    version      of the program that wrote the file, empty where the file doesn't say
+    version      of the program that wrote the file, empty if the file doesn't say
     """
     known = list(definitions)
     fit_today, fit_before = (all(_fits(codes, shape, each) for codes, shape in known) for each in (TODAY, BEFORE))

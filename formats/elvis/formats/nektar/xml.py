@@ -91,11 +91,11 @@ class Element:
         return f"line {_line(self.data, self.opening.start)}, <{self.tag}>"
 
     def children(self) -> Iterator[Element]:
-        """The elements directly inside, in file order; FormatError where their tags don't match."""
+        """The elements directly inside, in file order; raises FormatError if their tags don't match."""
         return _elements(self.data, self.start, self.stop, self.file)
 
     def find(self, tag: str) -> Element | None:
-        """The first child of this tag, None where there is none."""
+        """The first child of this tag, None if there is none."""
         return next((child for child in self.children() if child.tag == tag), None)
 
     def error(self, message: str) -> FormatError:
@@ -114,7 +114,7 @@ OTHERS = "elvis.plugins.read takes the files of other programs"
 
 
 def check_root(root: Element, file: str) -> None:
-    """FormatError for a document of another format."""
+    """Raise FormatError for a document of another format."""
     if root.tag != "NEKTAR":
         raise FormatError(f"expected a root <NEKTAR>, found <{root.tag}>; {OTHERS}", file=file)
 
@@ -306,7 +306,7 @@ _STEP = 1 << 18
 
 
 def head(path: Path, size: int) -> bytes:
-    """The first bytes of a file, unpacked where it is gzipped and not damaged; OSError where it can't be read."""
+    """The first bytes of a file, unpacked where it is gzipped and not damaged; raises OSError if it can't be read."""
     with path.open("rb") as file:
         raw = file.read(size)
     if not raw.startswith(GZIP_SIGNATURE):

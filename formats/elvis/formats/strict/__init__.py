@@ -37,9 +37,10 @@ from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
 
 
 def findings(*paths: str | Path, ranks: Ranks = ALONE) -> tuple[Finding, ...]:
-    """All rules that the files of one dataset break, in the order of the files; none where they keep all.
+    """All rules that the files of one dataset break, in the order of the files; none if they keep all.
 
-    Jacobians are sampled, at Gauss points; text is checked by its first numbers.  ElvisError where no file can be read.
+    Jacobians are sampled, at Gauss points; text is checked by its first numbers.  Raises ElvisError if no file can be
+    read.
 
     ranks  each reads its part; where something is wrong in one, the first rank reads all, and nothing is found
            elsewhere

@@ -90,7 +90,7 @@ class _Checked:
 
     @staticmethod
     def of(part: Portion, sections: Sequence[Section]) -> _Checked | None:
-        """None where something is wrong."""
+        """None if something is wrong."""
         if any(True for _ in mesh_findings(part.dataset)):
             return None
         entries = {}
@@ -112,7 +112,7 @@ def _entries(sections: Sequence[Section]) -> dict[str, int]:
 
 
 def _covered(dataset: Dataset, sections: Sequence[Section]) -> int | None:
-    """How many entries of a field's sections are of elements of a part; None where it lacks one, or has one twice."""
+    """How many entries of a field's sections are of elements of a part; None if it lacks one, or has one twice."""
     found = [np.empty(0, np.int64)]
     for section in sections:
         lookup = Lookup(dataset.mesh.of(section.space.shape).ids, "element")
@@ -176,7 +176,7 @@ def _hashes(members: Ints) -> NDArray[np.uint64]:
 
 
 def _distinct(tables: Sequence[_Table]) -> int | None:
-    """How many entities several parts have in a bucket; None where two have the same members, or one three elements."""
+    """How many entities several parts have in a bucket; None if two have the same members, or one three elements."""
     rows, hashes, owners = (np.concatenate(own) for own in zip(*tables, strict=True))
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     is_crowded = (np.bincount(place.reshape(-1), owners, len(first)) > 2).any()

@@ -31,7 +31,7 @@ _BINS = 40
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, 95th percentile and greatest of some distances, in world units."""
+    """Mean, 95th percentile and largest of some distances, in world units."""
 
     mean: float
     most: float
@@ -48,7 +48,7 @@ class Deviation:
     """Distances of an exact surface and a linear one from each other.
 
     away     of points of the exact surface from the linear one
-    back     of points of the linear surface from the exact one; None where these aren't known
+    back     of points of the linear surface from the exact one; None if these aren't known
     points   of the exact surface that were asked
     density  of these on the surface, in points for a unit of area
     shares   (n,) of the exact points at distances between `edges` (n + 1,)
@@ -63,7 +63,7 @@ class Deviation:
 
     @property
     def hausdorff(self) -> float:
-        """The greatest distance, both ways where both are known."""
+        """The largest distance, both ways where both are known."""
         return self.away.greatest if self.back is None else max(self.away.greatest, self.back.greatest)
 
 
@@ -115,7 +115,7 @@ class Sampled:
 
     shown   what of a scene it is
     points  (n, 3) of it, exact
-    back    distances (n,) of points (n, 3) from it; None where it is neither a border of the data nor an isosurface
+    back    distances (n,) of points (n, 3) from it; None if it is neither a border of the data nor an isosurface
     """
 
     shown: Faces | Isosurface
@@ -130,7 +130,7 @@ def border_distances(dataset: Dataset, border: str) -> Callable[[Floats], Floats
 
 
 def deviation(exact: Sampled, other: LinearMesh) -> Deviation | None:
-    """How far a linear surface is from the exact one; None where either is empty."""
+    """How far a linear surface is from the exact one; None if either is empty."""
     if not len(exact.points) or not len(other):
         return None
     away = triangle_distances(exact.points, other)
@@ -152,7 +152,7 @@ def _histogram(distances: Floats) -> tuple[tuple[float, ...], tuple[float, ...]]
 
 
 def picture_distances(position: Floats, meshes: Sequence[LinearMesh]) -> NDArray[np.float64]:
-    """(h, w) distances of what a picture shows (h, w, 3) from some surfaces together; NaN where that is nothing."""
+    """(h, w) distances of what a picture shows (h, w, 3) from some surfaces together; NaN if that is nothing."""
     seen = np.isfinite(position).all(axis=2)
     found = np.full(position.shape[:2], np.nan)
     every = [triangle_distances(position[seen], mesh) for mesh in meshes if len(mesh)]

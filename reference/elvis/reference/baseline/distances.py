@@ -18,7 +18,7 @@ _ONE = 1e-9
 class SurfaceDistance:
     """Distances of a surface from the exact one, in world units, and the topology of both.
 
-    hausdorff   greatest distance of a point of either from the other
+    hausdorff   largest distance of a point of either from the other
     chamfer     mean of the two mean distances
     components  connected components of the exact surface, of the other
     handles     of the exact surface, of the other; over all components
@@ -31,7 +31,7 @@ class SurfaceDistance:
 
 
 def surface_distance(exact: LinearMesh, other: LinearMesh) -> SurfaceDistance | None:
-    """Distances of two surfaces; None where one of them is empty."""
+    """Distances of two surfaces; None if one of them is empty."""
     if not len(exact) or not len(other):
         return None
     away, back = _distances(exact, other), _distances(other, exact)

@@ -88,7 +88,7 @@ class Baseline:
         }
 
     def triangles(self, shown: SceneObject, field: str) -> LinearMesh:
-        """An object of a scene as triangles; ElvisError for what linear meshes are not drawn of here.
+        """An object of a scene as triangles; raises ElvisError for what linear meshes are not drawn of here.
 
         field  the scene's field, for isosurfaces that don't name their quantity
         """

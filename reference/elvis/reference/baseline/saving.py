@@ -19,7 +19,7 @@ def save_mesh(mesh: LinearMesh, path: Path) -> None:
     """Write a mesh in the format of the suffix, with its values at the corners where the format has a place for them.
 
     PLY and GLB hold surfaces in single precision, VTU surfaces and tetrahedra in double precision, with element ids.
-    ElvisError for another suffix, or for tetrahedra in a format of surfaces.
+    Raises ElvisError for another suffix, or for tetrahedra in a format of surfaces.
     """
     kinds = FORMATS.get(path.suffix.lower().removeprefix("."))
     if kinds is None:

@@ -59,7 +59,7 @@ class VtkBaseline:
         }
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
-        """The picture of a scene; ElvisError for objects that aren't drawn this way."""
+        """The picture of a scene; raises ElvisError for objects that aren't drawn this way."""
         start, surfaces = perf_counter(), []
         for shown in scene.every_object:
             surfaces += surfaces_of(Tracer(self.triangles(shown, scene.field)), shown, scene, view, ends)

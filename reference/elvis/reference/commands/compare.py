@@ -154,7 +154,7 @@ class Made:
 
 
 def _tasks(data: tuple[Path, ...], output: Path | None, options: dict[str, Any]) -> list[Task]:
-    """One for each scene file, with all other files; ElvisError where a report can't be written."""
+    """One for each scene file, with all other files; raises ElvisError if a report can't be written."""
     from elvis.core.files.output import check_folder_place
     from elvis.reference.report.writing import check_folder
     from elvis.scene.files import is_scene_file

@@ -241,7 +241,7 @@ def _print(found: Family) -> None:
 
 
 def _check(limit: float | None, found: Differences) -> None:
-    """ElvisError where a difference is greater than allowed, or may be: the bound counts where there is one."""
+    """Raise ElvisError if a difference is greater than allowed, or may be: the bound counts where there is one."""
     from elvis.core.errors import ElvisError
 
     for row in found:

@@ -42,7 +42,7 @@ def difference_maps(
     """The pictures of some fields in a scene, whose own field and range don't count.
 
     names  of the data
-    ElvisError where nothing can be drawn.
+    Raises ElvisError if nothing can be drawn.
     """
     if Kind.LINE in map(Kind.of, (first, second)):
         raise ElvisError("1D data are drawn as curves of their own")
@@ -75,6 +75,6 @@ def _ends(frame: Frame) -> str:
 
 
 def _words(frame: Frame) -> str:
-    """The ends of the colours, which the greatest difference that is seen gives, and pixels where there is none."""
+    """The ends of the colours, which the largest difference that is seen gives, and pixels where there is none."""
     lost = frame.counts()["not_a_number"]
     return _ends(frame) + (f"; magenta are {lost} pixels where the reference has nothing" if lost else "")

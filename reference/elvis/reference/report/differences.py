@@ -100,7 +100,7 @@ def _told(found: Family, reference: str, files: list[str]) -> dict[str, Any]:
 
 
 def _verdict(found: Family) -> str:
-    """The greatest relative difference of the last member."""
+    """The largest relative difference of the last member."""
     last = found.members[-1]
     worst = max(last, key=lambda row: row.relative if np.isfinite(row.relative) else -1.0)
     how = "by coefficients, exactly" if last.is_same_mesh else "by quadrature on two meshes"

@@ -76,7 +76,7 @@ def distance_map(apart: Floats, pixel: float) -> tuple[Pixels, list[Legend]]:
 
 
 def _band(measure: Floats, bands: Sequence[Any], missing: Bools, spurious: Bools) -> tuple[Pixels, list[Legend]]:
-    """A map of a measure (h, w), NaN where it has no meaning."""
+    """A map of a measure (h, w), NaN if it has no meaning."""
     picture, legend, low = np.full((*measure.shape, 3), 255, np.uint8), [], -1.0
     for high, word, color in bands:
         with np.errstate(invalid="ignore"):

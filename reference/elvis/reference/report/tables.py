@@ -127,7 +127,7 @@ def _errors(study: Study) -> Table:
 
 
 def _visible(number: float) -> float:
-    """The number, or zero where it is nothing but rounding."""
+    """The number, or zero if it is nothing but rounding."""
     return number if number > 1e-7 else 0.0
 
 
@@ -164,7 +164,7 @@ def _cost(rival: Rival) -> list[str]:
 
 
 def _contours(study: Study) -> Table:
-    """Displacements by value, greatest and mean, for each picture."""
+    """Displacements by value, largest and mean, for each picture."""
     drawn = [rival for rival in study.rivals if rival.errors is not None]
     rows = []
     for number, value in enumerate(study.contours if drawn else ()):

@@ -49,7 +49,7 @@ def write_report(
 
 @contextmanager
 def report_folder(folder: Path, inputs: Iterable[Path], overwrite: bool) -> Iterator[Path]:
-    """A folder to be filled, which takes its place once it is whole; ElvisError as `check_folder` raises it."""
+    """A folder to be filled, which takes its place once it is whole; raises ElvisError as `check_folder` raises it."""
     read = tuple(inputs)
     check_folder(folder, read, overwrite)
     with Outputs() as outputs, outputs.folder(folder) as temporary:

@@ -97,8 +97,10 @@ def _sample(shape: Shape, box: Floats, degrees: tuple[int, ...]) -> tuple[Floats
 
 
 def _rectangles(patch: Patch, rows: Ints, box: Floats, view: View) -> tuple[Floats, Floats]:
-    """Least and greatest columns and rows (e, 2) of a box of some elements on the screen; all where it isn't before
-    the eye."""
+    """Smallest and largest columns and rows (e, 2) of a box of some elements on the screen.
+
+    All if it isn't before the eye.
+    """
     points, divisor = _sample(patch.shape, box, map_degrees(patch))
     parts = np.array_split(rows, -(-len(rows) * 3 * len(points) // _AT_ONCE) or 1)
     ends: list[Floats] = []

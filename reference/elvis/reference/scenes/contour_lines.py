@@ -22,7 +22,7 @@ _KNOWN = 0.01
 def plane_contours(
     quantities: Quantities, name: str, values: Sequence[float], width: float, plane: Plane, view: View
 ) -> tuple[Floats, Bools] | None:
-    """Coverage (n,) by the lines of a quantity on a plane, and whether it is proved; None where nothing can be.
+    """Coverage (n,) by the lines of a quantity on a plane, and whether it is proved; None if nothing can be.
 
     width  of the lines in pixels
     """
@@ -44,7 +44,7 @@ def plane_contours(
 def _search(
     quantities: Quantities, name: str, value: float, plane: Plane, view: View, patch: Patch, half_width: float
 ) -> Search | None:
-    """The search for one value in a patch; None where fields or map aren't polynomials."""
+    """The search for one value in a patch; None if fields or map aren't polynomials."""
     equation = quantities.equation(name, value)
     if equation is None:
         return None

@@ -41,7 +41,7 @@ class LineSegments:
     """Line segments of contours in a picture, in columns and rows.
 
     ends    (k, 2, 2)  every zero of a box is within the radius of the line between these
-    sure    (k, 2, 2)  within the radius of each point between these there is one; NaN where none is proved
+    sure    (k, 2, 2) within the radius of each point between these there is one; NaN if none is proved
     radius  (k,)
     """
 
@@ -233,7 +233,7 @@ class Place:
     def along(self, base: Floats, way: Floats, half: Floats, aside: Floats) -> tuple[Floats, Floats, Floats]:
         """q (k, 2) at base (k, d), its step (k, 2) for one along a way (k, d), and a bound (k, 2) of all else.
 
-        half   (k,) greatest share of the way that is gone
+        half   (k,) largest share of the way that is gone
         aside  (k, d, m) columns whose combinations with numbers in [-1, 1] are added to the way
         """
         forms = (*self.lifted, self.over)
@@ -291,7 +291,7 @@ def _solve(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, 
 
 
 def _shares(base: Floats, unseen: Floats, room: Floats) -> tuple[Floats, Floats]:
-    """(k,) least and greatest s with |s unseen - base| <= room in all coordinates; low > high where none is."""
+    """(k,) smallest and largest s with |s unseen - base| <= room in all coordinates; low > high where none is."""
     with np.errstate(all="ignore"):
         one, other = (base - room) / unseen, (base + room) / unseen
     flat = np.abs(unseen) < 1e-300

@@ -31,7 +31,7 @@ class Crossings:
     reference  (k, 3)  reference coordinates
     normal     (k, 3)  normals of any length, towards either side
     status     (k,)    of `Status`; FAILED where a search did not converge: such a hit shows nothing
-    uncertainty  (k,)  the true depths are within this of the given ones; NaN where only places are rounded
+    uncertainty  (k,) the true depths are within this of the given ones; NaN if only places are rounded
     """
 
     pixel: Ints
@@ -67,7 +67,7 @@ class Crossings:
     def weighed(self, view: View, size: float) -> Crossings:
         """The hits with all uncertainties, none certain where its depth is known to less than `CERTAIN` of it.
 
-        size  greatest coordinate of the data and of the eye
+        size  largest coordinate of the data and of the eye
         Coordinates that are rounded by some units in the last place make depths uncertain by that over the cosine
         between ray and normal.
         """

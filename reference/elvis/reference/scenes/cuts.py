@@ -72,7 +72,7 @@ def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:
 
 
 def ray_depths(surface: Surface, origins: Floats, directions: Floats) -> Floats:
-    """(n, 1 or 2) depths at which rays meet a surface, NaN where they don't.
+    """(n, 1 or 2) depths at which rays meet a surface, NaN if they don't.
 
     A sphere, cylinder or cone is the set |w|^2 = r^2, where w is x - c without its component along the axis; for a
     cone, r is that component times the tangent of its angle.

@@ -112,7 +112,7 @@ class Scenery:
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
     def _greatest(self, view: View) -> float:
-        """The greatest coordinate of the elements and of the eye, in magnitude."""
+        """The largest coordinate of the elements and of the eye, in magnitude."""
         return float(np.abs([*self.box, view.camera.eye]).max())
 
     @cached_property
@@ -286,7 +286,7 @@ class Scenery:
         return found, status.reshape(view.height, view.width) if drawn else None
 
     def _streaks(self, shown: SceneObject, scene: Scene, view: View) -> list[Floats]:
-        """(n,) tones of streaks of each set of an object's hits; none where it has no streaks."""
+        """(n,) tones of streaks of each set of an object's hits; none if it has no streaks."""
         lic = _style(shown).lic
         if lic is None:
             return []

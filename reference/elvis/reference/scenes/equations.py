@@ -21,7 +21,7 @@ from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import ONE, Node, call, fold, leaves, number, partial, whole_exponent
 
-#: part of the greatest terms that rounding may change
+#: part of the largest terms that rounding may change
 _ROUNDING = 1e-13
 
 
@@ -31,7 +31,7 @@ class Linear:
 
     value  (k,)    at the middle
     gradient  (k, d)
-    rest   (k,)    greatest magnitude of all else, rounding included; infinite where nothing is known
+    rest   (k,) largest magnitude of all else, rounding included; infinite if nothing is known
     """
 
     value: Floats
@@ -115,7 +115,7 @@ class Equation:
 
 
 def _bounds(root: Node, ends: dict[Node, Interval]) -> tuple[Interval, Bools]:
-    """Least and greatest values (k,) of an expression; and (k,) whether it may jump or lack values between them."""
+    """Smallest and largest values (k,) of an expression; and (k,) whether it may jump or lack values between them."""
     count = len(next(iter(ends.values()))[0])
     broken = np.zeros(count, bool)
 

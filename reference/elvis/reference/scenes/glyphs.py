@@ -21,7 +21,7 @@ from elvis.scene.frusta import Frusta, frusta_in
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: part of a ray that is left in each step towards the least, such steps, halvings, pairs looked at together
+#: part of a ray that is left in each step towards the minimum, such steps, halvings, pairs looked at together
 _GOLDEN, _STEPS, _HALVINGS, _AT_ONCE = 0.5 * (np.sqrt(5.0) - 1.0), 80, 60, 1 << 17
 
 
@@ -56,14 +56,14 @@ class _Pairs:
         return height, away - height[:, None] * self.axis
 
     def heights(self, place: Floats) -> Floats:
-        """(3, n) the three functions whose greatest is positive outside."""
+        """(3, n) the three functions whose maximum is positive outside."""
         height, across = self._aside(place)
         part = height / self.length
         radius = (1.0 - part) * self.radii[:, 0] + part * self.radii[:, 1]
         return np.stack([-height, height - self.length, np.linalg.norm(across, axis=1) - radius])
 
     def normals(self, place: Floats) -> Floats:
-        """(n, 3) the gradient of the greatest of them."""
+        """(n, 3) the gradient of the largest function."""
         _, across = self._aside(place)
         wide = np.linalg.norm(across, axis=1, keepdims=True)
         slope = (self.radii[:, 1] - self.radii[:, 0]) / self.length

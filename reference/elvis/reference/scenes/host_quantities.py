@@ -79,7 +79,7 @@ class HostQuantities(Quantities):
         """None: nothing is known of plugins' functions but their values."""
 
     def outward(self, frame: Frame) -> Frame:
-        """The frame with reference coordinates from 0 to 1 where the plugin has these."""
+        """The frame with reference coordinates from 0 to 1 if the plugin has these."""
         for patch in self.hosts:
             here = np.isin(frame.element, patch.element_ids) & patch.host.part.unit
             if frame.reference is not None:

@@ -1,6 +1,6 @@
 """Which pixels' rays pass a triangle, or pass it within some pixels: candidates in object order, in double precision.
 
-Embree would trace in single precision, and only the first hit; here all hits are wanted, and none may be lost.
+Embree would trace in single precision, and only the first hit; here all hits are requested, and none may be lost.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def boxed(view: View, corners: Floats, slack: Floats | float = 0.0) -> Iterator[
 
 def pixels_between(view: View, low: Floats, high: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of a rectangle (k,) and a pixel (k,) in it: those between columns and rows (m, 2), whole or not."""
-    # whole pixels of the picture from first to last; none where first is beyond last
+    # whole pixels of the picture from first to last; none if first is beyond last
     most = np.array([view.width, view.height]) - 1
     first = np.clip(np.ceil(np.nan_to_num(low)), 0, most + 1).astype(np.int64)
     last = np.clip(np.floor(np.nan_to_num(high, nan=-1)), -1, most).astype(np.int64)

@@ -20,7 +20,7 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.scene import Transfer
 from elvis.scene.time_limit import check_time
 
-#: least number of Gauss's points in a part
+#: smallest number of Gauss's points in a part
 LEAST = 8
 #: error of a part's light that is none, how often a part may be halved, and how many of a ray may be open
 _ENOUGH, _HALVINGS, _OPEN = 1e-8, 24, 64

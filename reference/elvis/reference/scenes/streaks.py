@@ -44,7 +44,7 @@ def inner(values: Floats, view: View, around: int) -> Floats:
 
 
 def rest(dataset: Dataset | None, lic: Lic) -> float:
-    """The speed that counts as none: a part of the certified bounds of the components, zero where none are known."""
+    """The speed that counts as none: a part of the certified bounds of the components, zero if none are known."""
     if dataset is None:
         return 0.0
     known = [quantity_range(dataset, Expression.of(dataset, name)) for name in lic.components]
@@ -53,7 +53,7 @@ def rest(dataset: Dataset | None, lic: Lic) -> float:
 
 
 def streaks(hits: Hits, lic: Lic, view: View, least: float) -> Floats:
-    """(n,) tones of the hits, NaN where there are none.
+    """(n,) tones of the hits, NaN if there are none.
 
     hits   with the values of the components
     least  a speed along the surface up to this value counts as zero
@@ -99,7 +99,7 @@ def _bilinear(lattice: Floats, places: Floats) -> Floats:
 class Image:
     """How hits move in the picture, and which neighbours show the same surface.
 
-    motion  (n, 2)     of pixels, in columns and rows, zero where nothing moves
+    motion  (n, 2) of pixels, in columns and rows, zero if nothing moves
     joined  (n, 3, 3)  whether the pixel in the row above, this one or below, in the column before, this one or after,
                        does
     """

@@ -45,7 +45,7 @@ class VolumeRays:
     """Rays through the elements of a patch, with the quantities along them.
 
     size    of the scene, in world units
-    extent  the greatest coordinate of the elements and of the eye, in magnitude
+    extent  the largest coordinate of the elements and of the eye, in magnitude
     """
 
     patch: Patch
@@ -137,7 +137,7 @@ class VolumeRays:
 
 
 def depths_by_pixel(pixel: Ints, depth: Floats, count: int) -> Floats:
-    """(k, count) depths by pixel, infinite where a pixel has fewer than others."""
+    """(k, count) depths by pixel, infinite if a pixel has fewer than others."""
     order = np.argsort(pixel, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(pixel)) - np.searchsorted(pixel[order], pixel[order])

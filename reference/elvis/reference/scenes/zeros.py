@@ -18,7 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.scene.time_limit import check_time
 
-#: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN where there are none
+#: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN if there are none
 Along = Callable[[Ints, Floats], Floats]
 
 #: minimum degree of interpolation; last coefficients of a resolved series, relative to their sum
