@@ -1,15 +1,11 @@
-"""Every function that returns a range, a radius or an error: values lie within it, and some come near its end.
-
-Operands have radii of order one and errors of 0.1, and values are taken at their corners, so that no term of a bound
-is small beside the others.  Each claim yields pairs (found, bound): found <= bound everywhere (inclusion), and
-found > TEETH * bound somewhere (the bound isn't so wide that a term could be missing unseen).
-"""
+"""Bounds of the core: values lie within them, and some come near their ends (tests/support/claims.py)."""
 
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from claims import ATTAINED, TEETH, check
 
 from elvis.core.cores.core_boxes import Boxes as CoreBoxes
 from elvis.core.cores.core_graphs import by_eigenvalue
@@ -36,10 +32,7 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.core.validity import squares
 from elvis.core.validity.squares import lower_bound
 
-TEETH = 0.5
 COUNT, SAMPLES = 60, 200
-#: a comparison of a value with a bound that it attains: both are rounded a few times
-ATTAINED = 1 + 1e-13
 
 
 def corners_of(rng, middle, radius):
@@ -251,11 +244,7 @@ WIDE = {graphs_of_eigenvalues: 0.1}
 
 @pytest.mark.parametrize("claim", CLAIMS)
 def test_values_lie_within_bounds_and_some_near_their_ends(claim):
-    nearest = []
-    for found, bound in claim(np.random.default_rng(7)):
-        assert (found <= bound * ATTAINED).all()
-        nearest.append(float((found / bound).max()))
-    assert max(nearest) > WIDE.get(claim, TEETH), nearest
+    check(claim, WIDE.get(claim, TEETH))
 
 
 #: unit roundoff of the model: so coarse that its square counts

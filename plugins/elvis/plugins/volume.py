@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.boxes import outward
 from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
@@ -218,14 +219,9 @@ def basis_part(
 def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np.float32]:
     """(n, 6) boxes for a Part that hold what lies between the corners ``low`` and ``high`` (n, 3).
 
-    margin  part of its diagonal by which a box is larger all round, so that rounding loses nothing
+    margin  part of its diagonal by which a box is larger all round; rounding of the coordinates adds to it
     """
-    extra = margin * np.linalg.norm(high - low, axis=1, keepdims=True)
-    inner = np.concatenate([low - extra, high + extra], axis=1)
-    boxes = inner.astype(np.float32)
-    boxes[:, :3] = np.where(boxes[:, :3] > inner[:, :3], np.nextafter(boxes[:, :3], np.float32(-np.inf)), boxes[:, :3])
-    boxes[:, 3:] = np.where(boxes[:, 3:] < inner[:, 3:], np.nextafter(boxes[:, 3:], np.float32(np.inf)), boxes[:, 3:])
-    return boxes
+    return outward(low, high, margin)
 
 
 @dataclass(frozen=True, eq=False)

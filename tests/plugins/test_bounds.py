@@ -1,0 +1,149 @@
+"""Bounds of plugins: values lie within them, and some come near their ends (tests/support/claims.py)."""
+
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from claims import TEETH, check
+
+from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.shapes import Shape
+from elvis.plugins.native import elements, polynomials
+from elvis.plugins.native.bending import BEYOND, changes, net_of_xi, rational_changes
+from elvis.plugins.native.polynomials import Net
+from elvis.plugins.native.regions import Neighbourhood
+from elvis.plugins.native.slopes import Polynomials, _Gradients
+from elvis.plugins.volume import boxes_between
+
+COUNT = 40
+#: unit roundoff of the model: so coarse that its square counts
+COARSE = 2.0**-11
+QUADRATIC = BernsteinSpace(Shape.SEGMENT, (2,))
+BILINEAR = BernsteinSpace(Shape.QUADRILATERAL, (1, 1))
+
+
+def random_net(rng, space):
+    return Net(space, rng.normal(size=(space.count, COUNT)), rng.uniform(0.05, 0.2, COUNT))
+
+
+def moved(net, way):
+    """The polynomials that a net may stand for, farthest from it one way."""
+    return Net(net.space, net.coefficients + way * net.error, np.zeros(COUNT))
+
+
+def results_of_nets(rng):
+    """Sums, products, multiples and higher degrees of nets that are off by what they say."""
+    first, second = random_net(rng, QUADRATIC), random_net(rng, BernsteinSpace(Shape.SEGMENT, (1,)))
+    operations = {
+        "sum": polynomials._sum,
+        "product": polynomials._product,
+        "multiple": lambda a, b: a.times(-3.0),
+        "quotient": lambda a, b: a.over(-0.5),
+        "with a number": lambda a, b: a.plus(2.0),
+        "negative": lambda a, b: a.negative(),
+        "higher degree": lambda a, b: a.elevate(BernsteinSpace(Shape.SEGMENT, (4,))),
+    }
+    for operation in operations.values():
+        found = operation(first, second)
+        for one, other in product([-1, 1], repeat=2):
+            away = np.abs(operation(moved(first, one), moved(second, other)).coefficients - found.coefficients)
+            yield away.max(axis=0), found.error
+
+
+def derivatives_on_inexact_maps(rng):
+    """The gradient of a field on a bilinear map whose coefficients are off by what they say, each its own way."""
+    square = net_of_xi(BILINEAR).T
+    maps = np.tile(square, (COUNT, 1, 1)) + rng.uniform(-0.1, 0.1, (COUNT, 2, 4))
+    field = Polynomials(BILINEAR, rng.normal(size=(COUNT, 4)), np.zeros(COUNT))
+    error = rng.uniform(0.001, 0.002, (COUNT, 2))
+    found = _Gradients(Polynomials(BILINEAR, maps, error), lambda space: Neighbourhood(space, 1.0))
+    center = np.array([[-0.5, 0.5, -0.5, 0.5], [-0.5, -0.5, 0.5, 0.5]]) / 2
+
+    def gradients(places):
+        jacobians = np.einsum("ncm,jm->ncj", places, center)
+        return np.linalg.solve(jacobians.swapaxes(1, 2), np.einsum("nm,jm->nj", field.nets, center)[..., None])[..., 0]
+
+    for _ in range(30):
+        off = gradients(maps + error[..., None] * rng.choice([-1.0, 1.0], maps.shape)) - gradients(maps)
+        for axis in range(2):
+            yield np.abs(off[:, axis]), found.leaf(field, axis).error
+
+
+def changes_of_rational_maps(rng):
+    """y = x / w with w = 1 - a x beyond the element, where the weight is least: dy = 1 / w^2, ddy = 2 a / w^3."""
+    for slope in rng.uniform(0.3, 0.75, 20):
+        parts, weights = np.array([[[-1.0, 0.0, 1.0]]]), np.array([[1 + slope, 1.0, 1 - slope]])
+        change, derivative = rational_changes(QUADRATIC, parts, weights)
+        least = 1 - slope * BEYOND
+        yield np.array([1 / least**2 - 1]), change
+        yield np.array([2 * slope / least**3]), derivative
+
+
+def changes_of_maps(rng):
+    """y = x + a x^2 / 2 a little beyond the element."""
+    for bend in rng.uniform(-0.7, 0.7, 20):
+        parts = np.array([[[-1.0, 0.0, 1.0]]]) + bend / 2 * np.array([[[1.0, -1.0, 1.0]]])
+        change, derivative = changes(QUADRATIC, parts)
+        yield np.array([abs(bend) * BEYOND]), change
+        yield np.array([abs(bend)]), derivative
+
+
+def boxes_of_parts(rng):
+    """Corners of all sizes, in exact comparison; and those that 32-bit floats hold, where nothing else makes room."""
+    low = rng.uniform(-1, 1, (2000, 3)) * 10.0 ** rng.uniform(-30, 30, (2000, 1))
+    low[::2] = low[::2].astype(np.float32)
+    high = low + 1e-12 * np.abs(low)
+    boxes = boxes_between(low, high).astype(float)
+    off = 8 * np.spacing(np.abs(low).max(axis=1, keepdims=True))
+    yield off, low - boxes[:, :3]
+    yield off, boxes[:, 3:] - high
+    whole = low[::2]
+    size = np.spacing(whole.astype(np.float32)).astype(float)
+    yield whole - boxes_between(whole, whole).astype(float)[:, :3], 1.1 * np.abs(size).max(axis=1, keepdims=True)
+
+
+#: errors of slopes are taken four times as large as they are, and those of maps twice
+WIDE = {derivatives_on_inexact_maps: 0.05}
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [results_of_nets, derivatives_on_inexact_maps, changes_of_rational_maps, changes_of_maps, boxes_of_parts],
+)
+def test_values_lie_within_bounds_and_some_near_their_ends(claim):
+    check(claim, WIDE.get(claim, TEETH))
+
+
+def test_all_roundings_of_products_are_counted(monkeypatch):
+    """All terms of one sign, each product and sum rounded away from zero: within the bound, above an eighth of it."""
+    monkeypatch.setattr(polynomials, "UNIT", COARSE)
+    for degree in (1, 4, 9):
+        space = BernsteinSpace(Shape.SEGMENT, (degree,))
+        ones = Net(space, np.ones((space.count, 1)), np.zeros(1))
+        (bound,) = polynomials._product(ones, ones).error
+        # the middle coefficient has a product of four numbers from each coefficient of a factor, a sum, and a quotient
+        terms = np.array([choose(degree, k) * choose(degree, degree - k) for k in range(degree + 1)], float)
+        total = 0.0
+        for term in terms / terms.sum():
+            total = (total + term * (1 + COARSE) ** 3) * (1 + COARSE)
+        away = total * (1 + COARSE) - 1
+        assert bound / 8 < away <= bound
+
+
+def choose(n, k):
+    return float(np.prod([(n - i) / (i + 1) for i in range(k)]))
+
+
+def test_values_of_a_net_have_its_error_and_that_of_their_evaluation(monkeypatch):
+    """Horner's scheme, 2 i + 2 roundings of term i and p - i of its power, each away from zero, in each direction."""
+    monkeypatch.setattr(elements, "UNIT", COARSE)
+    for degree in (1, 3, 6):
+        space = BernsteinSpace(Shape.QUADRILATERAL, (degree, degree))
+        net = Net(space, np.ones((space.count, 1)), np.full(1, 0.1))
+        part = SimpleNamespace(geometry=space, _all_arguments=lambda space: "")
+        (bound,) = elements.Elements._of_net(part, net).rounding()
+        powers = np.arange(degree + 1)
+        terms = np.array([choose(degree, k) for k in powers]) / 2.0**degree
+        line = (terms * (1 + COARSE) ** (degree + 2 + powers)).sum()
+        assert (bound - 0.1) / 8 < line**2 - 1 <= bound - 0.1
