@@ -13,7 +13,7 @@ from elvis.scene.objects import SceneObject, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
 from elvis.scene.style import ColorBar, Contours, MeshLines, Style
 from elvis.scene.surfaces import Surface
-from elvis.scene.whole import Camera, Clip, Light, Reference, Scene
+from elvis.scene.whole import Camera, Clip, Deform, Light, Reference, Scene
 
 DOCS = Path(__file__).parents[1] / "docs"
 #: titles of the page, and the models under each
@@ -26,6 +26,7 @@ CHAPTERS = {
     "Surfaces": get_args(Surface),
     "Lights and clips": (Light, Clip),
     "Reference": (Reference,),
+    "Deform": (Deform,),
 }
 HEAD = """<!-- made by tools/scene_page.py from the models in renderer/elvis/scene -->
 

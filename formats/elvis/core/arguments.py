@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from elvis.core.deformation import DISPLACEMENT_HELP, GRADIENTS, GRADIENTS_HELP, SCALE_HELP, Deformation
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.moments import BETWEEN
@@ -128,6 +130,29 @@ set_option = click.option(
     "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: from NAME.elvis.toml next "
     "to the data, else as written by the solver]",
 )
+
+
+def deform_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of a deformed geometry, which together are the parameter ``deformation``."""
+
+    @click.option("--deform", metavar="U,V,W|VECTOR", help=DISPLACEMENT_HELP)
+    @click.option("--scale", type=float, help=f"{SCALE_HELP}  [default: 1]")
+    @click.option("--gradients", type=click.Choice(GRADIENTS), help=f"{GRADIENTS_HELP}  [default: {GRADIENTS[0]}]")
+    @wraps(command)
+    def parsed(deform: str | None, scale: float | None, gradients: str | None, **rest: Any) -> Any:
+        return command(deformation=_deformation(deform, scale, gradients), **rest)
+
+    return parsed
+
+
+def _deformation(displacement: str | None, scale: float | None, gradients: str | None) -> Deformation | None:
+    """What the options say; UsageError where there is no displacement for the others."""
+    if displacement is not None:
+        return Deformation(displacement, 1.0 if scale is None else scale, gradients or GRADIENTS[0])
+    if scale is not None or gradients is not None:
+        given = "--scale" if scale is not None else "--gradients"
+        raise click.UsageError(f"expected --deform with {given}", click.get_current_context())
+    return None
 
 
 cache_option = click.option("--no-cache", is_flag=True, help="Convert DATA again, and don't cache the result.")

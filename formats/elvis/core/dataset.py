@@ -146,6 +146,28 @@ class Rates(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class Deformed:
+    """How the geometry of a dataset was deformed (`elvis.core.deforming`).
+
+    displacement  texts of the components
+    scale         their factor
+    gradients     where derivatives of quantities are taken: undeformed or deformed
+    coordinates   names of the fields that hold the coordinates before the deformation
+    told          remarks of the dataset on the deformation
+    """
+
+    displacement: tuple[str, ...]
+    scale: float
+    gradients: str
+    coordinates: tuple[str, ...]
+    told: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        moved = f"{self.scale:.10g} · ({', '.join(self.displacement)})"
+        return f"the geometry is deformed by {moved}; gradients are taken in the {self.gradients} configuration"
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A mesh with its fields, time and metadata (free key/text pairs, as in the file).
@@ -162,6 +184,7 @@ class Dataset:
     surfaces  surfaces of the whole by names of boundaries, to which its parts measure distances
     reference  reference values of the flow by name, such as mu (`quantities.reference_values`), which take precedence
                over the metadata
+    deformation  how the geometry was deformed, None if it is that of the files
     """
 
     mesh: Mesh
@@ -178,6 +201,7 @@ class Dataset:
     borrowed: frozenset[str] = frozenset()
     surfaces: Mapping[str, Surface] = default(default_factory=dict)
     reference: Mapping[str, float] = default(default_factory=dict)
+    deformation: Deformed | None = None
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -188,8 +212,10 @@ class Dataset:
 
     @property
     def solution(self) -> tuple[Field, ...]:
-        """The fields, without borrowed fields and without the fields that define the map, which are geometry."""
-        return tuple(own for own in self.fields if own.name not in self.map_names and own.name not in self.borrowed)
+        """The fields, without borrowed ones and without those of the geometry: the map, places before deformation."""
+        places = () if self.deformation is None else self.deformation.coordinates
+        apart = {*self.map_names, *self.borrowed, *places}
+        return tuple(own for own in self.fields if own.name not in apart)
 
     def beside(self, **others: Dataset) -> Dataset:
         """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""

@@ -49,7 +49,10 @@ def write(
     written = tuple(file for file in (mesh_file, hdf5_file, field_file) if file)
     check_places(written)
 
-    dataset = replace(dataset, mesh=with_domain(dataset.mesh), metadata=_metadata(dataset))
+    # the coordinates before a deformation are known from the mesh
+    before = () if dataset.deformation is None else dataset.deformation.coordinates
+    fields = tuple(own for own in dataset.fields if own.name not in before)
+    dataset = replace(dataset, mesh=with_domain(dataset.mesh), fields=fields, metadata=_metadata(dataset))
     sections = output_sections(dataset)
     if field_file and not sections:
         raise ElvisError(f"{field_file}: expected fields on elements of the domain, found none")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from elvis.core.dataset import Dataset
+from elvis.core.deformation import Deformation
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.files.plain import check_plain_or_folder
 from elvis.core.moments import Moment
@@ -49,6 +50,16 @@ def _named_fields(dataset: Dataset, wanted: str) -> tuple[str, ...]:
         raise FormatError(str(error)) from None
 
 
+def _with_displacement(dataset: Dataset, chosen: Choice | None, own: Deformation) -> Collection[str]:
+    """Fields that are chosen, all for None, and those that a displacement is made of."""
+    from elvis.core.quantities.needed import needed_fields
+    from elvis.plugins.deforming import component_texts
+
+    if chosen is None:
+        return [field.name for field in dataset.fields]
+    return {*chosen(dataset), *needed_fields(dataset, component_texts(dataset, own.displacement))}
+
+
 @dataclass(frozen=True)
 class Reading:
     """How files become data.
@@ -64,6 +75,7 @@ class Reading:
     is_of_map   whether nothing but the map of elements is asked for: of one native state no other fields are read
     ranks    that read the same, each its part
     reference  values of the flow by name, which outdo those of the files
+    deformation  how the geometry is deformed
     """
 
     plugin: str | None = None
@@ -75,11 +87,14 @@ class Reading:
     is_of_map: bool = False
     ranks: Ranks = ALONE
     reference: Mapping[str, float] = field(default_factory=dict)
+    deformation: Deformation | None = None
 
     def choice(self) -> Choice | None:
         """Which fields of native files are needed; None for all, where it isn't known what is asked for."""
         from elvis.core.quantities.needed import needed_fields
 
+        if self.deformation is not None:
+            return partial(_with_displacement, chosen=replace(self, deformation=None).choice(), own=self.deformation)
         if self.is_of_map:
             return attrgetter("map_names")
         if _FIELDS in self.options:
@@ -176,6 +191,8 @@ def _open(
         raise ElvisError(f"--fields: expected fields of files, found what the plugin {opened.name} opens: use --field")
     if reading.others:
         raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
+    if reading.deformation is not None:
+        raise ElvisError(f"--deform: expected polynomial maps, found what the plugin {opened.name} opens")
     values = {**reference_beside(paths), **reading.reference}
     return replace(opened, time=reading.moment.time, reference=values)
 
@@ -223,7 +240,7 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
 def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
     """As `dataset_of`, of native files that are one state what gives one part after another."""
     paths, series = _series_of(paths, reading)
-    if series is not None or reading.others or not _is_native(paths, reading):
+    if series is not None or reading.others or reading.deformation is not None or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
     parts = read_parts(*paths, choose=reading.choice())
     return replace(parts, whole=Others(reading, paths).beside(reading.moment.of_one_state(parts.whole)))

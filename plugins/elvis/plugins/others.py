@@ -49,12 +49,16 @@ class Others:
 
     def beside(self, dataset: Dataset) -> Dataset:
         """A dataset, or a rank's part of one, in which expressions may name them, whose remarks it has, too, and which
-        has the reference values of the reading and of files beside the data.
+        has the reference values of the reading and of files beside the data, on the geometry that it asks for.
 
         To be called by each rank.  Elements of a part are in others where those of all parts are.
         """
         if self._values:
             dataset = replace(dataset, reference=over(dataset.reference, self._values))
+        if self._reading.deformation is not None:
+            from elvis.plugins.deforming import with_deformation
+
+            dataset = with_deformation(dataset, self._reading.deformation, self._reading.ranks)
         if not self._reading.others:
             return dataset
         datasets = self._opened()

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.boundary_data import boundary_data
     from elvis.plugins.data import read
+    from elvis.plugins.deforming import deform
     from elvis.plugins.onto_mesh import onto_mesh
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Reference, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Deform, Light, Reference, Scene
     from elvis.viewer.widget import view
 
 __all__ = [
@@ -79,6 +80,7 @@ __all__ = [
     "CutSurface",
     "Cylinder",
     "Dataset",
+    "Deform",
     "DeviceError",
     "ElvisError",
     "Entities",
@@ -122,6 +124,7 @@ __all__ = [
     "boundary_data",
     "boundary_triangles",
     "critical_points",
+    "deform",
     "diff",
     "draw",
     "extrema",
@@ -225,6 +228,7 @@ NAMES = {
     "elvis.plugins.arrays": ("from_arrays",),
     "elvis.plugins.boundary_data": ("boundary_data",),
     "elvis.plugins.data": ("read",),
+    "elvis.plugins.deforming": ("deform",),
     "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (
         "pathlines",
@@ -273,6 +277,7 @@ NAMES = {
     "elvis.scene.whole": (
         "Camera",
         "Clip",
+        "Deform",
         "Light",
         "NAMED_VIEWS",
         "Reference",

@@ -20,6 +20,7 @@ from elvis.core.memory import release_free_memory
 from elvis.core.picturing import Kind
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
+from elvis.plugins.deforming import is_deformed, with_deformation
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
@@ -58,6 +59,7 @@ from elvis.scene.permissions import PIXELS
 from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
+from elvis.scene.whole import Deform
 
 T = TypeVar("T")
 #: pixels at once below which a device that fails has failed for good
@@ -175,6 +177,7 @@ class Pictures:
         self._bricks = data if isinstance(data, Bricks) else None
         self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
         self._quantities, self._kind = (), None
+        self._deformed: tuple[Deform, Dataset] | None = None
         self._checked: tuple[str, float | None] | None = None
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
@@ -198,7 +201,7 @@ class Pictures:
 
     def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
         """What is asked for, the scene that shows it, the data of its picture and what is to be said of them."""
-        data = self.data
+        data = self._on_geometry(scene)
         if scene.range == "series":
             raise SceneError("range: series needs the files of a series: expected seen, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
@@ -219,6 +222,21 @@ class Pictures:
         if self._bricks is not None and isinstance(found, Dataset):
             remarks = tuple(dict.fromkeys((*remarks, *found.remarks)))
         return asked, scene, found, remarks
+
+    def _on_geometry(self, scene: Scene) -> Dataset | PluginData:
+        """The data on the geometry that the scene asks for; SceneError where it can't be deformed."""
+        if scene.deform is None:
+            return self.data
+        if not isinstance(self.data, Dataset):
+            raise SceneError(f"deform: what the plugin {self.data.name} opens has no polynomial maps: leave it out")
+        if is_deformed(self.data, scene.deform.deformation):
+            return self.data
+        if self._part is not None or self._bricks is not None:
+            raise SceneError("deform: parts of data keep the geometry that they are read with: expected no other one")
+        if self._deformed is None or self._deformed[0] != scene.deform:
+            self._deformed = scene.deform, with_deformation(self.data, scene.deform.deformation)
+            self._quantities = ()
+        return self._deformed[1]
 
     def _tell_conversion(self, data: Dataset | PluginData, scene: Scene) -> None:
         """Note how far what is shown is from the source of converted data, once for the same quantities."""

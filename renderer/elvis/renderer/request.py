@@ -29,7 +29,8 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
     is_kept  whether conversions are kept
     """
     own = Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
-    return replace(own, reference=scene.reference.values)
+    deformation = None if scene.deform is None else scene.deform.deformation
+    return replace(own, reference=scene.reference.values, deformation=deformation)
 
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:

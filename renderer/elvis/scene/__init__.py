@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Light, Reference, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Deform, Light, Reference, Scene
 
 __all__ = [
     "NAMED_VIEWS",
@@ -34,6 +34,7 @@ __all__ = [
     "Contours",
     "CutSurface",
     "Cylinder",
+    "Deform",
     "Faces",
     "Frame",
     "Glyphs",
@@ -89,6 +90,6 @@ __getattr__ = lazy_names(
             "unit",
         ),
         "elvis.scene.validation": ("scene_schema",),
-        "elvis.scene.whole": ("Camera", "Clip", "Light", "NAMED_VIEWS", "Reference", "Scene"),
+        "elvis.scene.whole": ("Camera", "Clip", "Deform", "Light", "NAMED_VIEWS", "Reference", "Scene"),
     },
 )

@@ -23,6 +23,7 @@ from elvis.scene import (
     ColorBar,
     Contours,
     CutSurface,
+    Deform,
     Faces,
     Glyphs,
     Isosurface,
@@ -37,7 +38,7 @@ from elvis.scene import (
 )
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import composed
-from elvis.scene.commandline.options import STYLES
+from elvis.scene.commandline.options import DEFORM, STYLES
 from elvis.scene.commandline.other_programs import SAME, advice
 from elvis.scene.errors import KeywordError, SceneError
 from elvis.scene.settings import Setting, settings
@@ -69,6 +70,7 @@ def keywords() -> dict[str, Keyword]:
     found: dict[str, Keyword] = {}
     entries = [(key, setting) for key, setting in settings(Scene).items() if key not in ELSEWHERE]
     entries += [(key, settings(Style)[key]) for key in STYLES]
+    entries += [(f"deform_{name}", settings(Deform)[name]) for name in DEFORM]
     entries += [(cls.kind, cls.option) for cls in get_args(SceneObject)]
     for key, setting in entries:
         options = (option.partition("/")[0] for option in setting.option.split())
@@ -295,6 +297,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "clip": _clip,
     "lights": _light,
     "bar": lambda value: ColorBar(**value) if isinstance(value, Mapping) else _of(ColorBar, value),
+    "deform": lambda value: Deform(**value) if isinstance(value, Mapping) else _of(Deform, value),
     "region": _floats,
     "reader": _reader,
     "others": _others,

@@ -5,6 +5,7 @@ from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from elvis.core.deformation import DISPLACEMENT_HELP, GRADIENTS, GRADIENTS_HELP, SCALE_HELP, Deformation
 from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
@@ -114,6 +115,30 @@ class Reference(Model, of="the reference values"):
     def values(self) -> dict[str, float]:
         """Those that are given, by name."""
         return {name: value for name in settings(Reference) if (value := getattr(self, name)) is not None}
+
+
+@dataclass(frozen=True, repr=False)
+class Deform(Model, of="the deformation"):
+    """A deformed geometry: a displacement is added to the coordinates of every element."""
+
+    displacement: Annotated[
+        Quantity, Setting("Its components, fields or polynomials of fields with commas between them, or a vector.")
+    ]
+    scale: Annotated[float, Setting(SCALE_HELP, finite=True, option="--scale")] = 1.0
+    gradients: Annotated[
+        Literal["undeformed", "deformed"],
+        Setting(GRADIENTS_HELP, option="--gradients", metavar="|".join(GRADIENTS), names=GRADIENTS),
+    ] = "undeformed"
+
+    def check(self) -> None:
+        """SceneError where there is no displacement, or gradients are taken elsewhere."""
+        check(self.displacement.strip() != "", "displacement", "components such as u,v,w", "none")
+        check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
+
+    @property
+    def deformation(self) -> Deformation:
+        """As readers of files take it."""
+        return Deformation(self.displacement, self.scale, self.gradients)
 
 
 @dataclass(frozen=True, repr=False)
@@ -390,6 +415,10 @@ class Scene(Model):
     reference: Annotated[
         Reference, Setting("Reference values of the flow for quantities and expressions.", default="the data's")
     ] = Reference()
+    deform: Annotated[
+        Deform | None,
+        Setting(DISPLACEMENT_HELP, option="--deform", metavar="U,V,W|VECTOR", parse="deform", default="undeformed"),
+    ] = None
     device: Annotated[
         str,
         Setting("Device that draws (see elvis devices); reference computes in NumPy.", option="--device"),

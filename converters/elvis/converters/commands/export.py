@@ -12,6 +12,7 @@ from elvis.converters.commands.field_options import field_options
 from elvis.core.arguments import (
     between_option,
     cache_option,
+    deform_options,
     other_option,
     overwrite_option,
     reader_option,
@@ -21,6 +22,7 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
+    from elvis.core.deformation import Deformation
     from elvis.plugins.exporting import Loss
 
 EPILOG = """\b
@@ -54,6 +56,7 @@ _ROUNDING = 1e-11
 )
 @other_option
 @set_option
+@deform_options
 @reader_option
 @step_option
 @time_option
@@ -71,6 +74,7 @@ def export(
     tolerance: float,
     others: tuple[str, ...],
     reference: dict[str, float],
+    deformation: Deformation | None,
     reader: tuple[str, ...],
     step: int | None,
     time: float | None,
@@ -100,7 +104,8 @@ def export(
     fields = options.pop("fields", None) if added else None
     chosen = ChosenFields(added, renames, _names(fields), tolerance=tolerance)
     moment = Moment(step, time, between)
-    dataset = dataset_of(data, Reading(None, options, not no_cache, moment, others, reference=reference))
+    reading = Reading(None, options, not no_cache, moment, others, reference=reference, deformation=deformation)
+    dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)
     found, measures = chosen.of(dataset)

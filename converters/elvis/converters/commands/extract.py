@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import click
 from elvis.core.arguments import (
     between_option,
     cache_option,
+    deform_options,
     other_option,
     overwrite_option,
     reader_option,
@@ -21,6 +23,7 @@ from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.core.deformation import Deformation
     from elvis.core.triangles import SurfaceTriangles
 
 EPILOG = """\b
@@ -80,6 +83,7 @@ _MESHES = (".xml", ".vtu", ".msh")
 @between_option
 @other_option
 @set_option
+@deform_options
 @cache_option
 @overwrite_option
 def extract(
@@ -91,6 +95,7 @@ def extract(
     between: str,
     others: tuple[str, ...],
     reference: dict[str, float],
+    deformation: Deformation | None,
     no_cache: bool,
     overwrite: bool,
     **options: Any,
@@ -111,7 +116,8 @@ def extract(
     surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface")})
     is_mesh = _check_output(output, surface, options)
     check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], data, overwrite)
-    reading = Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others, reference=reference)
+    reading = Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others)
+    reading = replace(reading, reference=reference, deformation=deformation)
     dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)

@@ -19,7 +19,9 @@ class Elsewhere:
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
-        self._fields = tuple(one.name for one in dataset.solution)
+        # derivatives before a deformation are made of the coordinates there, too
+        before = () if dataset.deformation is None else dataset.deformation.coordinates
+        self._fields = (*(one.name for one in dataset.solution), *before)
         self._patches = patches(dataset, self._fields)
         self._locator = Locator(self._patches)
         self._attributes = Attributes(dataset)

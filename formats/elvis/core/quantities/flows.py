@@ -9,6 +9,7 @@ from functools import cached_property
 
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
+from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, coordinate, field, number
@@ -77,11 +78,13 @@ class Flow:
     fields      its names
     dimension   number of coordinates that they depend on
     parameters  known numbers by name, as expressions
+    undeformed  names of the fields along which derivatives are taken, see `derivative_before`
     """
 
     fields: tuple[str, ...]
     dimension: int
     parameters: Mapping[str, Node]
+    undeformed: tuple[str, ...] = ()
 
     @property
     def shared(self) -> frozenset[str]:
@@ -182,6 +185,10 @@ class Flow:
     def rate(self, name: str) -> Node:
         """No formula has one."""
         raise AssertionError(f"a derivative of {name} in time in a formula")
+
+    def derivative(self, of: Node, axis: int) -> Node:
+        """The derivative along x, y or z."""
+        return derivative_before(of, axis, self.undeformed)
 
     def parameters_of(self, name: str) -> tuple[str, ...]:
         """The parameters that a quantity may need of these data."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as field_of
 from functools import cached_property
 
-from elvis.core.dataset import Dataset, Rates, is_rate
+from elvis.core.dataset import Dataset, Deformed, Rates, is_rate
 from elvis.core.distances.boundaries import ALL, sides_by_name
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
+from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
@@ -48,6 +49,7 @@ class Names:
     rates       derivatives in time of the fields, if the data are a moment of a series
     others      names in other datasets, by the names of these
     shared      names of the datasets on the same mesh
+    deformation how the geometry was deformed, which determines the coordinates of derivatives
     is_moving   whether ``t`` is a variable, as along the path of a particle
     """
 
@@ -59,6 +61,7 @@ class Names:
     rates: Rates | None = None
     others: Mapping[str, Names] = field_of(default_factory=dict)
     shared: frozenset[str] = frozenset()
+    deformation: Deformed | None = None
     is_moving: bool = False
 
     @staticmethod
@@ -72,17 +75,26 @@ class Names:
         fields = tuple(one.name for one in dataset.solution)
         others = {name: Names.of(other) for name, other in dataset.others.items()}
         noted, rates = over(noted_values(dataset.metadata), dataset.reference), dataset.rates
-        return Names(fields, dimension, dataset.time, noted, sides, rates, others, frozenset(dataset.shared))
+        own = Names(fields, dimension, dataset.time, noted, sides, rates, others, frozenset(dataset.shared))
+        return replace(own, deformation=dataset.deformation)
+
+    @property
+    def _along(self) -> tuple[str, ...]:
+        """Names of the fields along which derivatives are taken; none where the coordinates of the map are these."""
+        known = self.deformation
+        return known.coordinates if known is not None and known.gradients == "undeformed" else ()
 
     @cached_property
     def flow(self) -> Flow:
         """The inputs of predefined quantities."""
         known = {name: number(value) for name, value in self.parameters.items()}
-        return Flow(self.fields, self.dimension, known)
+        return Flow(self.fields, self.dimension, known, self._along)
 
     def meaning(self, name: str) -> Node | None:
         """The meaning of a name, None for an unknown name; raises ElvisError if its inputs are missing."""
         if name in self.fields:
+            return field(name)
+        if self.deformation is not None and name in self.deformation.coordinates:
             return field(name)
         if name in AXES:
             return coordinate(AXES.index(name))
@@ -95,6 +107,10 @@ class Names:
         if name in self.parameters:
             return number(self.parameters[name])
         return attribute(name) if name in ATTRIBUTES else None
+
+    def derivative(self, of: Node, axis: int) -> Node:
+        """The derivative along x, y or z; ElvisError where a part has none that can be evaluated."""
+        return derivative_before(of, axis, self._along)
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
         """A predefined quantity with some of its parameters; raises ElvisError if it isn't known, or takes others."""

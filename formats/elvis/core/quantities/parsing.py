@@ -37,7 +37,6 @@ from elvis.core.quantities.tree import (
     number,
     other,
     time_derivative,
-    world_derivative,
 )
 
 #: functions that inspect their arguments, and their numbers of operands
@@ -70,6 +69,8 @@ class Scope(Protocol):
     def distance(self, target: str) -> Node: ...  # noqa: D102
 
     def rate(self, name: str) -> Node: ...  # noqa: D102
+
+    def derivative(self, of: Node, axis: int) -> Node: ...  # noqa: D102
 
 
 class Parser(Grammar[Node]):
@@ -139,7 +140,7 @@ class Parser(Grammar[Node]):
                 raise self._mistaken("expected a field in jump(…)", first)
             return attribute(jump_name(of.name))
         rule = _gradient if name == "grad" else _laplacian
-        return self._guard(lambda: rule(of, self._names.dimension), first)
+        return self._guard(lambda: rule(of, self._names), first)
 
     def _named_values(self) -> dict[str, Node]:
         """``name=value`` with commas between, up to the closing parenthesis."""
@@ -177,7 +178,7 @@ class Parser(Grammar[Node]):
         if axis == "t":
             found = self._guard(lambda: time_derivative(of, self._names.rate), first)
         else:
-            found = self._guard(lambda: world_derivative(of, AXES.index(axis)), first)
+            found = self._guard(lambda: self._names.derivative(of, AXES.index(axis)), first)
         if is_inner or TIME not in leaves(found):
             return found
         # the time of the data, which is known where an expression has it; along paths it stays a variable
@@ -204,15 +205,15 @@ class Parser(Grammar[Node]):
             raise self._mistaken(str(error), first) from error
 
 
-def _gradient(of: Node, dimension: int) -> Node:
+def _gradient(of: Node, names: Scope) -> Node:
     """The length of the gradient."""
-    parts = [world_derivative(of, axis) for axis in range(dimension)]
+    parts = [names.derivative(of, axis) for axis in range(names.dimension)]
     return call("sqrt", _total([call("*", part, part) for part in parts]))
 
 
-def _laplacian(of: Node, dimension: int) -> Node:
+def _laplacian(of: Node, names: Scope) -> Node:
     """The divergence of the gradient."""
-    return _total([world_derivative(world_derivative(of, axis), axis) for axis in range(dimension)])
+    return _total([names.derivative(names.derivative(of, axis), axis) for axis in range(names.dimension)])
 
 
 def _total(terms: list[Node]) -> Node:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -239,8 +239,9 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         scene_text(scene, output / "scene.toml")
     if scene.range == "series":
         raise SceneError("range: series is for films: expected seen, all or two values")
-    values = scene.reference.values
-    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others, reference=values)
+    reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
+    deformation = None if scene.deform is None else scene.deform.deformation
+    reading = replace(reading, reference=scene.reference.values, deformation=deformation)
     dataset = dataset_of(tuple(map(Path, scene.data)), reading)
     return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 

@@ -13,6 +13,7 @@ from elvis.core.arguments import (
     TextType,
     between_option,
     cache_option,
+    deform_options,
     json_option,
     names_option,
     overwrite_option,
@@ -23,6 +24,7 @@ from elvis.core.arguments import (
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.core.deformation import Deformation
     from elvis.core.differences import Differences, Family
     from elvis.plugins.data import Reading
     from elvis.reference.report.difference_maps import Maps
@@ -84,6 +86,7 @@ def _files(text: str) -> tuple[Path, ...]:
 @step_option
 @time_option
 @between_option
+@deform_options
 @overwrite_option
 @cache_option
 def diff(
@@ -98,6 +101,7 @@ def diff(
     step: int | None,
     time: float | None,
     between: str,
+    deformation: Deformation | None,
     overwrite: bool,
     no_cache: bool,
 ) -> None:
@@ -131,7 +135,8 @@ def diff(
     scene = Scene() if scene_file is None else read_scene(scene_file)
     if output is not None:
         _check_table(output, read, overwrite) if is_table else check_folder(output, read, overwrite)
-    *members, reference = _datasets(data, Reading(is_kept=not no_cache, moment=Moment(step, time, between)))
+    reading = Reading(is_kept=not no_cache, moment=Moment(step, time, between), deformation=deformation)
+    *members, reference = _datasets(data, reading)
     names = [",".join(path.name for path in paths) for paths in data]
     with stage("comparing"):
         found = family(members, reference, names[:-1], texts_of(fields), error)

@@ -193,7 +193,7 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
 
 def _key(scene: Scene) -> object:
     """What the data of a scene depend on."""
-    of_files = (scene.data, scene.plugin, scene.reader, scene.others, scene.reference)
+    of_files = (scene.data, scene.plugin, scene.reader, scene.others, scene.reference, scene.deform)
     return *of_files, scene.step, scene.time, scene.between
 
 

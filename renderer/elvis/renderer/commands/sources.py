@@ -15,6 +15,7 @@ from elvis.core.arguments import (
     between_option,
     cache_option,
     data_argument,
+    deform_options,
     inputs,
     other_option,
     plugin_option,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.critical_points import CriticalPoints
     from elvis.core.dataset import Dataset
+    from elvis.core.deformation import Deformation
     from elvis.core.extrema import Extreme
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
@@ -78,6 +80,7 @@ class Data:
     others: tuple[str, ...] = ()
     is_of_map: bool = False
     reference: Mapping[str, float] = field(default_factory=dict)
+    deformation: Deformation | None = None
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
@@ -94,7 +97,7 @@ class Data:
         moment = Moment(self.step, self.time, self.between)
         options = pairs(self.reader)
         own = Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
-        return replace(own, reference=self.reference)
+        return replace(own, reference=self.reference, deformation=self.deformation)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
         """What answers questions about the files, or on quantities alone, after a word on what a conversion lost.
@@ -244,6 +247,7 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     @between_option
     @other_option
     @set_option
+    @deform_options
     @cache_option
     @wraps(command)
     def parsed(
@@ -256,10 +260,11 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
         between: str,
         others: tuple[str, ...],
         reference: dict[str, float],
+        deformation: Deformation | None,
         **rest: Any,
     ) -> None:
-        own = Data(data, plugin, reader, not no_cache, step, time, between, others, reference=reference)
-        command(data=own, **rest)
+        own = Data(data, plugin, reader, not no_cache, step, time, between, others)
+        command(data=replace(own, reference=reference, deformation=deformation), **rest)
 
     return parsed
 

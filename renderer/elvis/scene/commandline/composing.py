@@ -43,6 +43,7 @@ def composed(
     given = {key: value for key, value in options.items() if value is not None and value != ()}
     scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else base or Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
+    scene = _with_deform(scene, given)
 
     # one plane without a style of its own is the shortcut
     cuts = [CutSurface(plane) for plane in given.pop("plane", ())]
@@ -93,6 +94,17 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
     if not free or len(alike) != 1 or any(len(own) != 1 or own[0].title != frames[0].scene.field for own in maps):
         return None
     return min(frame.range[0] for frame in frames), max(frame.range[1] for frame in frames)
+
+
+def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
+    """The scene with its deformation, of which the options are taken out of ``given``."""
+    from elvis.scene.commandline.options import DEFORM
+
+    own = given.pop("deform", scene.deform)
+    parts = {name: given.pop(f"deform_{name}") for name in DEFORM if f"deform_{name}" in given}
+    if parts and own is None:
+        raise SceneError(f"expected --deform with --{next(iter(parts))}")
+    return replace(scene, deform=replace(own, **parts) if parts else own)
 
 
 def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:

@@ -14,7 +14,7 @@ from elvis.scene.commandline.command import FIGURE, text_type
 from elvis.scene.objects import SceneObject, Streamlines
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.style import Style
-from elvis.scene.whole import Scene
+from elvis.scene.whole import Deform, Scene
 
 #: keys of a scene whose options stand before all others in the help
 FIRST = ("field", "plugin", "reader", "others", "plane", "objects")
@@ -22,6 +22,9 @@ FIRST = ("field", "plugin", "reader", "others", "plane", "objects")
 STYLES = tuple(name for name, setting in settings(Style).items() if setting.option)
 #: options that add objects, by the key ``kind``
 OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
+
+#: options of a deformed geometry, in addition to that of its displacement, by the key of Deform
+DEFORM = tuple(name for name, setting in settings(Deform).items() if setting.option)
 
 #: what streamlines follow, as pictures and `elvis trace` have it
 COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance", "wall")
@@ -37,7 +40,20 @@ COMMON = {
 
 #: chapters of the help, and what stands in each by its key; all else stands in the last
 CHAPTERS = {
-    "Data": ("field", "plugin", "reader", "fields", "others", "step", "time", "between", "device", "memory"),
+    "Data": (
+        "field",
+        "plugin",
+        "reader",
+        "fields",
+        "others",
+        "step",
+        "time",
+        "between",
+        "deform",
+        *(f"deform_{name}" for name in DEFORM),
+        "device",
+        "memory",
+    ),
     "Objects": ("plane", *OBJECTS, "clip"),
     "Colours and lines": ("palette", "range", "bar", *STYLES, "background", "lights", "ambient"),
     "Camera": ("camera", "region", "zoom", "size", "samples"),
@@ -61,6 +77,8 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
             found += [_option(name, settings(Style)[name], types(Style)[name]) for name in STYLES]
         elif settings(Scene)[key].option and key not in leaving:
             found.append(_option(key, settings(Scene)[key], types(Scene)[key]))
+        if key == "deform" and key not in leaving:
+            found += [_option(f"deform_{name}", settings(Deform)[name], types(Deform)[name]) for name in DEFORM]
     return found
 
 

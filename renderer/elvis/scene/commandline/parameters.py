@@ -233,6 +233,11 @@ def light(text: str) -> scene.Light:
     return scene.Light(towards, *map(_number, [intensity] if intensity else []))
 
 
+def deform(text: str) -> scene.Deform:
+    """The components of a displacement with commas between them."""
+    return scene.Deform(text)
+
+
 def setting(text: str) -> tuple[str, str]:
     """``KEY=VALUE``."""
     key, equals, value = text.partition("=")

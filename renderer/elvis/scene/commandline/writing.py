@@ -260,6 +260,7 @@ _WRITERS: dict[str, Callable[[Any], str]] = {
     "bar": _bar,
     "background": _list,
     "color": _list,
+    "deform": lambda deform: deform.displacement,
     "color_range": lambda ends: ends if isinstance(ends, str) else ":".join(map(_number, ends)),
     "region": lambda ends: "{}:{},{}:{}".format(*map(_number, ends)),
     "size": lambda sides: "{}x{}".format(*sides),

@@ -1,0 +1,38 @@
+"""What a user says of a deformation: options, keys of scenes and arguments of Python mean the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+from elvis.core.errors import ElvisError
+from elvis.core.hints import perhaps
+
+#: where derivatives of quantities are taken; the first is the default
+GRADIENTS = ("undeformed", "deformed")
+
+#: the sentences of options and keys
+DISPLACEMENT_HELP = (
+    "Draw and measure on the deformed geometry x + S d(x): the components of d, fields or polynomials of fields, with "
+    "commas between them, or the name of a vector field without its suffixes."
+)
+SCALE_HELP = "Factor S of the displacement."
+GRADIENTS_HELP = "Configuration in which derivatives of quantities are taken on a deformed geometry."
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """A displacement as a text, its factor, and where derivatives are taken."""
+
+    displacement: str
+    scale: float = 1.0
+    gradients: str = GRADIENTS[0]
+
+    def __post_init__(self) -> None:
+        if not self.displacement.strip():
+            raise ElvisError("--deform: expected the components of a displacement, such as u,v,w, found none")
+        if not isfinite(self.scale):
+            raise ElvisError(f"--scale: expected a finite number, found {self.scale:g}")
+        if self.gradients not in GRADIENTS:
+            known = f"{' or '.join(GRADIENTS)}, found {self.gradients!r}{perhaps(self.gradients, GRADIENTS)}"
+            raise ElvisError(f"--gradients: expected {known}")

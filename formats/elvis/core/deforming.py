@@ -1,0 +1,220 @@
+"""Deformed geometry: x + S d(x) in place of the map x, for polynomial displacements d.
+
+On an element with a map of degree p and a displacement of degree q, both in reference coordinates, x + S d(x) is a
+polynomial map of degree max(p, q).  It is given to the dataset as fields (``GeometryMap``): so it is the map for
+whatever asks for one.  Fields keep their coefficients, and so stay with their material points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
+from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Deformed, Expansion, Field
+from elvis.core.deformation import GRADIENTS
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.polynomials.expansion import mode_count, values
+from elvis.core.polynomials.grouping import grouped
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities.tree import AXES
+from elvis.core.shapes import Shape
+
+#: names of the fields that hold the coordinates before the deformation
+UNDEFORMED = tuple(f"undeformed_{axis}" for axis in AXES)
+#: what is left of values beyond a space, as a share of the largest, that is rounding
+ROUNDING = 1e-12
+#: numbers in the values that are fitted at once
+_NUMBERS = 1 << 22
+#: bases of polynomials on pyramids, by the direction
+_ORTHO_PYRAMID = (Basis.ORTHO_A, Basis.ORTHO_A, Basis.ORTHO_PYR_C)
+
+
+def deformed(
+    dataset: Dataset, displacement: Sequence[Field], scale: float = 1.0, gradients: str = GRADIENTS[0]
+) -> Dataset:
+    """The dataset on the geometry x + scale · d(x).
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its map may be curved, or given by fields.
+    displacement : sequence of Field
+        The components of d, one for each coordinate, on elements of the dataset.
+    scale : float
+        Factor of the displacement.
+    gradients : str
+        Where derivatives of quantities are taken: ``undeformed`` or ``deformed``.
+
+    Returns
+    -------
+    Dataset
+        The same fields with the same coefficients.  Elements on which a component has no values stay where they are.
+
+    Raises
+    ------
+    ElvisError
+        For another number of components than of coordinates, Fourier directions, values that are not finite, and
+        pyramids on which no space holds the sum.
+    """
+    _check(dataset, displacement)
+    dataset = undeformed(dataset)
+    before = geometry(dataset)
+    names = _free(dataset, UNDEFORMED)[: dataset.mesh.space]
+    blocks = [block for own in _moved(before, displacement, scale) for block in own]
+    map_names = _free(dataset, MAP_FIELDS)[: dataset.mesh.space]
+    maps = [_field(name, axis, blocks) for axis, name in enumerate(map_names)]
+    places = [_field(name, axis, before) for axis, name in enumerate(names)]
+    kept = [field for field in dataset.fields if field.name not in dataset.map_names]
+    return replace(
+        dataset,
+        fields=(*kept, *maps, *places),
+        metadata={**dataset.metadata, MAP_KEY: ",".join(map_names)},
+        deformation=Deformed(tuple(own.name for own in displacement), scale, gradients, names),
+    )
+
+
+def undeformed(dataset: Dataset) -> Dataset:
+    """The dataset on the geometry that it had before it was deformed."""
+    known = dataset.deformation
+    if known is None:
+        return dataset
+    names = dataset.map_names
+    # the fields of the map change places with those of the coordinates before
+    places = [replace(dataset.field(own), name=name) for own, name in zip(known.coordinates, names, strict=True)]
+    kept = [field for field in dataset.fields if field.name not in (*names, *known.coordinates)]
+    remarks = tuple(remark for remark in dataset.remarks if remark not in known.told)
+    return replace(dataset, fields=(*kept, *places), remarks=remarks, deformation=None)
+
+
+def _check(dataset: Dataset, displacement: Sequence[Field]) -> None:
+    """ElvisError for a displacement that is none of this dataset."""
+    space = dataset.mesh.space
+    if len(displacement) != space:
+        coordinates = ", ".join(AXES[:space])
+        found = f"{len(displacement)}: {', '.join(own.name for own in displacement)}"
+        raise ElvisError(f"expected a displacement of {space} components, for {coordinates}, found {found}")
+    for own in displacement:
+        for block in own.blocks:
+            if block.expansion.homogeneous:
+                raise ElvisError(f"expected a displacement without Fourier directions, found {own.name}")
+            if not np.isfinite(block.coefficients).all():
+                raise ElvisError(f"expected a displacement with finite values, found others in {own.name}")
+
+
+def _free(dataset: Dataset, names: Sequence[str]) -> tuple[str, ...]:
+    """The names, or longer ones where fields have these already; those of the map are free."""
+    taken = {field.name for field in dataset.fields} - set(dataset.map_names)
+    while taken.intersection(names):
+        names = [f"{name}_" for name in names]
+    return tuple(names)
+
+
+def _field(name: str, axis: int, blocks: Sequence[GeometryBlock]) -> Field:
+    """A coordinate of maps as a field."""
+    parts = [Block(own.expansion, own.element_ids, frozen_floats(own.coefficients[:, axis])) for own in blocks]
+    return Field(name, tuple(parts), None)
+
+
+def _moved(
+    before: Sequence[GeometryBlock], displacement: Sequence[Field], scale: float
+) -> Iterator[Iterator[GeometryBlock]]:
+    """The deformed maps of all elements."""
+    sources = [own.blocks for own in displacement]
+    ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in before)])
+    if not len(ids):
+        return
+    for group in grouped(ids, [before, *sources]):
+        (expansion, *spaces), (maps, *components) = group.expansions, group.coefficients
+        assert expansion is not None
+        assert maps is not None
+        known = [each for each in spaces if each is not None]
+        if len(known) < len(spaces):
+            yield iter([GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(maps))])
+            continue
+        for own, each in zip(displacement, known, strict=True):
+            if each.shape is not expansion.shape:
+                raise ElvisError(f"expected {own.name} on a {expansion.shape.label.lower()}, as in the mesh")
+        yield _sums(group.element_ids, expansion, maps, list(zip(known, components, strict=True)), scale)
+
+
+def _sums(
+    ids: Ints, expansion: Expansion, maps: Floats, parts: Sequence[tuple[Expansion, Floats | None]], scale: float
+) -> Iterator[GeometryBlock]:
+    """The maps x + scale · d of elements with the same expansions, some elements after another."""
+    candidates = _candidates([expansion, *(own for own, _ in parts)])
+    step = max(1, _NUMBERS // (3 * mode_count(candidates[-1])))
+    for first in range(0, len(ids), step):
+        rows = slice(first, first + step)
+        moving = [(own, coefficients[rows]) for own, coefficients in parts if coefficients is not None]
+        for target in candidates:
+            found = _fitted(target, expansion, maps[rows], moving, scale)
+            if found is not None:
+                yield GeometryBlock(target, frozen_ints(ids[rows]), frozen_floats(found))
+                break
+        else:
+            shape = expansion.shape.label.lower()
+            raise ElvisError(f"expected a displacement that polynomial maps hold, found other functions on a {shape}")
+
+
+def _candidates(spaces: Sequence[Expansion]) -> list[Expansion]:
+    """Expansions that may hold sums of functions of several, smaller ones first.
+
+    On all shapes but pyramids the first one does: expansions of more modes hold those of fewer.  Pyramids have two
+    families.  Modified functions with 2 n - 1 modes hold orthogonal ones, all polynomials of degree n - 1.
+    """
+    shape = spaces[0].shape
+    # a space of one mode, such as that of a constant, is held by linear functions
+    modes = np.maximum(np.max([own.modes for own in spaces], axis=0), 2)
+    first = modified(shape, tuple(modes.tolist()))
+    if shape is not Shape.PYRAMID:
+        return [first]
+    most = int(modes.max())
+    return [
+        modified(shape, (most,) * 3),
+        Expansion(shape, _ORTHO_PYRAMID, (most,) * 3),
+        modified(shape, (2 * most - 1,) * 3),
+    ]
+
+
+def _fitted(
+    target: Expansion,
+    expansion: Expansion,
+    maps: Floats,
+    parts: Sequence[tuple[Expansion, Floats]],
+    scale: float,
+) -> Floats | None:
+    """(n, 3, m) coefficients of x + scale · d in an expansion; None where that doesn't hold all of them."""
+    table, inverse, points = _projection(target)
+    places = evaluate(expansion, maps, points)
+    for axis, (own, coefficients) in enumerate(parts):
+        places[:, axis] += scale * evaluate(own, coefficients, points)
+    found = places @ inverse
+    # one step of refinement takes the rounding of the inverse away
+    found += (places - found @ table) @ inverse
+    left = np.abs(places - found @ table).max(initial=0.0)
+    return found if left <= ROUNDING * np.abs(places).max(initial=0.0) else None
+
+
+@bounded_cache
+def _projection(expansion: Expansion) -> tuple[Floats, Floats, Floats]:
+    """(m, k) values of modes at points, (k, m) coefficients by least squares from values there, and the points.
+
+    The points (k, d) are those of Gauss rules in collapsed coordinates, more than there are modes, so that functions
+    that are not in the space leave a residual.  Modes are scaled to one size, as inner ones of high order are small.
+    """
+    shape = expansion.shape
+    lines = np.meshgrid(*[gauss(max(expansion.modes) + 1)[0]] * shape.dimension, indexing="ij")
+    points = frozen_floats(uncollapse(shape, np.stack([line.reshape(-1) for line in lines], axis=1)))
+    table = values(expansion, points)
+    sizes = np.linalg.norm(table, axis=0)
+    inverse = np.linalg.pinv(table / sizes) / sizes[:, None]
+    return frozen_floats(table.T), frozen_floats(inverse.T), points

@@ -1,0 +1,140 @@
+"""Datasets on a deformed geometry, whose displacement is said in words: fields, expressions, a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from elvis.core.arguments import texts_of
+from elvis.core.dataset import Dataset, Field
+from elvis.core.deformation import GRADIENTS, Deformation
+from elvis.core.deforming import deformed, undeformed
+from elvis.core.errors import ElvisError
+from elvis.core.quantities.tree import AXES
+from elvis.core.ranks import ALONE, Ranks
+from elvis.core.validity.folded import folded
+from elvis.plugins.added_quantities import QuantitySource, add_quantities, parse_quantities
+
+#: how the components of a vector end in the files of solvers
+_SUFFIXES = (
+    tuple(f"_{axis}" for axis in AXES),
+    AXES,
+    ("_1", "_2", "_3"),
+    ("_0", "_1", "_2"),
+    ("1", "2", "3"),
+    ("0", "1", "2"),
+)
+
+
+def deform(dataset: Dataset, displacement: str, scale: float = 1.0, gradients: str = GRADIENTS[0]) -> Dataset:
+    """The dataset on the deformed geometry x + scale · d(x), which is exact: a polynomial map again.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Its fields keep their coefficients, and so stay with their material points.
+    displacement : str
+        The components of d, one for each coordinate, with commas between them: fields, or expressions that are
+        polynomials of fields; or the name of a vector, such as ``displacement`` for the fields ``displacement_x`` and
+        ``displacement_y``.
+    scale : float
+        Factor of the displacement.
+    gradients : str
+        Where derivatives of quantities are taken: ``undeformed`` (the default) or ``deformed``.
+
+    Returns
+    -------
+    Dataset
+        Its coordinates before the deformation are ``undeformed_x``, … in expressions.  Its remarks name the
+        deformation, and elements that it folds.
+
+    Raises
+    ------
+    ElvisError
+        For another number of components than of coordinates, a component that is not a polynomial of fields, and data
+        with Fourier directions.
+
+    Examples
+    --------
+    >>> bent = elvis.deform(ds, "u,v,w", scale=50)  # doctest: +SKIP
+    >>> elvis.render(bent, "sqrt(u^2+v^2+w^2)")  # doctest: +SKIP
+    """
+    return with_deformation(dataset, Deformation(displacement, scale, gradients))
+
+
+def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = ALONE) -> Dataset:
+    """The dataset on a deformed geometry, or the part of it that one of several ranks has."""
+    dataset = undeformed(dataset)
+    texts = component_texts(dataset, deformation.displacement)
+    components = _fields(dataset, texts)
+    found = deformed(dataset, components, deformation.scale, deformation.gradients)
+    assert found.deformation is not None
+    own = replace(found.deformation, displacement=tuple(texts))
+    told = (str(own), *_doubts(components), *folded(found, ranks).sentences())
+    new = tuple(remark for remark in told if remark not in found.remarks)
+    return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new))
+
+
+def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:
+    """Whether the geometry of a dataset is the one that is asked for."""
+    known = dataset.deformation
+    if known is None:
+        return False
+    texts = tuple(component_texts(dataset, deformation.displacement))
+    return (known.displacement, known.scale, known.gradients) == (texts, deformation.scale, deformation.gradients)
+
+
+def component_texts(dataset: Dataset, displacement: str) -> list[str]:
+    """The components that a text names, those of a vector one by one."""
+    texts = texts_of(displacement) or []
+    if len(texts) != 1 or dataset.mesh.space == 1:
+        return texts
+    known = set(dataset)
+    for suffixes in _SUFFIXES:
+        names = [texts[0] + suffix for suffix in suffixes[: dataset.mesh.space]]
+        if known.issuperset(names):
+            return names
+    return texts
+
+
+def _doubts(components: Sequence[Field]) -> Iterator[str]:
+    """What is to be said of a displacement with jumps."""
+    broken = [own.name for own in components if own.continuous is False]
+    if broken:
+        names = ", ".join(broken)
+        yield f"the displacement may jump between elements ({names}): there they come apart or overlap"
+
+
+def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:
+    """The components as fields; ElvisError for one that is not a polynomial of fields on every element."""
+    if len(texts) != dataset.mesh.space:
+        # the number is told before what is wrong with one of them
+        return [Field(text, ()) for text in texts]
+    named = dict(zip(_free_names(dataset), texts, strict=False))
+    expressions = {name: text for name, text in named.items() if text not in dataset}
+    if not expressions:
+        return [dataset.field(text) for text in texts]
+    quantities = [f"{name}={text}" for name, text in expressions.items()]
+    source = QuantitySource(dataset, parse_quantities(dataset, quantities))
+    for name, degrees in source.degrees.items():
+        if None in degrees:
+            raise ElvisError(
+                f"--deform: expected fields, or polynomials of fields on every element, found {expressions[name]}; "
+                "elvis convert --add makes a field of any quantity"
+            )
+    added = add_quantities(dataset, quantities).dataset
+    # of what is made of other fields it isn't known whether it jumps
+    own = {
+        name: replace(added.field(name), name=text, continuous=added.field(name).continuous or None)
+        for name, text in expressions.items()
+    }
+    return [own[name] if name in own else dataset.field(text) for name, text in named.items()]
+
+
+def _free_names(dataset: Dataset) -> list[str]:
+    """A name for each component, which no field has."""
+    names = [f"displacement_{axis}" for axis in AXES]
+    taken = {field.name for field in dataset.fields}
+    while taken.intersection(names):
+        names = [f"{name}_" for name in names]
+    return names

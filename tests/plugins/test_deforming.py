@@ -1,0 +1,167 @@
+"""Deformed geometry equals a file whose nodes were moved, and closed forms: points, gradients, integrals, messages."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import vtk_writer
+
+from elvis import Dataset, ElvisError, Shape, deform, integrate, read, sample
+from elvis.converters.vtk_cells import LAGRANGE, Cell, Kind
+from elvis.core.dataset import Block, Expansion, Field
+from elvis.core.deforming import undeformed
+from elvis.core.geometry import geometry
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.testing import approximated, curved, grid, ripple, scattered
+
+SCALE = 0.7
+ORTHO_PYRAMID = (Basis.ORTHO_A, Basis.ORTHO_A, Basis.ORTHO_PYR_C)
+
+
+def displacement(x):
+    """A smooth field (n, 3) of moderate gradients."""
+    return 0.1 * np.stack([np.sin(2 * x[:, 0] + x[:, 1]), x[:, 0] * x[:, 1] - x[:, 2], np.cos(x[:, 2] + x[:, 0])], 1)
+
+
+def moved_files(folder, kind, order):
+    """A file with the displacement of its nodes, and one whose nodes were moved."""
+    nodes = vtk_writer.NODES[LAGRANGE[kind]](order)
+    cell = Cell(Kind(kind, nodes), "")
+    rng, dimension = np.random.default_rng(order), cell.shape.dimension
+    x = cell.nodes + 0.05 * np.sin(3 * cell.nodes[:, [1, 2, 0]])
+    d = displacement(x)
+    x[:, dimension:], d[:, dimension:] = 0, 0
+    values = {"p": rng.uniform(-1, 1, nodes), **{f"d_{axis}": d[:, k] for k, axis in enumerate("xyz"[:dimension])}}
+    cells = [(kind, range(nodes))]
+    before = vtk_writer.write(folder / "before.vtu", vtk_writer.grid(x, cells, values))
+    return before, vtk_writer.write(folder / "after.vtu", vtk_writer.grid(x + SCALE * d, cells, values))
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"), [(68, 4), (69, 3), (69, 8), (70, 1), (70, 6), (71, 2), (71, 5), (72, 2), (72, 3), (73, 2)]
+)
+def test_deformed_geometry_is_that_of_a_file_whose_nodes_were_moved(tmp_path, kind, order):
+    before, after = (read(path, cache=False) for path in moved_files(tmp_path, kind, order))
+    shape = LAGRANGE[kind]
+    bent = deform(before, "d" if shape.dimension > 1 else "d_x", SCALE, gradients="deformed")
+    (block,) = geometry(after)
+    middle = shape.vertices.mean(axis=0)
+    inner = middle + 0.9 * (scattered(shape, 30) - middle)
+    points = evaluate(block.expansion, block.coefficients, inner)[0].T
+    texts = ["p", "d(p,x)", "d(p,y)" if shape.dimension > 1 else "p", "x"]
+    ours, theirs = (sample(data, texts, points).values for data in (bent, after))
+    size = np.abs(theirs).max(axis=0)
+    assert np.isfinite(ours).all()
+    assert (np.abs(ours - theirs) <= 1e-11 * np.maximum(1, size)).all()
+    for texts, over in ((["1", "p"], "domain"), (["nx", "p*nx"], "all"))[: shape.dimension]:
+        own, expected = (integrate(data, texts, over) for data in (bent, after))
+        for a, b in zip(own, expected, strict=True):
+            assert a.value == pytest.approx(b.value, rel=1e-12, abs=1e-13)
+
+
+def polynomial_flow(shape, order, n=2):
+    """A displacement of polynomials of degree ``order`` and a field of degree 2 on elements of one shape."""
+    mesh = grid(shape, 1) if n == 2 else curved(grid(shape, 1), ripple(0.03), n)
+    data, space = Dataset(mesh), shape.dimension
+    functions = {
+        "u": lambda x: 0.1 * (x.sum(axis=1) ** order + x[:, 0]),
+        "v": lambda x: 0.05 * (x[:, 1] ** order - x[:, 0]),
+        "w": lambda x: 0.08 * (x[:, 2] + x[:, 0]) ** order,
+    }
+    fields = [approximated(data, name, functions[name], order + 1) for name in "uvw"[:space]]
+    return replace(data, fields=(*fields, approximated(data, "p", lambda x: x[:, 0] ** 2 + x.sum(axis=1), 3)))
+
+
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [*((shape, 2) for shape in Shape), (Shape.SEGMENT, 8), (Shape.QUADRILATERAL, 7), (Shape.TETRAHEDRON, 4)],
+)
+def test_points_move_by_the_displacement_and_keep_their_values_and_gradients(shape, order):
+    data, space = polynomial_flow(shape, order), shape.dimension
+    scale = 0.5
+    bent = deform(data, ",".join("uvw"[:space]), scale)
+    points = np.zeros((20, 3))
+    points[:, :space] = np.random.default_rng(order).uniform(0.05, 0.95, (20, space))
+    moves = sample(data, list("uvw"[:space]), points).values
+    places = points.copy()
+    places[:, :space] += scale * moves
+    found = sample(bent, ["p", "d(p,x)", "undeformed_x", "laplacian(p)"], places).values
+    expected = [points[:, 0] ** 2 + points.sum(axis=1), 2 * points[:, 0] + 1, points[:, 0], np.full(20, 2.0)]
+    assert np.abs(found[:, :3] - np.stack(expected[:3], axis=1)).max() < 1e-12 * 10 ** (order > 5)
+    assert np.abs(found[:, 3] - 2).max() < 1e-9
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_pyramids_of_polynomials_get_a_space_that_holds_their_sum(n):
+    data = polynomial_flow(Shape.PYRAMID, 2, n)
+    rng, fields = np.random.default_rng(n), []
+    for name in "uvw":
+        blocks = []
+        for own in geometry(data):
+            expansion = Expansion(Shape.PYRAMID, ORTHO_PYRAMID, (3,) * 3)
+            values = 0.02 * rng.normal(size=(len(own), mode_count(expansion)))
+            blocks.append(Block(expansion, own.element_ids, values))
+        fields.append(Field(name, tuple(blocks)))
+    data, points = replace(data, fields=tuple(fields)), scattered(Shape.PYRAMID, 20)
+    (before,), (after,) = geometry(data), geometry(deform(data, "u,v,w", SCALE))
+    expected = evaluate(before.expansion, before.coefficients, points)
+    for axis, own in enumerate(fields):
+        expected[:, axis] += SCALE * evaluate(own.blocks[0].expansion, own.blocks[0].coefficients, points)
+    assert np.abs(evaluate(after.expansion, after.coefficients, points) - expected).max() < 1e-13
+
+
+def test_expressions_move_as_the_fields_that_they_become():
+    data = polynomial_flow(Shape.QUADRILATERAL, 2)
+    found = deform(data, "0.5*u*v+0.1*x, 2*v", 0.3)
+    points = np.array([[0.3, 0.4, 0.0], [0.9, 0.1, 0.0]])
+    u, v = sample(data, ["u", "v"], points).values.T
+    places = points + 0.3 * np.stack([0.5 * u * v + 0.1 * points[:, 0], 2 * v, 0 * u], axis=1)
+    assert np.abs(sample(found, ["u", "v"], places).values - np.stack([u, v], axis=1)).max() < 1e-13
+    assert list(found) == ["u", "v", "p"]
+
+
+def test_a_second_deformation_takes_the_place_of_the_first():
+    data = polynomial_flow(Shape.TRIANGLE, 2)
+    once, twice = deform(data, "u,v", 0.2), deform(deform(data, "v,u", 0.9), "u,v", 0.2)
+    same = [
+        np.array_equal(a.coefficients, b.coefficients) for a, b in zip(geometry(once), geometry(twice), strict=True)
+    ]
+    assert all(same)
+    assert twice.remarks == once.remarks
+    assert undeformed(once).remarks == data.remarks
+
+
+def test_the_record_names_the_deformation_and_what_it_folds():
+    data = polynomial_flow(Shape.QUADRILATERAL, 1)
+    assert any("gradients are taken in the deformed" in own for own in deform(data, "u,v", 1, "deformed").remarks)
+    assert any("inverted or folded" in own for own in deform(data, "-x,y", 2).remarks)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("u", "expected a displacement of 2 components, for x, y, found 1: u"),
+        ("u,v,p", "found 3: u, v, p"),
+        ("u,sin(v)", "polynomials of fields on every element, found sin(v)"),
+        ("u,q", "there is no 'q'"),
+        (" ", "expected the components of a displacement"),
+    ],
+)
+def test_bad_displacements_give_one_line_errors(text, words):
+    with pytest.raises(ElvisError, match=words.replace("(", r"\(").replace(")", r"\)")):
+        deform(polynomial_flow(Shape.QUADRILATERAL, 2), text)
+
+
+def test_elements_without_a_displacement_stay():
+    data = Dataset(grid(Shape.QUADRILATERAL, 2))
+    moves = [approximated(data, name, lambda x: 5 + 0 * x[:, 0], 2) for name in "uv"]
+    few = tuple(replace(own, blocks=(own.blocks[0].of(np.array([1])),)) for own in moves)
+    found = deform(replace(data, fields=few), "u,v")
+    corners = sorted(
+        float(values.min())
+        for block in geometry(found)
+        for values in evaluate(block.expansion, block.coefficients[:, 0], Shape.QUADRILATERAL.vertices)
+    )
+    assert corners == pytest.approx([0.0, 0.0, 0.5, 5.5], abs=1e-14)
