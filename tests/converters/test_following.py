@@ -8,7 +8,7 @@ import pytest
 
 from elvis import ElvisError, render, sample
 from elvis.plugins.data import Reading
-from elvis.plugins.series.following import Following, files_of_run
+from elvis.plugins.series.following import Following, _stamp, files_of_run
 from elvis.plugins.testing.steps import polynomial, steps_of
 
 
@@ -23,6 +23,20 @@ def made(tmp_path):
 def run(tmp_path):
     (folder := tmp_path / "run").mkdir()
     return folder
+
+
+def test_each_member_of_a_folder_that_is_written_again_is_noticed(tmp_path):
+    """Also with its size unchanged, the oldest as well as the newest, and the folder's own entry unchanged."""
+    for number, name in enumerate("abc"):
+        (tmp_path / name).write_bytes(b"1234")
+        os.utime(tmp_path / name, (100 + number,) * 2)
+    os.utime(tmp_path, (50, 50))
+    for number, name in enumerate("cab"):
+        before = _stamp(tmp_path)
+        (tmp_path / name).write_bytes(b"4321")
+        os.utime(tmp_path / name, (200 + number,) * 2)
+        os.utime(tmp_path, (50, 50))
+        assert _stamp(tmp_path) != before, name
 
 
 def test_a_step_counts_once_it_is_whole_and_stands_still(made, run):

@@ -299,6 +299,22 @@ def test_a_scheme_says_what_the_numbers_are(tmp_path):
     assert np.isclose(values_found(done.dataset, "u", x)[0], 1 + 2 * 0.2 + 3 * 0.3 + 4 * 0.1)
 
 
+def test_each_field_has_the_functions_of_its_own_scheme(tmp_path):
+    """Whichever comes first."""
+    scheme = TEXT[TEXT.index("$InterpolationScheme") : TEXT.index("$ElementNodeData")]
+    data = TEXT[TEXT.index("$ElementNodeData") :]
+    monomials = "4 4\n1 0 0 0"
+    other = [part.replace('"own"', '"other"').replace('"u"', '"v"') for part in (scheme, data)]
+    text = TEXT.replace("4 4\n1 -1 -1 -1", monomials).replace(data, "") + other[0]
+    x = np.array([[0.2, 0.3, 0.1]])
+    monomial, nodal = 1 + 2 * 0.2 + 3 * 0.3 + 4 * 0.1, 1 * 0.4 + 2 * 0.2 + 3 * 0.3 + 4 * 0.1
+    for number, fields in enumerate(((data, other[1]), (other[1], data))):
+        path = tmp_path / f"{number}.msh"
+        path.write_text(text + "".join(fields))
+        done = convert(Gmsh([path])).dataset
+        assert [values_found(done, name, x)[0] for name in "uv"] == pytest.approx([monomial, nodal], abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -124,6 +124,10 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
     write(tmp_path / "run0.f00001", x, {}, contents="X", time=0.0, step=0)
     later = {letter: values[::-1] for letter, values in fields.items()}
     last = write(tmp_path / "run0.f00002", x, later, numbers=[2, 1], contents="UPT", time=1.0, step=9)
+    # points of a later step are those of a mesh that has moved
+    write(tmp_path / "run0.f00003", 3 * x, {}, contents="X", time=2.0, step=12)
+    assert np.abs(convert(Nek([last])).dataset.mesh.vertices).max() == pytest.approx(1, abs=1e-12)
+    (tmp_path / "run0.f00003").unlink()
     (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 1\nnumtimesteps: 2\n")
     for files in ([last], [tmp_path / "run0.f00001", last], [tmp_path / "run.nek5000"]):
         done = check(Nek, files)

@@ -5,8 +5,11 @@ import pytest
 from vtk_writer import cube, grid, linear, one, write
 
 from elvis import integrate, read
+from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_cells import Cell, Kind
 from elvis.converters.vtk_numbering import upright
+from elvis.core.shapes import Shape
+from elvis.plugins.converting import convert
 from elvis.plugins.testing import values_found
 
 pytest.importorskip("vtk")
@@ -39,6 +42,18 @@ def test_each_part_has_its_own_numbering_of_hexahedra(tmp_path):
     assert np.abs(values_found(dataset, "u", points) - linear(points)).max() < 1e-12
     assert integrate(dataset, "u - (1 + x - 2*y + 0.5*z)")[0].value == pytest.approx(0, abs=1e-13)
     assert [remark for remark in dataset.remarks if "part_1.vtu: edges of hexahedra" in remark]
+
+
+@pytest.mark.parametrize(("part", "one_mesh"), [(0.5, True), (2.0, False)])
+def test_cells_that_are_apart_by_more_than_a_millionth_are_not_the_same(tmp_path, part, one_mesh):
+    """Fields of two files go together where the meshes are one: half and twice as far apart as that may be."""
+    x, cells = cube(order=1)
+    corner = np.zeros(x.shape)
+    corner[0, 0] = part * 1e-6 * np.ptp(x, axis=0).max()
+    first = write(tmp_path / "a.vtu", grid(x, cells, {"u": linear(x)}))
+    second = write(tmp_path / "b.vtu", grid(x + corner, cells, {"v": linear(x)}))
+    mesh = convert(Vtk([first, second])).dataset.mesh
+    assert (len(mesh.of(Shape.TETRAHEDRON)) == 2) == one_mesh
 
 
 @pytest.mark.parametrize("marks", [True, False])

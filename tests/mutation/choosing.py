@@ -122,8 +122,16 @@ class Touched:
             target.write_text("{}", encoding="utf-8")
 
     def running(self, test: Path, name: str, line: int) -> dict[str, float]:
-        """Seconds of the tests of a module that run a line."""
-        return {node: seconds for node, (seconds, of) in self.of(test).items() if line in of.get(name, ())}
+        """Seconds of the tests of a module that run a line; if it runs on import, of those that run any of its file."""
+        known = self.of(test).items()
+        if self._is_in_function(name, line):
+            return {node: seconds for node, (seconds, of) in known if line in of.get(name, ())}
+        return {node: seconds for node, (seconds, of) in known if name in of}
+
+    def _is_in_function(self, name: str, line: int) -> bool:
+        tree = ast.parse((self._root / name).read_text(encoding="utf-8"))
+        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+        return any(node.body[0].lineno <= line <= (node.end_lineno or line) for node in functions)
 
 
 def tests_for(imports: Imports, touched: Touched, path: Path, lines: range, budget: float) -> list[list[str]]:

@@ -49,6 +49,8 @@ class PythonMutations:
 
     def __init__(self, text: str) -> None:
         self._text = text
+        #: methods ``lower`` and ``upper`` of texts
+        self._texts: set[ast.AST] = set()
         self._starts = [0]
         for line in text.splitlines(keepends=True):
             self._starts.append(self._starts[-1] + len(line))
@@ -115,7 +117,7 @@ class PythonMutations:
                 yield from self._between("flip a strictness", first, second, old, STRICTER[old])
 
     def _attribute(self, node: ast.Attribute) -> Iterator[Mutation]:
-        if node.attr in OTHER_END:
+        if node.attr in OTHER_END and node not in self._texts:
             end = self._span(node)[1]
             start = end - len(node.attr)
             yield Mutation("exchange an end", node.end_lineno, start, node.attr, OTHER_END[node.attr])
@@ -125,6 +127,8 @@ class PythonMutations:
             yield self._replace("exchange an end", node, OTHER_END[node.id])
 
     def _call(self, node: ast.Call) -> Iterator[Mutation]:
+        if isinstance(node.func, ast.Attribute) and node.func.attr in ("lower", "upper"):
+            self._texts.add(node.func)
         if self._source(node.func) in ("np.abs", "abs") and len(node.args) == 1:
             yield self._replace("sign", node, f"({self._source(node.args[0])})")
         if self._source(node.func) == "np.nextafter":

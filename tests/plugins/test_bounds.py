@@ -1,6 +1,8 @@
 """Bounds of plugins: values lie within them, and some come near their ends (tests/support/claims.py)."""
 
+from fractions import Fraction
 from itertools import product
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -147,3 +149,81 @@ def test_values_of_a_net_have_its_error_and_that_of_their_evaluation(monkeypatch
         terms = np.array([choose(degree, k) for k in powers]) / 2.0**degree
         line = (terms * (1 + COARSE) ** (degree + 2 + powers)).sum()
         assert (bound - 0.1) / 8 < line**2 - 1 <= bound - 0.1
+
+
+@pytest.fixture(scope="module")
+def stated(renderer):
+    """Bounds (n,) that a kernel states for cases of up to twelve numbers."""
+    device = renderer("vulkan").device
+    folders = list(device._folders)
+    device.include(Path(__file__).parent / "shaders")
+    kernel = device.kernel("bounds_check")
+    device.include(folders[-1])
+
+    def bounds(number, first, second=0.0, third=0.0, surface=(0.0,)):
+        cases = np.zeros(len(first), kernel.dtype("cases"))
+        for name, value in (("first", first), ("second", second), ("third", third)):
+            cases[name][:, : np.shape(value)[-1] if np.ndim(value) else 4] = value
+        cases["bound"] = number
+        found = device.empty(np.float64, len(first))
+        numbers = device.buffer(np.asarray(surface, float))
+        unused = dict.fromkeys(kernel._needed, numbers)
+        kernel(len(first), {**unused, "cases": device.buffer(cases), "found": found, "surface_numbers": numbers})
+        return device.read(found, np.float64)[: len(first)]
+
+    return bounds
+
+
+def test_distances_reach_over_boxes_as_far_as_their_corners(stated):
+    """Computed places are off, too: corners are the farthest."""
+
+    def claim(rng):
+        radius, error = rng.uniform(0, 1, (COUNT, 3)), rng.uniform(0, 0.2, (COUNT, 3))
+        yield np.linalg.norm(radius + error, axis=1), stated(0, radius, error)
+
+    check(claim)
+
+
+def test_patches_are_as_far_from_their_linear_part_as_taylors_theorem_says(stated):
+    """X = (a s^2 + 2 b s t + c t^2) / 2 for |s|, |t| <= h, whose derivatives are bounded by a, b and c."""
+
+    def claim(rng):
+        for _ in range(5):
+            a, b, c = rng.uniform(0.1, 1, 3)
+            half = rng.uniform(0.2, 2, (COUNT, 1))
+            s, t = half[:, 0] * rng.choice([-1, 1], (2, COUNT))
+            yield np.abs(a * s**2 + 2 * b * s * t + c * t**2) / 2, stated(1, half, surface=[0, 0, a, b, c, *[0] * 8])
+
+    check(claim)
+
+
+def test_rays_in_skewed_tetrahedra_are_off_by_less_than_is_stated(stated):
+    """Reference coordinates by cofactors, in floats and in fractions, of slivers a millionth as thick as long."""
+    rng = np.random.default_rng(5)
+    jacobians = rng.uniform(-1, 1, (COUNT, 3, 3))
+    jacobians[:, :, 2] = jacobians[:, :, :2] @ [0.3, 0.4] + 1e-6 * jacobians[:, :, 2]
+    points = rng.uniform(-1, 1, (COUNT, 3))
+    after, last = jacobians[:, :, [1, 2, 0]], jacobians[:, :, [2, 0, 1]]
+    cofactors = np.cross(after, last, axis=1).swapaxes(1, 2)
+    determinants = np.einsum("nk,nk->n", jacobians[:, :, 0], cofactors[:, 0])
+    computed = np.einsum("nkc,nc->nk", cofactors, points) / determinants[:, None]
+    exact = np.array([solved(*both) for both in zip(jacobians, points, strict=True)], float)
+    skewed = np.linalg.norm(jacobians, axis=1).prod(axis=1) / np.abs(determinants)
+    third = np.column_stack([skewed, np.ones(COUNT)])
+    bound = stated(2, exact, np.zeros(3), third)
+    away = np.abs(computed - exact).max(axis=1)
+    assert (away <= bound).all()
+    assert (away / bound).max() > 1e-2
+
+
+def solved(jacobian, point):
+    """Cramer's rule in fractions."""
+    j = [[Fraction(float(entry)) for entry in row] for row in jacobian]
+    p = [Fraction(float(entry)) for entry in point]
+
+    def determinant(a):
+        return sum(a[0][i] * (a[1][i - 2] * a[2][i - 1] - a[1][i - 1] * a[2][i - 2]) for i in range(3))
+
+    whole = determinant(j)
+    with_point = [[[p[r] if c == k else j[r][c] for c in range(3)] for r in range(3)] for k in range(3)]
+    return [float(determinant(matrix) / whole) for matrix in with_point]

@@ -17,6 +17,7 @@ from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
+from elvis.reference.scenes.ray_integrals import RayIntegral
 from elvis.reference.solids import bounds, faces, heights
 from elvis.reference.study import compare_scene
 from elvis.scene import Clip, CutSurface, Faces, Isosurface, Style, Transfer, TriangleMesh, VolumeRendering
@@ -203,3 +204,16 @@ def test_a_comparison_with_triangles_goes_through(ball):
     study = compare_scene(cube(), scene, (0, 1), draw=draw, validation_size=0, meshes=True)
     assert [rival.skipped for rival in study.rivals if rival.level is not None] == [None, None]
     assert set(study.rivals[0].meshes) == {"n0"}
+
+
+def test_errors_of_light_hold_what_halving_leaves():
+    """Densities with a kink inside the stretch, no rounding: alpha is 1 - exp(-(area under the densities))."""
+    largest = 0.0
+    for kink in (0.1, 0.3, 1 / 3, 0.5, 0.7):
+        transfer = Transfer(values=(0.0, kink, 1.0), densities=(0.0, 3.0, 0.5), colors=((1.0, 1.0, 1.0),) * 3)
+        along = RayIntegral(lambda which, shares: [shares], [transfer], np.ones(1), np.zeros((1, 1)))
+        light = along.light()
+        away = abs(light.alpha[0] + np.expm1(-(1.5 * kink + 1.75 * (1 - kink))))
+        assert away <= light.error[0] < 1e-7
+        largest = max(largest, away)
+    assert largest > 1e-12

@@ -194,3 +194,12 @@ def test_isosurfaces_between_elements_far_from_the_origin(distance):
     camera = Camera(tuple(eye), tuple(eye + np.array([1.1, -0.1, 0.2])), fov=20.0)
     frame = render(data, Scene("u", camera=camera, size=(20, 20), objects=(Isosurface((0.0,)),)))
     assert (frame.status == Status.AMBIGUOUS).all()
+
+
+def test_double_zeros_are_not_certain():
+    """u = (z - 0.5)^2 touches 0 in a plane; moved by as little as rounding it doesn't."""
+    dataset = with_field(grid(Shape.HEXAHEDRON, 1), lambda p: (p[:, 2] - 0.5) ** 2, 3)
+    camera = Camera((0.4, 0.6, 3.0), (0.5, 0.5, 0.5), up=(0, 1, 0), height=0.6)
+    frame = render(dataset, Scene(field="u", objects=(Isosurface((0.0,)),), camera=camera, size=(6, 5)))
+    assert np.isfinite(frame.depth).any()
+    assert not (frame.status == Status.CERTAIN).any()

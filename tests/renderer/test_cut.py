@@ -1,11 +1,14 @@
 """The host's part of a plane cut: tiles of sections, and who owns a disputed pixel."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from elvis import Status
+from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.tiles import TILE, tiles_of
 
@@ -113,3 +116,27 @@ def test_candidates_of_all_parts_count_together():
     pixels = resolved([NOBODY] * 3, [(2, 7, INSIDE, 0.0), (0, 7, INSIDE, 0.2)], [(2, 3, INSIDE, 0.0)])
     assert pixels.owner.tolist() == [7, NOBODY, 3]
     assert pixels.status.tolist() == [Status.CERTAIN, Status.MISS, Status.AMBIGUOUS]
+
+
+def test_the_last_candidate_for_a_pixel_is_shown_with_its_own_value():
+    """Later parts decide over earlier ones; element, field and reference belong together."""
+    earlier, later = np.zeros(3, CANDIDATE), np.zeros(2, CANDIDATE)
+    earlier["pixel"], later["pixel"] = [7, 5, 7], [5, 9]
+    for each, first in ((earlier, 10), (later, 20)):
+        each["element"] = first + np.arange(len(each))
+        each["field"] = each["element"]
+        each["reference"] = each["element"][:, None]
+    shown = []
+
+    class Commit:
+        dtype = staticmethod(lambda name: CANDIDATE)
+
+        def __call__(self, count, given):
+            shown.append(given["candidates"])
+
+    device = SimpleNamespace(kernel=lambda stage: Commit(), buffer=lambda array: array)
+    Cutter._commit(SimpleNamespace(device=device, references=1), [earlier, later], {})
+    (found,) = shown
+    assert dict(zip(found["pixel"].tolist(), found["element"].tolist(), strict=True)) == {7: 12, 5: 20, 9: 21}
+    assert (found["field"] == found["element"]).all()
+    assert (found["reference"] == found["element"][:, None]).all()

@@ -1,11 +1,13 @@
 """Messages of pages: what is one is taken, everything else is answered with a sentence."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
 from elvis.core.errors import ElvisError
 from elvis.viewer.messages import MAX_QUANTITIES, Change, Pick, id_of, parsed, table_of_text
+from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
 
 
@@ -73,3 +75,12 @@ def test_a_fault_of_the_program_is_an_answer_too(viewer, monkeypatch):
     viewer.call(viewer.session.receive(Viewer(send), {"type": "nonsense", "id": 5}))
     assert "unexpected OverflowError: too large" in answers[0]["text"]
     assert (answers[1]["type"], answers[1]["id"]) == ("error", 5)
+
+
+@pytest.mark.parametrize(
+    ("asked", "size"), [((1e300, 1e6), (8192, 8192)), ((-5, 0), (64, 64)), ((700.9, 9000), (700, 8192))]
+)
+def test_pictures_of_any_size_that_a_page_asks_for_are_within_limits(asked, size):
+    session = SimpleNamespace(size=(100, 100), _wake_up=lambda: None)
+    Session._resize(session, asked)
+    assert session.size == size

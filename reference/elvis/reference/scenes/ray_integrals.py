@@ -24,6 +24,8 @@ from elvis.scene.time_limit import check_time
 LEAST = 8
 #: error of a part's light that is none, how often a part may be halved, and how many of a ray may be open
 _ENOUGH, _HALVINGS, _OPEN = 1e-8, 24, 64
+#: roundings of a part's colour, which is at most 1, besides one for each point
+_ROUNDINGS = 8
 
 #: values of each volume's quantity, (k, n) each, on rays ``which`` (k,) at shares (k, n)
 Values = Callable[[Ints, Floats], Sequence[Floats]]
@@ -142,7 +144,8 @@ class RayIntegral:
         sent = np.exp(-np.maximum(until, 0.0))
         changing = lengths[:, None, None] * weights[:, None] * emission - taken[..., None] * mean[:, None]
         color = mean * -np.expm1(-depth)[:, None] + np.einsum("kg,kgc->kc", sent, changing)
-        return Light(color, depth, np.minimum(1.0, lengths * slack))
+        rounding = (len(nodes) + _ROUNDINGS) * np.finfo(np.float64).eps
+        return Light(color, depth, np.minimum(1.0, lengths * slack + rounding))
 
     def _sources(self, which: Ints, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
         """Densities (k, n), these times colours (k, n, 3), and how far densities may be off (k,)."""
