@@ -291,9 +291,10 @@ class BoxDiscs:
 
 @bounded_cache
 def _growths(count: int) -> Floats:
-    """(2, count, rhos) the maxima of |P_k| and |Im P_k| are inside of the ellipses, or more.
+    """(2, count, rhos) upper bounds of |P_k| and |Im P_k| inside the ellipses.
 
-    |P_k| at their real ends; with P_k = sum a_j T_j, where no a_j is negative, |Im P_k| <= sum a_j (rho^j - rho^-j)/2.
+    |P_k| is largest at their real ends. With P_k = sum a_j T_j, where no a_j is negative, |Im P_k| is at most
+    sum a_j (rho^j - rho^-j)/2.
     """
     real = jacobi(count - 1, 0, 0, (RHOS + 1 / RHOS) / 2)
 
