@@ -44,7 +44,7 @@ plugin_option = click.option(
 )
 
 
-#: where the names of fields wait for the option ``reader``
+#: storage key of the field names for the option ``reader``
 _FIELDS = "elvis.fields"
 
 
@@ -58,7 +58,7 @@ def with_fields(context: click.Context, _: click.Parameter, reader: tuple[str, .
     return reader if names is None else (*reader, f"fields={names}")
 
 
-#: how the option for `with_fields` is declared
+#: declaration of the option for `with_fields`
 FIELDS_DECLARATION: dict[str, Any] = {
     "metavar": "NAMES",
     "help": "Fields to read, separated by commas.  [default: all]",

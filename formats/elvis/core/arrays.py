@@ -42,7 +42,10 @@ def narrow_ints(values: Ints, below: int) -> NDArray[Any]:
 
 
 def among(numbers: Ints, others: Ints) -> Bools:
-    """(n,) which of numbers are among others; where there are none, others are not looked at, as ``np.isin`` would."""
+    """(n,) which of numbers are among others.
+
+    If there are no numbers, others are not examined, unlike in ``np.isin``.
+    """
     return np.isin(numbers, others) if len(numbers) else np.zeros(0, bool)
 
 
@@ -133,7 +136,7 @@ def _row_keys(rows: Ints) -> NDArray[np.uint64]:
     is_narrow = base ** len(columns) < 1 << 64
     keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
     for column in columns[1:]:
-        # where digits are too many, numbers so far by their place among all of them
+        # if the digits are too many, replace the numbers so far by their rank among all of them
         keys = keys if is_narrow else groups(keys)[1].astype(np.uint64)
         keys *= np.uint64(base)
         keys += column.view(np.uint64)

@@ -11,7 +11,7 @@ _PLANE = re.compile(r"\s*([xyz])\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)
 def point_and_normal(text: str) -> str:
     """Text whose leading ``z=0.2`` is written as ``0,0,0.2:0,0,1``; other texts are unchanged.
 
-    The part after a colon is kept.
+    The part after a colon is unchanged.
     """
     found = _PLANE.match(text)
     if found is None:

@@ -1,7 +1,8 @@
 """A cache of results that is bounded by their bytes, one for all functions of a process.
 
 Tables of polynomials depend on few numbers, but a table of degree 20 takes as much memory as ten thousand of degree 3;
-so caches that count entries grow to gigabytes.  This one counts bytes: the results that were not used for longest go.
+caches that count entries therefore grow to gigabytes.  This one counts bytes: the results that were not used for
+longest go.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ R = TypeVar("R")
 
 #: total bytes of cached results; the newest result stays even if it exceeds this
 MAX_BYTES = 128 << 20
-#: what a result takes in addition to its arrays: the key, the objects around them
+#: memory of a result in addition to its arrays: the key and wrapper objects
 _OVERHEAD = 512
 
 _Key = tuple[Callable[..., Any], tuple[Hashable, ...]]
@@ -60,7 +61,7 @@ def bounded_cache(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def cached_bytes() -> dict[str, int]:
-    """Bytes that are kept, by the names of the functions, the most first."""
+    """Cached bytes by names of functions, the largest first."""
     found: Counter[str] = Counter()
     with _lock:
         for (function, _), (_, size) in _results.items():

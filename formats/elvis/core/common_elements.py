@@ -28,11 +28,11 @@ from elvis.core.shapes import Shape
 
 #: tolerance for maps of the same element, relative to the size of coordinates: rounding in other programs' numbers
 _SAME = 1e-12
-#: how far polynomials that are the same may differ at points, each of magnitude one
+#: tolerance for equal polynomials at points, each of magnitude one
 _CLOSE = 1e-12
 _SHAPES = tuple(Shape)
 
-#: which corner of the second element each corner of the first one is
+#: for each corner of the first element, the corner of the second one
 Corners = tuple[int, ...]
 #: a shape, and the corner of the second element that each corner of the first one is
 Symmetry = tuple[Shape, Corners]
@@ -247,7 +247,7 @@ def _lattice(shape: Shape, count: int) -> Floats:
 def _symmetry(shape: Shape, corners: Corners) -> Floats | None:
     """(1 + d, d) the affine map of reference coordinates, (1, xi) to S xi, that takes corner i to ``corners[i]``.
 
-    None if there is none.
+    None if no such map exists.
     """
     own = np.hstack([np.ones((len(corners), 1)), shape.vertices])
     wanted = shape.vertices[list(corners)]

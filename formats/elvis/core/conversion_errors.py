@@ -51,7 +51,7 @@ class ConversionErrors:
         return self.fields.get(name, Loss())
 
     def sentence(self) -> str:
-        """How large the errors are."""
+        """Describe the size of the errors in words."""
         named = [("coordinates", self.place)] if self.place.value else []
         named += sorted(self.fields.items(), key=lambda item: -item[1].relative)[:1]
         told = " and ".join(f"{loss.relative:.2g} in {name}" for name, loss in named)
@@ -76,6 +76,6 @@ def _loss(facts: Mapping[str, Any]) -> Loss:
 
 
 def _number(value: Any) -> float:
-    """A number that is not negative; infinite if there is none."""
+    """A number that is not negative; infinite if missing or invalid."""
     found = inf if value is None else float(value)
     return found if isfinite(found) and found >= 0 else inf

@@ -95,7 +95,7 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
 
 
 def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ranks: Ranks) -> CriticalPoints | None:
-    """The same where each of several ranks has a part of the data; None but at the first one.
+    """`critical_points` if each of several ranks has a part of the data; None except at the first rank.
 
     Each part knows its inner sides (`knows_inner_sides`).
     """
@@ -215,7 +215,7 @@ class _Outer:
 
 
 def _codes(first: Ints, second: Ints, count: int) -> Ints:
-    """One number for each pair of vertices, whatever their order."""
+    """One number for each unordered pair of vertices."""
     return np.asarray(np.minimum(first, second) * count + np.maximum(first, second))
 
 
@@ -231,7 +231,7 @@ def ends(patches: Sequence[Patch]) -> list[float]:
 
 
 def _spread(ends: Sequence[float]) -> float:
-    """The largest of some numbers less the smallest; 1 without any."""
+    """Maximum minus minimum of some numbers; 1 without any."""
     return max(ends) - min(ends) if ends else 1.0
 
 
@@ -251,7 +251,7 @@ class _Search(ZeroSearch):
         self.vertices, self.members = local_vertices(dataset.mesh, patch.shape)[own], entities.members[own]
 
     def values(self, rows: Ints, lattice: Floats) -> Floats:
-        """As in `ZeroSearch`: the velocity."""
+        """The velocity, as required by `ZeroSearch`."""
         places = Lattice(self.patch, rows, lattice)
         found = [np.broadcast_to(value, len(places)) for value in self.evaluator.values_at(self.zeros, places)]
         return np.stack(found, axis=1)

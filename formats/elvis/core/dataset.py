@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: key of the metadata that names the fields which hold the map of the elements
 MAP_KEY = "GeometryMap"
-#: those fields where the metadata names none
+#: names of these fields if the metadata give none
 MAP_FIELDS = ("map_x", "map_y", "map_z")
 
 
@@ -130,7 +130,7 @@ class Rates(Protocol):
 
     @property
     def remark(self) -> str:
-        """What they are; empty as long as none is asked for."""
+        """Description of these derivatives; empty until one is requested."""
 
     @property
     def times(self) -> Floats:
@@ -218,7 +218,7 @@ class Dataset:
         return tuple(own for own in self.fields if own.name not in apart)
 
     def beside(self, **others: Dataset) -> Dataset:
-        """The same with other datasets that expressions may name: after ``beside(ref=other)`` p - ref:p is one."""
+        """The dataset with others that expressions may refer to: after ``beside(ref=other)``, p - ref:p is one."""
         from elvis.core.common_elements import common_elements
 
         shared = {name: own for name, own in self.shared.items() if name not in others}
@@ -229,7 +229,7 @@ class Dataset:
         return replace(self, others={**self.others, **others}, shared=shared)
 
     def field(self, name: str) -> Field:
-        """The field of this name, or a derivative in time; KeyError, with a near name, where there is none."""
+        """The field of this name, or a derivative in time; raises KeyError, with a similar name, for an unknown one."""
         for candidate in self.fields:
             if candidate.name == name:
                 return candidate
@@ -245,8 +245,8 @@ class Dataset:
     def __getitem__(self, name: str) -> DatasetField | Quantity:
         """The field of this name, or the quantity that a text says, as a function of the coordinates.
 
-        ``ds["p"](0.4, 0.3, 0.2)`` is a value, ``ds["vorticity"].range`` a certified range.  KeyError, with a near name,
-        where there is none.
+        ``ds["p"](0.4, 0.3, 0.2)`` is a value, ``ds["vorticity"].range`` a certified range.  Raises KeyError, with a
+        similar name, for an unknown one.
         """
         from elvis.core.quantities.callables import function_of
 
@@ -288,7 +288,7 @@ class Dataset:
 
     @property
     def times(self) -> Floats:
-        """(n,) times of the steps of the series that the data are a moment of; else their own time, or none."""
+        """(n,) times of the steps of the series that the data are a moment of; otherwise their own time, or empty."""
         if self.rates is not None:
             return frozen_floats(self.rates.times)
         return frozen_floats([] if self.time is None else [self.time])

@@ -72,7 +72,7 @@ def line_of_samples(samples: Samples) -> str:
 
 
 def table_of_columns(columns: Columns, caption: str) -> str:
-    """HTML: a row for each entry of the columns; of a long table the first and the last."""
+    """HTML: a row for each entry of the columns; a long table shows only the first and the last entries."""
     from html import escape
 
     count = len(next(iter(columns.values())))

@@ -8,7 +8,7 @@ from pathlib import Path
 class ElvisError(Exception):
     """Anything that stops a command for a reason that a user can act on; the message is one sentence.
 
-    A message that quotes texts is one line; of long ones it keeps the beginning and the end.
+    A message that quotes texts is one line; long ones are shortened to the beginning and the end.
 
     keeps_lines  whether messages quote a compiler, line by line
     """
@@ -45,16 +45,16 @@ class FormatError(ElvisError):
         super().__init__(": ".join(str(part) for part in (file, self.place, self.message) if part))
 
     def within(self, file: str | Path | None = None, place: str | None = None) -> FormatError:
-        """The same error with the file or place filled in where they were missing."""
+        """The error with missing file and place filled in."""
         return FormatError(self.message, file=self.file or file, place=self.place or place)
 
 
 def _in_a_line(text: str, longest: int) -> str:
-    """The text without ends of lines; of one that is longer than ``longest``, the beginning and the end."""
+    """The text without ends of lines; if it is longer than ``longest``, the beginning and the end."""
     return _shortened(" ".join(part.strip() for part in text.splitlines()), longest)
 
 
 def _shortened(text: str, longest: int) -> str:
-    """The text; of one that is longer than ``longest``, the beginning and the end."""
+    """The text; if it is longer than ``longest``, the beginning and the end."""
     half = longest // 2
     return text if len(text) <= longest else f"{text[:half]} … {text[-half:]}"

@@ -96,7 +96,7 @@ def _patches(dataset: Dataset, name: str) -> list[Patch]:
 
 
 def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extreme, Extreme]:
-    """The same of the difference of two fields, on elements that have both.
+    """The extrema of the difference of two fields, on elements that have both.
 
     Raises ElvisError if no element has both, or with Fourier directions.
     """
@@ -137,7 +137,7 @@ def chosen(count: int, nets_on: Callable[[Ints], Nets], numbers: int = 0) -> Cho
 
 @dataclass(frozen=True, eq=False)
 class Nets:
-    """Nets (n, D, …) that are off by ``error`` (n,) at most."""
+    """Nets (n, D, …) with errors of at most ``error`` (n,)."""
 
     values: Floats
     error: Floats

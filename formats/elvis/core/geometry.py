@@ -202,7 +202,7 @@ class Assembly:
         return coefficients
 
     def at_hand(self) -> GeometryBlock | Assembly:
-        """Itself if its elements are straight and quickly assembled; else the whole block."""
+        """Itself if its elements are straight and quickly assembled; otherwise the whole block."""
         return self if self.is_straight else self.block()
 
     def block(self) -> GeometryBlock:

@@ -16,7 +16,7 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.summary import box as box_of
 
-#: points that are asked together
+#: points that are evaluated together
 _TOGETHER = 1 << 18
 
 

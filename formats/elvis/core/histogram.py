@@ -1,4 +1,4 @@
-"""How much of the domain has which values of a quantity, from points of Gauss rules, the more the fewer elements."""
+"""Distribution of a quantity over the domain, from points of Gauss rules: the fewer elements, the more points each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from elvis.core.quantities.evaluator import Evaluator
 
 #: approximate number of sampled points
 MOST = 100_000
-#: of these in each direction of an element at most, and at once
+#: maximum per direction of an element, and number evaluated at once
 _EACH, _BATCH = 64, 1 << 18
 
 
@@ -41,7 +41,9 @@ class Histogram:
 
 
 def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: float = MOST) -> Histogram:
-    """The histogram of an expression by volume; where elements are too many for ``most`` points, on each n-th of them.
+    """The histogram of an expression by volume.
+
+    If elements are too many for ``most`` points, only every n-th element is sampled.
 
     Raises ElvisError if no element of the domain has a finite value of it.
     """
@@ -66,7 +68,7 @@ def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: f
 def _values(
     evaluator: Evaluator, expression: Expression, pieces: Sequence[Piece], most: float
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Values (n,) at points, and what measure each stands for (n,), some elements after the other."""
+    """Values (n,) at points, and the measure of each (n,), some elements after the other."""
     every, count = _every(pieces, most), max(1, sum(map(len, pieces)))
     for piece in pieces:
         each = int((most / count) ** (1 / piece.dimension))

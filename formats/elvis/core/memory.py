@@ -1,4 +1,4 @@
-"""How much memory there is, and what becomes of what isn't needed any more."""
+"""Available memory, and the release of memory that is no longer needed."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class Mesh:
 
     @property
     def counts(self) -> Counts:
-        """How much there is, in the whole where this is a part of it."""
+        """Counts of the mesh, or of the whole if this is a part."""
         if self.excerpt is not None:
             return self.excerpt.counts
         entities = {shape: len(own) for shape, own in self.entities.items()}
@@ -183,7 +183,7 @@ class Mesh:
 
     @property
     def count(self) -> int:
-        """How many elements there are, in the whole where this is a part of it."""
+        """Number of elements, in the whole if this is a part."""
         entities = self.counts.entities
         return sum(entities.get(shape, 0) for shape in Shape.of_dimension(self.dimension))
 
@@ -198,7 +198,7 @@ class Mesh:
         return {s: self.of(s) for s in Shape.of_dimension(self.dimension) if len(self.of(s))}
 
     def composite(self, id: int) -> Composite | None:
-        """The composite of this id, None if there is none."""
+        """The composite with this id, or None."""
         return next((c for c in self.composites if c.id == id), None)
 
     def named_parts(self) -> dict[str, tuple[tuple[str, Ints], ...]]:

@@ -17,7 +17,7 @@ BETWEEN = ("linear", "cubic", "nearest")
 
 @dataclass(frozen=True)
 class Moment:
-    """Which moment of a series is meant: a step, a time, or by default the last step.
+    """The selected moment of a series: a step, a time, or by default the last step.
 
     step     counted from 0, from the end where it is negative
     time     in the unit of the files
@@ -38,7 +38,7 @@ class Moment:
 
     @property
     def is_asked(self) -> bool:
-        """Whether a step or a time is asked for."""
+        """Whether a step or a time is requested."""
         return self.step is not None or self.time is not None or self.wants_series
 
     def of_one_state(self, dataset: Dataset) -> Dataset:

@@ -126,7 +126,7 @@ def integration_points(
 
 
 def _quadrature(dataset: Dataset, expression: Expression, most: float, turns: Turns) -> Iterator[tuple[Floats, Floats]]:
-    """The same, of the batches that a rank takes in turn."""
+    """The quadrature for the batches that a rank takes in turn."""
     evaluator = Evaluator(dataset, [expression])
     rules = []
     for patch in evaluator.patches:
@@ -160,7 +160,7 @@ class _Sum:
     measure: float = 0.0
 
     def add(self, values: Floats, measure: Floats) -> None:
-        """Take in elements: values at points (n, q), and the measure (n, q) that each stands for."""
+        """Add elements: values at points (n, q), and the measure (n, q) of each."""
         self.count += values.size
         self.measure += float(measure.sum())
         self.squares.append((values * values * measure).sum(axis=1))

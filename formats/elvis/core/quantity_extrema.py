@@ -55,7 +55,7 @@ def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme,
 
 
 def _widened(ends: tuple[Extreme, Extreme], radius: float) -> tuple[Extreme, Extreme]:
-    """Extremes whose bounds hold for values that are off by a radius at most."""
+    """Extrema with bounds that hold for values with an error of at most the radius."""
     least, greatest = ends
     return replace(least, bound=least.bound - radius), replace(greatest, bound=greatest.bound + radius)
 

@@ -33,7 +33,7 @@ class Range:
     greatest: float
 
     def widened(self, radius: float) -> Range:
-        """The range whose ends hold for values that are off by a radius at most; itself where that is not known."""
+        """The range whose ends hold for values with an error of at most the radius; itself where that is not known."""
         return replace(self, lower=self.lower - radius, upper=self.upper + radius) if np.isfinite(radius) else self
 
 

@@ -26,15 +26,15 @@ T = TypeVar("T")
 #: variables in which launchers give the number of processes: MPICH and Intel MPI, Open MPI, SLURM; with the variable
 #: that must also be set if the processes know of each other, since SLURM counts others as well
 _SIZES = {"PMI_SIZE": "", "OMPI_COMM_WORLD_SIZE": "", "SLURM_STEP_NUM_TASKS": "PMIX_RANK"}
-#: those in which they say which one of them a process is, and how all begin by which one takes itself for a rank
+#: variables that give the number of a process among these, and prefixes of all variables that mark a rank
 _NUMBERS, _NAMES = ("PMI_RANK", "OMPI_COMM_WORLD_RANK", "PMIX_RANK"), ("PMI_", "PMIX_", "OMPI_COMM_WORLD_")
 #: seconds between two looks at whether a message is there
 _PAUSE = 0.002
 #: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
 _PATIENCE_HERE = 60.0
 _PATIENCE_ELSEWHERE = 0.5
-#: tags of messages: what a rank has found; its last word; what all have found; how rank 0 ended; from one to another;
-#: that no message follows
+#: tags of messages: a rank's result; its last message; the results of all; how rank 0 ended; direct messages; end of
+#: messages
 _FOUND, _LAST, _ALL, _END, _DIRECT, _CLOSED = 1, 2, 3, 4, 5, 6
 #: message for a rank with another task
 _OTHER = (
@@ -52,7 +52,7 @@ class Ranks(Protocol):
 
     @property
     def size(self) -> int:
-        """How many there are."""
+        """Number of processes."""
 
     def gather(self, value: T, task: str) -> list[T]:
         """The results of all ranks, in order, for rank 0; every rank must call this.  Empty on the other ranks.
@@ -236,7 +236,7 @@ class MpiRanks:
         return 1
 
     def _close(self) -> None:
-        """Take the messages that nobody asked for: with one left MPI_Finalize fails, and MPICH's starter kills all.
+        """Receive the unclaimed messages: if one is left, MPI_Finalize fails, and MPICH's launcher kills all.
 
         Messages of one rank to another are matched in the order in which they were sent (MPI 4.1, section 3.5), so
         none comes after the last.
@@ -267,10 +267,10 @@ class MpiRanks:
                     tell(kind, f"part {rank + 1} of {self.size}: {sentence}")
 
     def _outlive_others(self) -> None:
-        """Wait until the processes of the other ranks have ended, as far as they can be seen, for a few seconds."""
+        """Wait a few seconds until the visible processes of the other ranks have ended."""
         from mpi4py import MPI
 
-        with suppress(MPI.Exception):  # of messages that nobody takes any more
+        with suppress(MPI.Exception):  # for messages that no one receives
             MPI.Finalize()  # the others wait for this one there
         own = [process for host, process in self._processes if host == gethostname() and os.name == "posix"]
         sleep(_PATIENCE_ELSEWHERE if len(own) < len(self._processes) else 0)
@@ -288,7 +288,7 @@ class MpiRanks:
             sleep(_PAUSE)
 
     def _next(self, source: int, tag: int) -> Any:
-        """The message with the tag that is there, None without."""
+        """The next message with the tag, or None."""
         message = self._world.improbe(source=source, tag=tag)
         return None if message is None else message.recv()
 
@@ -318,7 +318,10 @@ class MpiRanks:
 
 
 def started_together(environment: Mapping[str, str] = os.environ) -> int:
-    """How many processes mpiexec or srun has started with this one; 1 without, and for what one of these starts."""
+    """Number of processes that mpiexec or srun has started together with this one.
+
+    1 without, and for what one of these starts.
+    """
     channel = environment.get("PMI_FD", "")
     if channel.isdigit() and not _is_open(int(channel)):
         return 1

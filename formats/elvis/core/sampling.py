@@ -45,7 +45,7 @@ class Samples:
     errors: Floats
 
     def __getitem__(self, name: str) -> Floats:
-        """(k,) values of a quantity; raises KeyError if it was not asked for."""
+        """(k,) values of a quantity; raises KeyError if it was not requested."""
         if name not in self.names:
             hint = perhaps(name, self.names)
             raise KeyError(f"{name!r} was not asked for{hint}: there are {', '.join(self.names) or 'no quantities'}")
@@ -147,7 +147,7 @@ def by_points(probe: Callable[[Floats], Columns], points: Floats, names: Sequenc
 
 
 def by_elements(own: Samples, points: Floats, all: bool, ranks: Ranks) -> Columns:
-    """The same of what each rank has found at all of them in its elements; ``all`` as in `sample`."""
+    """The columns of each rank's results at all points in its elements; ``all`` as in `sample`."""
     some = ranks.gather(own.known(), f"{own.names} at {len(points)} points")
     return columns_of_parts(some, points, all) if some else {name: x[:0] for name, x in own.columns().items()}
 

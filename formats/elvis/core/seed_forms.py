@@ -1,4 +1,4 @@
-"""How texts say where streamlines begin, by the word that they start with; all other texts name tables of points."""
+"""Forms of texts for seeds of streamlines, by their first word; all other texts name tables of points."""
 
 from __future__ import annotations
 

@@ -230,7 +230,7 @@ def jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
 
 
 def _jacobian(every: Sequence[_Signs]) -> Facts:
-    """The same of signs of some elements and others."""
+    """Facts about signs, combined from several sets of elements."""
     least, greatest = min(own.least for own in every), max(own.greatest for own in every)
     has_any = least < np.inf or any(own.wrong for own in every)
     return {

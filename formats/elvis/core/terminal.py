@@ -137,7 +137,7 @@ def tell(kind: str, sentence: str) -> None:
 
 #: kinds and messages that this process has printed, in order; None in a process without ranks
 _told: dict[tuple[str, str], None] | None = None
-#: of these the most
+#: maximum number of these
 MAX_TOLD = 1000
 
 
@@ -174,7 +174,7 @@ def print_json(value: object) -> None:
 
 
 def _plain(value: object) -> object:
-    """The same structure without floats that JSON does not know."""
+    """The structure with floats that JSON does not support replaced."""
     if isinstance(value, float) and not isfinite(value):
         return None
     if isinstance(value, dict):

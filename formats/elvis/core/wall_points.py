@@ -74,7 +74,7 @@ def wall_points(dataset: Dataset, wall: str, velocity: Sequence[str] | None = No
 def shared_wall_points(
     portion: Portion, wall: str, velocity: Sequence[str] | None, ranks: Ranks
 ) -> CriticalPoints | None:
-    """The same where each of several ranks has a part of the data; None but at the first one.
+    """`wall_points` if each of several ranks has a part of the data; None except at the first rank.
 
     For walls that are outer boundaries (`is_outer_wall`).
     """
@@ -175,7 +175,7 @@ class _OnFaces(ZeroSearch):
         return np.asarray(found)
 
     def values(self, rows: Ints, lattice: Floats) -> Floats:
-        """As in `ZeroSearch`: t_i . du/dlambda."""
+        """The values t_i . du/dlambda, as required by `ZeroSearch`."""
         places, _, across = self._motion(rows, lattice)
         return self._shear(places, across)
 
@@ -197,7 +197,7 @@ class _OnFaces(ZeroSearch):
         return np.asarray(np.einsum("nci,nc->ni", self.piece.along(places.jacobians), across))
 
     def is_outer(self, rows: Ints, touched: Bools) -> Bools:
-        """As in `ZeroSearch`: nowhere."""
+        """Nowhere true: no places are excluded."""
         return np.zeros(len(rows), bool)
 
     def points(self) -> Iterator[CriticalPoint]:

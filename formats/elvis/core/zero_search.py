@@ -121,7 +121,7 @@ class ZeroSearch(ABC):
         self.undecided.update(boxes.rows.tolist())
 
     def _without_crowds(self, boxes: Boxes) -> Boxes:
-        """Only boxes of elements that have few; where they are many they follow a line or a surface of zeros."""
+        """Only boxes of elements that have few; elements with many boxes follow a line or a surface of zeros."""
         rows, which, counts = np.unique(boxes.rows, return_inverse=True, return_counts=True)
         crowded = counts > _CROWD
         self.undecided.update(rows[crowded].tolist())

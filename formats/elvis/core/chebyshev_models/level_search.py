@@ -42,7 +42,7 @@ _MOST_MORE_HALVINGS = 2
 _MOST_LOCAL_HALVINGS = 4
 #: tolerated error of models, relative to their range
 _MODEL_PART = 2e-4
-#: the same with the terms that local series leave out
+#: the same tolerance, including terms that local series drop
 _LOCAL_PART = 3e-4
 #: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
 _PIXELS = 16.0
@@ -82,7 +82,7 @@ class ModelBoxes:
         return found.part(inside.holds(found.centre, found.half))
 
     def of_map(self) -> ModelBoxes:
-        """The same boxes with only the map."""
+        """The boxes with only the map."""
         return ModelBoxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
 
     def moved(self, axis: int, side: int) -> ModelBoxes:
@@ -104,7 +104,7 @@ class ModelBoxes:
 
 @dataclass(frozen=True, eq=False)
 class ShapeFacets:
-    """Which boxes of a cube may lie in the shape of its elements: the half spaces (k, 4) whose meet it is."""
+    """The half spaces (k, 4) whose intersection is the shape of the elements in their cubes."""
 
     facets: Floats
 
@@ -198,7 +198,7 @@ class LevelSearch:
         finite = np.isfinite(elements.leaves).all(axis=(1, 2, 3, 4))
         found = [self._none(elements.element[~finite])]
         elements = elements.part(finite)
-        # infinite remainders become NaN if they meet; neither is ever taken for a small one
+        # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             halvings, count = self._plan(elements) if len(elements) else _PLANS[0]
             for boxes in in_batches(elements, _AT_ONCE):
@@ -221,7 +221,7 @@ class LevelSearch:
             good.append(self._models(boxes, count).is_good.mean())
             if good[-1] == 1.0:
                 break
-        # where the map is singular no plan does
+        # no plan suits singular maps
         return _PLANS[int(np.argmax(np.array(good) >= _MOST_OF_THEM * max(good)))]
 
     def _search(self, boxes: ModelBoxes, level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
@@ -240,7 +240,7 @@ class LevelSearch:
         scale = 1.0 / (ROOM * boxes.half[0])
         leaves = BoxLeaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
         model = model_of(self.root, leaves)
-        # values at the nodes are rounded, so that the series is off by a polynomial of its degree
+        # values at the nodes are rounded, so the series has an error polynomial of its degree
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
         off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
         rounding = np.outer(steep, off)

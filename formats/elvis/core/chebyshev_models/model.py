@@ -5,7 +5,7 @@ bounds of the remainder f - P and of its derivatives.  Sums, products and recipr
 
     product     P_f P_g has terms that the lattice takes for others.  The coefficients of degrees i and j make terms of
                 degree i + j at most, so that those beyond the lattice sum to what the shells of both say; each counts
-                twice, once where it is missing and once where it is taken for another.
+                twice, once where it is missing and once where it is aliased.
     reciprocal  p interpolates 1 / P_g, so 1 - P_g p vanishes at the nodes and is bounded like what a product lacks.
                 e = 1/g - p satisfies g e = 1 - g p, which bounds e and, differentiated, its derivatives.
 

@@ -19,7 +19,7 @@ from elvis.core.polynomials.quadrature import gauss
 _ROUNDING = 1e-13
 #: tolerance for zero on a side, relative to the largest coefficient
 _ZERO, _AT_REST = 1e-11, 1e-7
-#: how many floats of nets are worked on at once, about
+#: approximate number of floats of nets processed at once
 _AT_ONCE = 1 << 19
 
 
@@ -110,7 +110,7 @@ class Boxes:
 
     @property
     def at_once(self) -> int:
-        """How many boxes like these are worked on at once."""
+        """Number of boxes of this kind that are processed at once."""
         sizes = (self.above, self.gradient, self.crossed, self.turned, self.square, self.cubic)
         return max(1, _AT_ONCE // sum(int(np.prod(own.shape[1:])) for own in sizes))
 
@@ -201,7 +201,7 @@ def _widened(nets: Floats) -> Floats:
 def combined(function: Callable[..., Floats], *nets: Floats) -> Floats:
     """Nets of a function of values (k, c, …), linear in each, from nets of these: through its values at the nodes.
 
-    Its coefficients may be off, but not the polynomial that they stand for, more than by rounding of values.
+    Coefficients may have larger errors; the polynomial that they represent only has the rounding of values.
     """
     degree = sum(own.shape[2] - 1 for own in nets)
     return through(function(*(at_nodes(own, degree) for own in nets)), degree)

@@ -29,7 +29,7 @@ _CHUNK = 64
 
 @dataclass(frozen=True)
 class CoreLimits:
-    """Which cores count: settings of `vortex_cores`."""
+    """Criteria for cores: settings of `vortex_cores`."""
 
     criterion: str = "acceleration"
     least_swirl: float = 0.0
@@ -84,7 +84,7 @@ def core_arcs(
     others: Sequence[Expression] = (),
     progress: Progress | None = None,
 ) -> CoreArcs:
-    """All of them, each once; see `vortex_cores`, whose errors these are.  ``others`` are evaluated on them later."""
+    """All arcs of cores, each once; raises errors as `vortex_cores`.  ``others`` are evaluated on them later."""
     limits.check()
     parallel = ParallelVectors(dataset, components_of(velocity), limits.criterion, others)
     patches = parallel.evaluator.patches

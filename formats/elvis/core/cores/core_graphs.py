@@ -24,7 +24,8 @@ from elvis.core.cores.parallel import rotations
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.net_zeros import has_no_zero, inverses, values_of
 
-#: how far combined derivatives may be from the unit matrix, and steps of the iteration, which converges by that
+#: maximum deviation of combined derivatives from the unit matrix, and steps of the iteration, which converges by this
+#: factor
 _NEAR, _STEPS = 0.5, 34
 #: derivatives along the core in units of the wide box, so that no arc leaves the box by more than its width
 _SLOPE = 2 / 3

@@ -88,7 +88,7 @@ class CoreSearch:
         return rows, np.concatenate([np.empty((0, 3)), *self.xi])
 
     def merit(self, rows: Ints, xi: Floats) -> Floats:
-        """(n,) not negative where places are in elements, and the flow turns as much as is asked for."""
+        """(n,) nonnegative if places are in elements, and the flow turns at least as much as required."""
         return np.minimum(self.margins(rows, xi).min(axis=1) + BEYOND, self.turning(rows, xi))
 
     def margins(self, rows: Ints, xi: Floats) -> Floats:
@@ -96,7 +96,7 @@ class CoreSearch:
         return heights(self.patch.shape, xi) - BEFORE_WALLS * self.walls[rows]
 
     def turning(self, rows: Ints, xi: Floats) -> Floats:
-        """(n,) not negative where the flow turns as much as is asked for."""
+        """(n,) nonnegative if the flow turns at least as much as required."""
         motions = self.parallel.at(ElementPoints(self.patch, rows, xi))
         limits = self.limits[rows]
         found = motions.swirl / limits - 1

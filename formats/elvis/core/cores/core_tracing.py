@@ -91,7 +91,7 @@ class CoreTracing:
     def corrected(self, rows: Ints, xi: Floats, normal: Floats, slopes: Floats | None = None) -> tuple[Floats, Bools]:
         """(n, 3) points of cores in planes through points with unit normals, and whether the corrector came to rest.
 
-        slopes  near the points; where the corrector does not come to rest with them it goes on with its own
+        slopes  near the points; if the corrector does not converge with them, it continues with its own
         """
         if slopes is None:
             slopes = self.slopes(rows, xi)

@@ -28,7 +28,7 @@ def turns_less(boxes: Boxes) -> Bools:
     y_off += _ROUNDING * boxes.scale**2
     r_off += _ROUNDING * boxes.scale**3
 
-    # where this is positive y - y_off is above -v^2, where the right side grows with y
+    # where this is positive, y - y_off exceeds -v^2, and the right side increases with y
     degree = max(3 * (y.shape[2] - 1), 2 * (r.shape[2] - 1))
     least = at_nodes(y, degree) - _over(y_off)
     square = _over(boxes.least**2)
@@ -40,7 +40,7 @@ def turns_less(boxes: Boxes) -> Bools:
 
 
 def _reduced(nets: Floats) -> tuple[Floats, Floats]:
-    """Nets (k, 1, …) of a low degree, and how far (k,) they are off."""
+    """Nets (k, 1, …) of a low degree, and their maximum errors (k,)."""
     degree = nets.shape[2] - 1
     if degree <= _DEGREE:
         return nets, np.zeros(len(nets))

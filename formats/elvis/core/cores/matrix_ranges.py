@@ -94,7 +94,7 @@ class Eigenvalue:
         det = np.einsum("nij,nij->n", np.abs(cofactors.middle) + cofactors.radius, less.radius)
         is_known = (lowest > 0) & (8 * trace * det <= lowest**2)
 
-        # its derivative is tr(adj dA) / tr adj, with the adjugate of A less the eigenvalue
+        # its derivative is tr(adj dA) / tr adj, with the adjugate of A minus the eigenvalue
         with np.errstate(all="ignore"):
             spread = np.where(is_known, 2 * det / lowest, 0.0)
             cofactors = less.shifted(np.zeros_like(start), spread).cofactors()

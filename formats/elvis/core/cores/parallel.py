@@ -33,7 +33,7 @@ from elvis.core.quantities.tree import AXES, ONE, Node, call, world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.velocity import velocity_expressions
 
-#: what the velocity may be parallel to
+#: vectors to which the velocity may be parallel
 CRITERIA = ("acceleration", "vorticity")
 
 

@@ -34,7 +34,7 @@ from elvis.core.polynomials.boxnets import EXACT, GRID, all_halves, nets_through
 from elvis.core.polynomials.rounding import POWER, UNIT, gamma, halving_roundings, value_roundings
 from elvis.core.shapes import Shape
 
-#: what rounding may take an element away from a facet, in the unit of `margins.facets`
+#: maximum movement of an element off a facet by rounding, in the unit of `margins.facets`
 _MARGIN = 0.5e-9
 #: degrees tried for nets that replace nets of higher degree
 _MIDDLE, _HIGH = 10, 14
@@ -69,7 +69,7 @@ class PairBoxes:
         return PairBoxes(rows, others, places, place_error, self.own[which], self.own_error[which])
 
     def without_fields(self) -> PairBoxes:
-        """The same, where nets of the first field aren't needed any more: they are zero."""
+        """The boxes with nets of the first field set to zero, once they are no longer needed."""
         return replace(self, own=np.zeros((len(self), *(1,) * self.places.shape[1])))
 
     def halved(self) -> PairBoxes:

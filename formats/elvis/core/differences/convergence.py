@@ -14,7 +14,7 @@ from elvis.core.files.columns import Columns
 
 #: norms for which orders are reported
 NORMS = ("l1", "l2", "h1", "linf")
-#: of the columns of a table
+#: headers of the columns of a table
 HEADERS = ("field", "data", "elements", "h", "L1", "L2", "H1", "Linf", "order of L2")
 
 

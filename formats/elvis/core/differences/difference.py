@@ -1,9 +1,9 @@
 """Norms of the difference of the fields that two solutions share, with stated errors.
 
 On one mesh the difference is a polynomial in every element: squares are integrated exactly, and its largest magnitude
-is found by branch and bound.  On two meshes the second solution is located at every point of quadrature on the first
-one's elements, which are halved where its borders make kinks, until the error asked for holds; the largest magnitude is
-sought at points and on all pairs of elements that may meet, where it is bounded.
+is found by branch and bound.  On two meshes, the second solution is located at every quadrature point on the first
+one's elements, which are bisected at kinks on its borders, until the requested error is reached; the largest magnitude
+is sought at points and on all pairs of elements that may meet, where it is bounded.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from elvis.core.quantities.tree import Node, call, field, number, world_derivati
 #: requested relative error of squares of norms, number of points of a first estimate, and maximum number of points at
 #: which rules are compared
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
-#: how much greater than the largest difference found its bound may be without a remark
+#: ratio of the bound to the largest difference found, above which a remark is made
 _WIDE = 1.001
-#: relative difference up to which there is none
+#: relative difference up to which two values count as equal
 _ROUNDED = 1e-11
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a value, relative to its terms
@@ -165,7 +165,7 @@ class Differences(Sequence[Difference]):
         return "\n".join(line.rstrip() for line in lines)
 
 
-#: of the columns of a table
+#: headers of the columns of a table
 HEADERS = ("field", "L1", "L2", "H1", "Linf", "at most", "where", "relative", "covered")
 
 
@@ -310,7 +310,7 @@ class _Compared:
         return self._or_near(best, doubtful)
 
     def _or_near(self, best: Extreme, points: Floats) -> Extreme:
-        """The largest difference so far, or a larger one that is found near points (n, 3)."""
+        """The largest difference so far, or a larger one near points (n, 3)."""
         if not len(points):
             return best
         found = greatest_near(self._evaluator, self.held, self._expressions["value"], points)

@@ -169,6 +169,6 @@ def _valued(evaluator: Evaluator, expression: Expression, patch: Patch, rows: In
 
 
 def _points(patch: Patch, eta: Floats) -> Floats:
-    """Reference points at places eta; zeta of homogeneous directions is kept."""
+    """Reference points at places eta; zeta of homogeneous directions is unchanged."""
     own = patch.shape.dimension
     return np.hstack([uncollapse(patch.shape, eta[:, :own]), eta[:, own:]])

@@ -34,7 +34,7 @@ _SMALL, _GROWN = 1e-12, 1.5
 _CUTS = 2
 #: largest degree of differences on boxes
 _MOST_DEGREE = 30
-#: how far outside an element a corner may be that counts as its own, in the unit of `margins.facets`
+#: maximum distance of a corner outside an element that still counts as inside, in the unit of `margins.facets`
 _INSIDE = 8 * UNIT
 
 
@@ -129,7 +129,7 @@ class _Pairs:
         return max(bound, limit)
 
     def _bound_of(self, rows: Ints, others: Ints) -> float:
-        """The same, from nets of differences on boxes."""
+        """`bound` from nets of differences on boxes."""
         boxes = self._composition.whole(rows, others)
         boxes = boxes.part(self._composition.meet(boxes))
         for _ in range(_CUTS if len(boxes) else 0):

@@ -21,7 +21,7 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
-#: what stands for all outer faces
+#: name for all outer faces
 ALL = "all"
 #: a boundary touches a side of the data's box within this distance, relative to the box
 CLEARANCE = 0.02
@@ -112,7 +112,7 @@ def _points_of_faces(mesh: Mesh, rows: Ints) -> Floats:
 
 
 def sides_by_name(mesh: Mesh) -> dict[str, Ints]:
-    """The same with the ids of faces or edges."""
+    """`boundaries` with the ids of faces or edges."""
     tags = {2: ("E", "S"), 3: ("F", "T", "Q")}.get(mesh.dimension, ())
     found: dict[str, Ints] = {}
     for name, parts in mesh.named_parts().items():

@@ -63,7 +63,7 @@ def _along(axes: Floats, corners: Floats, gaps: Floats, tree: BoxTree, places: F
     is_sure = np.ones(len(places), bool)
     rounding = _ON * np.abs(corners).max()
     for place, row in tree.ray_batches(places, axes[:, 2]):
-        # seen along the ray, which is at the origin
+        # view along the ray, which is at the origin
         seen = (corners[row] - places[place][:, None]) @ axes
         flat, depth = seen[:, :, :2], seen[:, :, 2]
         way = np.roll(flat, -1, axis=1) - flat

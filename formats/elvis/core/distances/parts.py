@@ -134,7 +134,7 @@ class Model:
         away = self.gap + np.einsum("nd,ndx->nx", where, self.first)
         linear = np.linalg.norm(away, axis=1)
 
-        # how far the part may be from its linear part: by Taylor's theorem, but for whole patches, where it is known
+        # maximum deviation of the part from its linear part: by Taylor's theorem, or known for whole patches
         deviation = bounds[self.parts.row, 9]
         if self.parts.depth > 0:
             deviation = self._bounds(bounds, 2).sum(axis=(1, 2)) / 2

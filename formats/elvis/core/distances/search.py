@@ -27,15 +27,15 @@ EQUAL = 1e-12
 #: rounds of cutting, and steps of Newton's method
 _ROUNDS = 26
 _STEPS = 12
-#: how many parts of patches are cut at most
+#: maximum number of parts of patches that are subdivided
 _MOST = 1 << 17
 #: number of points for which a tree is built, points examined together, and pairs of these and boxes
 _BATCH = 1 << 15
 _TOGETHER = 1 << 13
 _PAIRS = 1 << 16
-#: how near to a side points lie on it
+#: distance from a side up to which points lie on it
 _ON = 1e-9
-#: what points within a face weigh, more than any angles
+#: weight of points within a face, larger than any angles
 _WITHIN = 100.0
 
 
@@ -124,7 +124,7 @@ class _Search:
             self._search_pairs(point[others], patch[others])
 
     def signed_distances(self) -> Floats:
-        """(n,) the distances; of equally near places the signs are weighed together (Baerentzen and Aanaes 2005)."""
+        """(n,) the distances; the signs of equally near places are weighted together (Baerentzen and Aanaes 2005)."""
         if not self.surface.is_closed:
             return self.distance
         found = _Places.concatenate(self._found)
@@ -146,7 +146,7 @@ class _Search:
         return np.asarray(self.distance * sign)
 
     def _undecided(self) -> Ints:
-        """Points that other patches have to be looked at for: not those within the flat patch that is nearest."""
+        """Points for which other patches must be examined, without points within the nearest flat patch."""
         if not all(group.is_flat for group in self.surface.groups):
             return np.arange(len(self.points))
         on_border = [places.point[np.abs(places.side) < _WITHIN / 2] for places in self._found]
@@ -171,7 +171,7 @@ class _Search:
             self._search_group(number, point[here], patch[here] - self._first_patch[number])
 
     def _search_group(self, number: int, point: Ints, row: Ints) -> None:
-        """The same with patches of one group: all parts that are not decided are cut, round by round."""
+        """Search the patches of one group: all undecided parts are subdivided, round by round."""
         patches = self.surface.groups[number]
         bounds = self.surface.bounds[number]
         deviation = bounds[row, 9]

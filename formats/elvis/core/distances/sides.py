@@ -1,4 +1,4 @@
-"""Which side of a surface is inside: known where it is closed, so that two faces meet at each of their sides."""
+"""The inside of a surface, known if it is closed: two faces meet at each of their sides."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
     """(m, 2) the sign of distances before and behind triangles (m, 3) of a closed surface: -1 inside, 1 outside.
 
     A point is inside where the surface winds around it.  The triangles turn as the file says, if they agree with their
-    neighbours; else they are turned.
+    neighbours; otherwise they are reoriented.
     """
     own = triangles
     if not _agree(triangles):
@@ -99,7 +99,7 @@ def _is_inside_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], r
     own = corners[first]
     every = own.mean(axis=1) + _ahead(own)
 
-    # of these each rank has its share
+    # each rank has its share of these
     places = np.array_split(every, ranks.size)[ranks.rank]
     bend = np.concatenate([np.tile(each.bounds[:, 9], each.corners - 2) for each in patches])
     found, rest = windings(corners, _gaps(corners, bend), places)
@@ -161,7 +161,7 @@ def _fans(patches: SurfacePatches) -> tuple[Floats, Ints]:
 
 
 def _ahead(corners: Floats) -> Floats:
-    """(n, 3) short steps off triangles (n, 3, 3), to the side from which they are seen to turn left."""
+    """(n, 3) short steps off triangles (n, 3, 3), to the side from which they appear counterclockwise."""
     one = corners[:, 1] - corners[:, 0]
     other = corners[:, 2] - corners[:, 0]
     normal = np.cross(one, other)

@@ -1,4 +1,4 @@
-"""Archives of arrays (.npz): members are read one by one, when they are asked for, and only as large as they can be.
+"""Archives of arrays (.npz): members are read one by one on demand, with a limit on their size.
 
 Layout: NumPy's documentation, "NPY format"; PKWARE, .ZIP File Format Specification.
 """
@@ -24,7 +24,7 @@ from elvis.core.files.plain import check_plain, unpacked_limit
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _SUFFIX = ".npy"
 
-#: what libraries raise for damaged archives and arrays
+#: exceptions that libraries raise for damaged archives and arrays
 _DAMAGES = (
     OSError,
     ValueError,

@@ -25,7 +25,7 @@ _DAMAGED = ".damaged"
 def cache_folder(name: str) -> Path | None:
     """Folder for cached results of a kind, in $XDG_CACHE_HOME or ~/.cache; None if neither exists.
 
-    As its specification says, a relative $XDG_CACHE_HOME is ignored.
+    A relative $XDG_CACHE_HOME is ignored, as its specification requires.
     """
     folder = os.environ.get("XDG_CACHE_HOME", "")
     if not os.path.isabs(folder):
@@ -36,7 +36,7 @@ def cache_folder(name: str) -> Path | None:
 
 
 def kept_files(name: str) -> tuple[int, int]:
-    """Number and bytes of the files that are kept of a kind."""
+    """Number and bytes of the cached files of a kind."""
     folder = cache_folder(name)
     sizes: list[int] = []
     if folder is not None:
@@ -69,7 +69,7 @@ class Store:
 
     @property
     def mark(self) -> bytes:
-        """How its files begin."""
+        """The beginning of its files."""
         return f"elvis {self.kind} 1\n".encode()
 
     def place(self, key: bytes) -> Path:

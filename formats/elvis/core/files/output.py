@@ -83,7 +83,7 @@ class Outputs:
             _hand_on_mode(item)
 
     def remove(self, path: str | Path) -> None:
-        """Let the file of that name go when the others take their places; of a link, the link."""
+        """Let the file of that name go when the others take their places; for a link, remove the link."""
         folder, name = os.path.split(path)
         self._replacement(path, Path(os.path.realpath(folder), name))
 
@@ -107,7 +107,7 @@ class Outputs:
         return self._scratches[folder]
 
     def _take_places(self) -> None:
-        """Rename all; where one fails, those before it are put back."""
+        """Rename all; if one fails, the previous ones are undone."""
         items = list(self._replacements.values())
         at = ""
         try:
@@ -150,21 +150,21 @@ def write_text(path: str | Path, content: str, outputs: Outputs | None = None) -
 
 
 def check_place(path: str | Path) -> None:
-    """Raise ElvisError if no file ``path`` can be written; to be asked before long work."""
+    """Raise ElvisError if no file ``path`` can be written; call this before long work."""
     if Path(path).is_dir():
         raise ElvisError(f"{path}: cannot be written: it is a folder")
     _check_writable(path)
 
 
 def check_folder_place(path: str | Path) -> None:
-    """Raise ElvisError if no folder ``path`` can be written; to be asked before long work."""
+    """Raise ElvisError if no folder ``path`` can be written; call this before long work."""
     if Path(path).exists() and not Path(path).is_dir():
         raise ElvisError(f"{path}: cannot be written: it is a file, and a folder is to be written")
     _check_writable(path)
 
 
 def check_places(paths: Sequence[str | Path], inputs: Iterable[str | Path] = (), overwrite: bool = False) -> None:
-    """Raise ElvisError if these files can't all be written, or one of them is an input; to be asked before long work.
+    """Raise ElvisError if these files can't all be written, or one of them is an input; call this before long work.
 
     overwrite  whether inputs may be written over
     """
@@ -223,7 +223,7 @@ def _is_special(path: Path) -> bool:
 
 
 def _descriptor(path: str | Path) -> int | None:
-    """The number of the open file that a name stands for, None for other names."""
+    """The number of the open file with this name, None for other names."""
     found = _OPEN.fullmatch(str(path))
     if found is None:
         return None

@@ -33,7 +33,7 @@ def check_plain(path: str | Path) -> None:
 
 
 def check_plain_or_folder(path: str | Path) -> None:
-    """As `check_plain`, for what may be a folder."""
+    """`check_plain` that also accepts folders."""
     if not Path(path).is_dir():
         check_plain(path)
 
@@ -50,7 +50,7 @@ def leading(path: str | Path, count: int) -> bytes:
 
 
 def content(path: str | Path) -> bytes:
-    """All bytes of a plain file; raises FormatError if it is none or can't be read."""
+    """All bytes of a plain file; raises FormatError if it is not a plain file or can't be read."""
     check_plain(path)
     try:
         return Path(path).read_bytes()
@@ -69,7 +69,7 @@ def json_content(path: str | Path) -> Any:
 
 
 def unpacked_limit(packed: int, whole: int | None = None) -> int:
-    """Bytes that packed data may hold; readers refuse what claims more before they take memory.
+    """Bytes that packed data may hold; readers reject larger claims before they allocate memory.
 
     packed  bytes of the data
     whole   bytes of their file, which may hold a field of zeros next to others; None if the data are all of it

@@ -53,7 +53,7 @@ class Replacement:
         return stands and os.path.samestat(self.target.lstat(), self._own)
 
     def restore(self) -> None:
-        """Put back what stood there, however far `place` came."""
+        """Restore the previous content, independent of how far `place` came."""
         if self._own is not None and self.is_placed:
             if self.target.is_dir() and os.path.lexists(self.new):
                 exchange(self.new, self.target)

@@ -27,5 +27,5 @@ if TYPE_CHECKING:
 
 __all__ = ["ERROR", "Integral", "Integrals", "comes_apart", "evaluated", "integrate"]
 
-# what draws needs pieces of elements, not what integrates over them
+# drawing needs pieces of elements, not integration
 __getattr__ = lazy_names(__name__, {"elvis.core.integrals.integration": tuple(__all__)})

@@ -186,12 +186,12 @@ class BoxDiscs:
 
     @cached_property
     def _divided(self) -> dict[Node, tuple[Ints, Ball]]:
-        """Cofactors that were asked for."""
+        """Cofactors computed so far."""
         return {}
 
     @cached_property
     def _known(self) -> dict[Node, Ball]:
-        """Leaves that were asked for."""
+        """Leaves computed so far."""
         return {}
 
     def _values_of(self, node: Node) -> Floats | None:
@@ -208,7 +208,7 @@ class BoxDiscs:
         return None
 
     def _other(self, node: Node) -> Disc:
-        """The disc of an attribute, or of a derivative in bent elements."""
+        """The disc of an attribute, or of a derivative in curved elements."""
         if node.op == "attribute":
             return self._attribute(node.name)
         gradient = self._gradient(self.names.index(node.name))
@@ -255,7 +255,7 @@ class BoxDiscs:
 
     @cached_property
     def _gradients(self) -> dict[int, list[Disc]]:
-        """Gradients that were asked for."""
+        """Gradients computed so far."""
         return {}
 
     @cached_property

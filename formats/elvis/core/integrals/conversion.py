@@ -25,7 +25,7 @@ from elvis.core.quantities.expression import Expression
 #: Gauss points each way, and points at once
 _COUNT, _BATCH = 3, 1 << 15
 
-#: how much more than what the rule finds the term is
+#: factor from the rule's result to the term
 _SAFETY = 1.25
 
 

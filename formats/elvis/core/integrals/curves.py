@@ -96,7 +96,7 @@ class Curve:
         return ends, np.concatenate([[0.0], np.cumsum(speed @ weights * np.diff(ends) / 2)])
 
     def _at_lengths(self, wanted: Floats, ends: Floats, lengths: Floats) -> Floats:
-        """(n,) where the lengths wanted are, by steps of Newton's method inside of intervals."""
+        """(n,) parameters of the requested lengths, by Newton steps inside intervals."""
         nodes, weights = gauss(_POINTS)
         number = np.clip(np.searchsorted(lengths, wanted, side="right") - 1, 0, len(ends) - 2)
         first, t = ends[number], np.interp(wanted, lengths, ends)

@@ -93,7 +93,7 @@ class EtaBoxes:
         return np.asarray((self.low[:, None] + size[:, None] * (1 + nodes) / 2).reshape(-1, nodes.shape[1]))
 
     def density(self, places: ElementPoints, eta: Floats) -> Floats:
-        """(n q,) measure for each unit of eta at points; of affine maps determinants are found once for each box."""
+        """(n q,) measure for each unit of eta at points; for affine maps, determinants are computed once per box."""
         if not self.is_affine:
             return self.piece.measures(places.jacobians, eta)
         count = len(places) // max(len(self), 1)

@@ -33,7 +33,7 @@ _STEPS, _ENLARGED = 8, 1.05
 SHIFT = 0.1
 #: rounding of a place in a box
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
-#: what an end of a part in direction j is: a face of the box, or the root on one of the faces across k
+#: kind of an end of a part in direction j: a face of the box, or the root on one of the faces across k
 _FIXED, _BELOW, _ABOVE = -1, 0, 1
 
 

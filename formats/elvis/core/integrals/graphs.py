@@ -122,7 +122,7 @@ def roots(coefficients: Floats) -> Floats:
         after = np.where((step >= low) & (step <= high), step, (low + high) / 2)
         found[rest] = after
 
-        # those whose last step was long go on
+        # lines whose last step was long continue
         left = np.flatnonzero(np.abs(after - place) >= _SHORT)
         if not len(left):
             break

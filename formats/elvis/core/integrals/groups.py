@@ -22,7 +22,7 @@ COMPARED = (1, 2)
 _ALIKE = 0.25
 #: or, where only intervals bound it, that reduce it by this part of the largest reduction
 _AS_GOOD = 0.5
-#: what a point and its bounds cost in new boxes, compared with a point in boxes that are known
+#: cost of a point and its bounds in new boxes, relative to a point in known boxes
 _NEW = 2.0
 #: points in boxes that are known which cost as much as bounds on a box that a surface cuts
 _BOUNDS_ON_LEVELS = 64
@@ -34,7 +34,7 @@ CALL, CALL_ON_LEVELS = 4096, 1500
 _HOPELESS = 1e200
 
 Counts = tuple[int, ...]
-#: what integrals are taken over
+#: domains of integration
 Boxes = EtaBoxes | LevelBoxes
 
 

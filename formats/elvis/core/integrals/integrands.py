@@ -34,7 +34,7 @@ _THICKNESS = re.compile(r"\s*(displacement|momentum)_thickness\s*\((.*)\)\s*", r
 
 @dataclass(frozen=True, eq=False)
 class Integrand:
-    """An integral that is asked for.
+    """A requested integral.
 
     text        as it was written, or the component of a vector
     is_average  whether it is to be divided by the measure

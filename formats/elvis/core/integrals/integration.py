@@ -129,7 +129,7 @@ class Integrals(Sequence[Integral]):
         return "\n".join(line.rstrip() for line in lines)
 
 
-#: of the columns of a table
+#: headers of the columns of a table
 HEADERS = ("over", "integrand", "value", "error", "measure")
 
 

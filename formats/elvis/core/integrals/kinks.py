@@ -26,7 +26,7 @@ from elvis.core.ranks import ALONE
 #: regions of an expression, beyond which its kinks are not cut
 _MOST = 16
 
-#: what switches, the value where it is negative, and the value where it is positive
+#: the switching expression, the value where it is negative, and the value where it is positive
 Switch = tuple[Node, Node, Node]
 _SWITCHES: Mapping[str, Callable[..., Switch]] = {
     "abs": lambda a: (a, negative(a), a),

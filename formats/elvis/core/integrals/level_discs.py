@@ -326,7 +326,7 @@ class LevelDiscs:
 
     @cached_property
     def _known(self) -> dict[Node, Disc]:
-        """Leaves that were asked for."""
+        """Leaves computed so far."""
         return {}
 
     @property
@@ -355,7 +355,7 @@ class LevelDiscs:
         return np.array(columns).transpose(2, 0, 1)
 
     def _near(self, frame: Floats) -> _Rows:
-        """Discs of Y for a matrix X_0 (n, d, d), a row when it is asked for."""
+        """Discs of Y for a matrix X_0 (n, d, d), computed row by row on demand."""
         inverse = np.linalg.inv(np.where(np.linalg.det(frame)[:, None, None] == 0, np.nan, frame))
 
         def row(number: int) -> list[Disc]:
@@ -375,14 +375,14 @@ class LevelDiscs:
         return self._near(self._centre)
 
     def _gradient(self, leaf: Node) -> list[Disc]:
-        """The gradient of a field in a bent element: X^T g = df/dt, with q = X_0^T g: Y^T q = df/dt."""
+        """The gradient of a field in a curved element: X^T g = df/dt, with q = X_0^T g: Y^T q = df/dt."""
         own = self._expansion(leaf)
         found = solution(_transposed(self._near_centre), [self._on_discs(slope(own, axis)) for axis in self._axes])
         return _product(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
 
 
 class _Rows(Sequence[list[Disc]]):
-    """Rows of a matrix that are made when they are asked for."""
+    """Rows of a matrix that are computed on demand."""
 
     def __init__(self, make: Callable[[int], list[Disc]], count: int) -> None:
         self._make, self._count = cache(make), count

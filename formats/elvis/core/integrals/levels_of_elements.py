@@ -33,7 +33,7 @@ _OUTSIDE = "outside:"
 #: relative shift of a level, so that surfaces along borders of elements count once: minimum, maximum, and factor of the
 #: jump between two elements
 _AWAY, _MOST_AWAY, _AWAY_OF_JUMPS = 2e-14, 4e-12, 4.0
-#: relative value beyond which an element certainly doesn't meet the surface, whatever the rounding
+#: relative value beyond which an element certainly doesn't meet the surface, for any rounding
 _FAR = 1e-9
 #: the size of a function that is zero throughout an element: nowhere negative after the shift
 _NOTHING = 1e-280
@@ -128,7 +128,7 @@ class Level:
         return (self.expression, *(zero.expression for zero in self.zeros))
 
     def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> Level:
-        """The same with the sizes of polynomials in the elements of all ranks, and where surfaces are sides."""
+        """The level with the sizes of polynomials in the elements of all ranks, and with surfaces that are sides."""
         return replace(self, zeros=tuple(zero.known(evaluator, ranks, sides) for zero in self.zeros))
 
     def boxes(
@@ -243,7 +243,7 @@ class ZeroSet:
     turned: tuple[Turned, ...] = ()
 
     def _doubt(self, evaluator: Evaluator, patch: Patch, rows: Ints, lattice: Floats) -> _Doubt:
-        """How well values on borders of elements (m,) are known, from points (q, d) inside them."""
+        """Precision of values on borders of elements (m,), from points (q, d) inside them."""
         jump = np.full(len(rows), _ROUNDING)
         if not len(rows):
             return _Doubt(jump, jump)
@@ -268,7 +268,7 @@ class ZeroSet:
         return bool(fold(self.expression.root, lambda leaf: leaf.op == "coordinate", lambda _, parts: any(parts)))
 
     def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> ZeroSet:
-        """The same with its size in the elements of all ranks, and the elements in which it is moved down."""
+        """The polynomial with its size in the elements of all ranks, and the elements in which it is moved down."""
         known = replace(self, size=max(ranks.exchange(self._size(evaluator), f"the size of {self.name}")))
         return known if sides is None else replace(known, turned=known._turned(evaluator, sides))
 

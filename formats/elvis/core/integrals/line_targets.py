@@ -52,5 +52,5 @@ class LineTargets:
 
 
 def is_line(name: str) -> bool:
-    """Whether a name asks for a curve."""
+    """Whether a name denotes a curve."""
     return name.partition(":")[0] in (*KINDS, SECTION)

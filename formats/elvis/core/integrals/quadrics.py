@@ -50,7 +50,7 @@ def _cylinder(parts: Sequence[Floats]) -> Node:
 
 
 def _along(point: Floats, direction: Floats) -> Node:
-    """How far places are from a point along a unit vector."""
+    """Distances of places from a point along a unit vector."""
     total = number(-float(np.dot(point, direction)))
     for axis, part in enumerate(direction.tolist()):
         total = call("+", total, call("*", number(part), coordinate(axis)))

@@ -32,7 +32,7 @@ from elvis.core.validity.validity import are_never_negative
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of the terms of a map's derivatives, in units of the last place
 _ROUNDING = 64
-#: a length that is positive, whatever the coordinates
+#: a positive length for any coordinates
 _SMALLEST = 1e-300
 
 
@@ -119,7 +119,7 @@ class Piece:
         return np.concatenate([jacobians[:, :, :own] @ axes / 2, jacobians[:, :, own:]], axis=2)
 
     def conditions(self, jacobians: Floats) -> Floats:
-        """(n,) how much larger coordinates are than elements: by so much rounding of lengths is more than theirs.
+        """(n,) ratio of coordinates to the size of elements, by which the rounding of lengths is amplified.
 
         jacobians  (n, 3, D) somewhere in each element
         """

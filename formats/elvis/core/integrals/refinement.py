@@ -64,14 +64,14 @@ _MOST = 1 << 22
 #: Gauss points in a direction where rules are compared: at most at first, and by how many all are raised once
 _MOST_COUNTS = 12
 _RAISED = 3
-#: how much more than the differences of rules an estimate is
+#: factor from the differences of rules to an estimate
 _SAFETY = 8.0
 #: estimated error on boxes without bounds, relative to the integral of the absolute value there
 _UNBOUNDED = 8.0
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a sum, relative to its magnitude, and of measures per unit of a map's condition
 _ROUNDING, _LENGTHS = 8 * _EPS, _EPS
-#: how much more values of another dataset, whose places are roots, are rounded
+#: factor for the larger rounding of values of another dataset, whose places are roots
 _LOCATED = 16.0
 #: points each way on a box of a surface
 _ON_SURFACES = 3
@@ -120,7 +120,7 @@ class Summation:
         self._dataset, self._evaluator, self._error = dataset, evaluator, error
         self._cuts: dict[int, Cut] = {}
         self._expressions = tuple(self._with_branches(expressions))
-        #: of each expression the number of that which it is a branch of
+        #: number of the expression of which each expression is a branch
         self._owners = self._owners_of(len(expressions))
         self._names_others = [any(map(other_of, each.attributes)) for each in self._expressions]
         further = np.where(self._names_others, _LOCATED, 1.0)
@@ -348,7 +348,7 @@ class Summation:
         return Bounded(boxes, numbers, counts, integrals, error, is_bound, known.moved, rules, steps, known, gains)
 
     def _raised(self, old: Bounded, steps: tuple[int, ...]) -> Bounded:
-        """The same boxes by rules with more points."""
+        """The boxes evaluated by rules with more points."""
         counts = tuple(count + FURTHER[step] for count, step in zip(old.least, steps, strict=True))
         self._planned += _points(old.boxes, [counts])
         integrals = self._integrate(old.boxes, old.numbers, counts)
@@ -440,7 +440,7 @@ class Summation:
         return group
 
     def _round(self, groups: list[Group], chosen: list[Bools], allowed: Floats) -> list[Group]:
-        """The groups with chosen boxes improved, whose errors may be so much (k,) each."""
+        """The groups with chosen boxes improved; ``allowed`` (k,) is the permitted error of each."""
         parted = [(group.part(~own), group.part(own)) for own, group in zip(chosen, groups, strict=True)]
         found = [rest for rest, _ in parted if len(rest)]
         for _, old in parted:
@@ -547,7 +547,7 @@ def _joined(groups: Sequence[Group]) -> Iterator[Bounded]:
 
 
 def _points(boxes: Boxes, rules: Sequence[Counts]) -> int:
-    """How many points rules with such counts take, where boxes have no breaks."""
+    """Number of points of rules with these counts, for boxes without breaks."""
     return len(boxes) * int(sum(map(np.prod, rules)))
 
 

@@ -19,7 +19,7 @@ from elvis.core.shapes import Shape
 
 @cache
 def corners(shape: Shape) -> Floats:
-    """(cells, 2, …, 2, d) places of the corners of the cells; of a pyramid in collapsed coordinates."""
+    """(cells, 2, …, 2, d) places of the corners of the cells; for a pyramid in collapsed coordinates."""
     d = shape.dimension
     if shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
         return frozen_floats(_of_simplex(shape.vertices))

@@ -23,13 +23,13 @@ from elvis.core.portions.portion import knows_inner_sides
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 
-#: what stands for all elements
+#: name for all elements
 DOMAIN = "domain"
 #: before the name of a region, before the id of an element whose faces are meant, and, if wanted, before a boundary
 REGION, ELEMENT, BOUNDARY = "region:", "element:", "boundary:"
-#: what pieces may be
+#: kinds of pieces
 Part = Piece | LevelPiece | CurvePiece
-#: what rows are called that have no name of their own: faces in no boundary
+#: name of rows without a name of their own: faces in no boundary
 UNNAMED = "(others)"
 
 
@@ -67,7 +67,7 @@ class Places:
     ranks: Ranks = ALONE
 
     def somewhere(self, flags: Sequence[bool]) -> list[bool]:
-        """Which of some flags hold in this part or another one."""
+        """Whether each of some flags holds in this part or another one."""
         return [any(own) for own in zip(*self.ranks.exchange(list(flags), "targets"), strict=True)]
 
     def shared(self, pieces: Sequence[Part], ranks: Ranks) -> list[Part]:

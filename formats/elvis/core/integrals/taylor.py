@@ -12,7 +12,7 @@ from elvis.core.quantities.discs import Disc
 
 #: rounding of values on discs, relative to the sum of the magnitudes of all terms
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
-#: powers of s and t in the terms of a bent surface, in the order of its coefficients
+#: powers of s and t in the terms of a curved surface, in the order of its coefficients
 BENDS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 #: the highest power of each
 _BENT = 2

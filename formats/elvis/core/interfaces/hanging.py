@@ -71,7 +71,7 @@ class _Contacts:
 
 
 def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -> Hanging:
-    """Which of some sides without a partner are inner ones.
+    """Find the inner ones among sides without a partner.
 
     named        (n,) whether a boundary that the source names holds the side.  Two named sides of equal corners are the
                  faces of a slit.
@@ -205,7 +205,7 @@ class _Search:
         if pairs is not None:
             possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
         if is_limited:
-            # where boxes of broken meshes all overlap, sides stay undecided
+            # if boxes of broken meshes all overlap, sides stay undecided
             pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
             is_clear = pairs_of_sides <= MOST_OTHERS * np.bincount(which, minlength=len(chosen))
             possible &= is_clear[which[point]]

@@ -26,7 +26,7 @@ BORDER = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class SideGroup:
-    """The same side of elements that share an expansion.
+    """The corresponding side of elements that share an expansion.
 
     expansion     of the map
     coefficients  (n, 3, m) of the map of each element
@@ -174,7 +174,7 @@ class SideSet:
 
 
 def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
-    """The wanted sides of a dataset's elements, each as the first element sees it.
+    """The requested sides of a dataset's elements, each as seen by its first element.
 
     wanted  (n,) by rows of faces of volumes, of edges of plane elements
     """

@@ -70,7 +70,7 @@ def _extents(patch: Patch, part: slice) -> tuple[Floats, Floats]:
 
 
 def outward(low: Floats, high: Floats, margin: float) -> Boxes:
-    """Boxes a little larger than the corners (n, 3), whatever the rounding; empty beyond the range of 32-bit floats.
+    """Boxes slightly larger than the corners (n, 3), for any rounding; empty beyond the range of 32-bit floats.
 
     margin  part of the diagonal by which they are larger; rounding of the coordinates adds to it
     """

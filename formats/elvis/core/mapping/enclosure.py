@@ -26,7 +26,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 
 _ROUNDS = 200
-#: rounds in which most cells without a root are seen to have none
+#: rounds after which most cells without a root are excluded
 _FEW_ROUNDS = 6
 _BATCH = 1 << 21
 _MOST_CELLS = 1 << 12

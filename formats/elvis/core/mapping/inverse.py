@@ -121,7 +121,8 @@ def _first_pass(elements: _Elements, rows: Ints, points: Floats, chosen: Ints, r
     possible = elements.may_hold(rows, points, guess)
     chosen, guess, targets = chosen[possible], guess[possible], elements.targets(rows[possible], points[possible])
     if prove and not elements.is_affine:
-        # what a few iterations don't find is mostly nowhere, which takes less to prove than many iterations in vain
+        # a point not found in a few iterations is mostly outside, which is cheaper to prove than many iterations in
+        # vain
         _try(targets, guess, chosen, roots, _FEW)
         reach = elements.reach(targets.rows)
         unsure = roots.status[chosen] == Status.UNCERTAIN

@@ -1,4 +1,4 @@
-"""Which elements hold given world points, and where in them."""
+"""Elements that contain given world points, and the positions in them."""
 
 from __future__ import annotations
 

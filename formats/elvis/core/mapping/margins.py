@@ -1,4 +1,4 @@
-"""How far inside a reference shape a point lies."""
+"""Margins: distances of a point inside a reference shape from its boundary."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.core.shapes import Shape
 
-#: how far iterates may leave the element, as a margin
+#: maximum distance of iterates from the element, as a margin
 _SLACK = 0.25
-#: what converges at all does so in fewer
+#: searches that converge need fewer steps
 ITERATIONS = 50
 
 

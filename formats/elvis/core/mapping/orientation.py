@@ -1,4 +1,4 @@
-"""Which way round the entities of an element lie: its local vertices and the turns of its faces.
+"""Orientation of the entities of an element: its local vertices and the turns of its faces.
 
 Format notes 1.4 and 2.3.  Files tie elements to faces and faces to edges; local vertices follow from what these share.
 """
@@ -206,7 +206,7 @@ def transposed(turns: Ints) -> Bools:
 
 @bounded_cache
 def orientation_matrix(corners: int, turn: int, modes: int) -> tuple[Ints, Floats]:
-    """How the Modified modes of a turned face follow from those in its own frame.
+    """The Modified modes of a turned face in terms of the modes in its own frame.
 
     Mode (p, q) of the element's face, both below ``modes`` and flattened to p * modes + q, is ``sign`` (modes^2,) times
     mode ``index`` (modes^2,) of the face's own.  Quadrilaterals (four corners) have eight turns: 2 F0 + 1 if the

@@ -1,6 +1,6 @@
 """The edges and faces of a mesh as Modified modes: the first two steps of the geometry mapping (format notes 2.4).
 
-Coefficients of a face are kept by mode (p, q) in a square, flattened; zero if the face has no such mode.  Modes come
+Coefficients of a face are stored by mode (p, q) in a square, flattened; zero if the face has no such mode.  Modes come
 first, so that each is one stretch of memory for many faces.
 """
 
@@ -21,7 +21,7 @@ from elvis.core.shapes import Shape
 
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 
-#: where each edge of a face starts in its natural direction, and the mode (p, q) of its mode k >= 2; j is k - 1
+#: start of each edge of a face in its natural direction, and the mode (p, q) of its mode k >= 2; j is k - 1
 _EDGES: Mapping[Shape, tuple[tuple[int, str, str], ...]] = {
     Shape.TRIANGLE: ((0, "k", "0"), (1, "1", "j"), (0, "0", "k")),
     Shape.QUADRILATERAL: ((0, "k", "0"), (1, "1", "k"), (3, "k", "1"), (0, "0", "k")),
@@ -62,7 +62,7 @@ class Skeleton:
             own = _interpolate(mesh, Shape.SEGMENT, family, n, which)
             self._edge_modes[:n, which] = own.transpose(2, 0, 1)
 
-        # where an edge has several curves, the last one holds
+        # if an edge has several curves, the last one counts
         edges = len(mesh.of(Shape.SEGMENT)) if self.curved else 0
         self._edge_orders = np.full(edges, 2)
         self._edge_slots = np.full(edges, -1)

@@ -68,7 +68,7 @@ def solid_orders(skeleton: Skeleton, shape: Shape, vertices: Ints) -> Ints:
 
 def solid_modes(skeleton: Skeleton, expansion: Expansion, rows: Ints, vertices: Ints) -> Floats:
     """(n, 3, m) geometry coefficients of the elements ``rows`` (n,) with local ``vertices`` (n, n_vertices)."""
-    # a table from mode indices to the number of the mode, -1 if there is none
+    # a table from mode indices to the number of the mode, -1 if none
     modes = max(expansion.modes)
     indices = mode_indices(expansion)
     numbers = np.full((modes,) * 3, -1)

@@ -68,7 +68,7 @@ class BernsteinSpace:
 
     @cached_property
     def positions(self) -> Ints:
-        """Position of the function of given powers: a d-dimensional array, -1 if there is none."""
+        """Position of the function with given powers: a d-dimensional array, -1 for missing functions."""
         table = np.full(tuple(self.powers.max(axis=0) + 1), -1, np.int64)
         table[tuple(self.powers.T)] = np.arange(len(self.powers))
         return frozen_ints(table)
@@ -151,8 +151,8 @@ def bernstein_coefficients(
 ) -> Floats:
     """(..., count) Bernstein coefficients of elements with modal ``coefficients`` (..., m).
 
-    The same as ``coefficients @ to_bernstein(expansion, space)``, one direction at a time on tensor shapes.
-    With ``magnitudes`` each is the sum of its terms' magnitudes, in proportion to which it is rounded.
+    Equals ``coefficients @ to_bernstein(expansion, space)``, computed one direction at a time on tensor shapes.  With
+    ``magnitudes`` each is the sum of its terms' magnitudes, in proportion to which it is rounded.
     """
 
     def maybe_absolute(numbers: Floats) -> Floats:

@@ -84,7 +84,7 @@ def evaluate_at_with_gradients(
 
 
 def has_small_table(expansion: Expansion, points: Floats) -> bool:
-    """Whether a table of modes at points (n, d) is made, and in one batch, so that it may be kept."""
+    """Whether the table of modes at points (n, d) is built in one batch, so that it may be cached."""
     return not is_factored(expansion) and 0 < len(points) * mode_count(expansion) <= _BATCH
 
 

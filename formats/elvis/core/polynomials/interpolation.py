@@ -32,7 +32,7 @@ _BASES = {
 
 
 def modified(shape: Shape, modes: tuple[int, ...]) -> Expansion:
-    """The Modified expansion of a shape, in which geometry is kept."""
+    """The Modified expansion of a shape, in which geometry is stored."""
     return Expansion(shape, _BASES[shape], modes)
 
 

@@ -56,7 +56,7 @@ def lattice_lines(expansion: Expansion, points: Floats) -> list[Line] | None:
 
 
 def _step(column: Floats) -> int:
-    """How many points at the beginning have one coordinate (n,)."""
+    """Number of points at the beginning with the same coordinate (n,)."""
     others = np.flatnonzero(column != column[0])
     return int(others[0]) if len(others) else len(column)
 

@@ -52,7 +52,7 @@ def slope_nets(nets: Floats, axis: int) -> Floats:
 
 
 def inverses(matrices: Floats) -> Floats:
-    """(k, d, d) inverses; of singular matrices the unit matrix."""
+    """(k, d, d) inverses; for singular matrices the unit matrix."""
     d = matrices.shape[1]
     sizes = np.abs(matrices).max(axis=(1, 2), initial=1e-300)[:, None, None]
     sound = np.abs(np.linalg.det(matrices / sizes)) > 1e-12

@@ -32,7 +32,7 @@ def values_at_points(expansion: Expansion, coefficients: Floats, rows: Ints, poi
 def values_and_gradients_at_points(
     expansion: Expansion, coefficients: Floats, rows: Ints, points: Floats
 ) -> tuple[Floats, Floats]:
-    """The same, and the gradients in xi (n, ..., d)."""
+    """`values_at_points`, and the gradients in xi (n, ..., d)."""
     dimension = expansion.shape.dimension
     values = np.empty((len(points), *coefficients.shape[1:-1]))
     gradients = np.empty((*values.shape, dimension))

@@ -109,7 +109,7 @@ def _in_time(portion: Portion, name: str) -> tuple[Field, tuple[Ints, ...]]:
 
 
 def _of_other(portion: Portion, name: str, ranks: Ranks) -> tuple[Field, tuple[Ints, ...]]:
-    """The same of a field of another dataset, which holds the same elements."""
+    """The field of another dataset that holds the same elements."""
     owner, _, own = name.partition(":")
     other, common = _with_fields(portion.others[owner], [own], ranks), portion.dataset.shared[owner]
     every = ranks.exchange(common.symmetries, f"symmetries of elements in {owner}")

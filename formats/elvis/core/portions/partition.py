@@ -39,7 +39,7 @@ def cut_curve(vertices: Floats, held: Ints, count: int) -> Ints:
     """
     order = np.argsort(places_on_curve(vertices), kind="stable")
     along = held[order]
-    # where the middle of what a vertex holds lies among all
+    # position of the middle of each vertex's share among all
     middles = 2 * np.cumsum(along) - along
     parts = np.empty(len(vertices), np.int64)
     parts[order] = middles * count // max(2 * int(held.sum()), 1)

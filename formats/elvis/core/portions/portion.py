@@ -114,7 +114,7 @@ class Portion:
 
     @property
     def bytes(self) -> int:
-        """How much memory its arrays take."""
+        """Memory of its arrays, in bytes."""
         mesh = self.dataset.mesh
         places = mesh.vertices.nbytes + mesh.edge_curves.points.nbytes + mesh.face_curves.points.nbytes
         entities = sum(own.ids.nbytes + own.members.nbytes for own in mesh.entities.values())
@@ -128,7 +128,7 @@ class Portion:
 
     @property
     def side_numbers(self) -> Ints:
-        """(n,) numbers in the whole of its faces, triangles first; of 2D meshes of its edges, of lines of vertices."""
+        """(n,) numbers in the whole of its faces, triangles first; for 2D meshes edges, for lines vertices."""
         dimension = self.dataset.mesh.dimension
         if dimension == 3:
             return _faces_in_whole(self, self.rows)
@@ -286,7 +286,7 @@ def _united(rows: Sequence[Ints]) -> tuple[Ints, Ints]:
 
 
 def _cut_mesh(mesh: Mesh, kept: Mapping[_Kind, Ints], edges: Ints, faces: Ints) -> Mesh:
-    """The mesh of the kept entities and curves."""
+    """The mesh of the selected entities and curves."""
     entities = {}
     for shape, own in mesh.entities.items():
         if shape.dimension == 3:
@@ -344,7 +344,7 @@ def _faces_in_whole(portion: Portion, rows: Mapping[_Kind, Ints]) -> Ints:
 
 
 def _cut_composite(mesh: Mesh, kept: Mapping[_Kind, Ints], composite: Composite) -> Composite:
-    """A composite without the entities that aren't kept."""
+    """A composite restricted to the selected entities."""
     parts = []
     for tag, ids in composite.parts:
         kinds = [kind for kind in _TAGS[tag] if kind in kept]

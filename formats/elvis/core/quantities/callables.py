@@ -85,7 +85,7 @@ class DatasetField(DatasetFunction, Field):
 
     @cached_property
     def _function(self) -> tuple[Dataset, Expression]:
-        """The coefficients of this very field on the dataset's map, whatever it is called there."""
+        """The coefficients of this field on the dataset's map, independent of its name there."""
         assert self.dataset is not None
         own = Field(self.name, self.blocks, self.continuous)
         given = tuple(each for each in self.dataset.fields if each.name in self.dataset.map_names)

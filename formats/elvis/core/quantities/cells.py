@@ -160,7 +160,7 @@ class Cells:
 
     @cached_property
     def _gradients(self) -> dict[int, list[Interval]]:
-        """Bounds of gradients that were asked for."""
+        """Bounds of gradients computed so far."""
         return {}
 
 

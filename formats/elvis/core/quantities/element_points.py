@@ -1,4 +1,4 @@
-"""Reference points in elements, and what a patch has there; what several expressions share is made once."""
+"""Reference points in elements, and what a patch has there; results shared by several expressions are computed once."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class ElementPoints:
 
 
 class Lattice(ElementPoints):
-    """The same points (q, D) in each of some elements (e,), one element after the other: tables of modes are shared."""
+    """The points (q, D) repeated in each of some elements (e,), one after the other: they share tables of modes."""
 
     def __init__(self, patch: Patch, elements: Ints, lattice: Floats) -> None:
         super().__init__(patch, np.repeat(elements, len(lattice)), np.tile(lattice, (len(elements), 1)))

@@ -41,7 +41,7 @@ class Elsewhere:
         return found
 
     def _locate(self, points: Floats) -> Location:
-        """Where points are; several quantities are asked at the same ones."""
+        """Where points are; several quantities share the points."""
         if not np.array_equal(points, self._points):
             self._points, self._location = points, self._locator.locate(points)
         return self._location

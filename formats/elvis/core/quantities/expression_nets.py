@@ -85,7 +85,7 @@ class NetsOf:
 class Rounded:
     """Nets (n, D1, …, Dd) of a polynomial on elements, and by how much (n,) rounding may have moved it there.
 
-    A single net stands for all elements.
+    A single net applies to all elements.
     """
 
     nets: Floats

@@ -35,7 +35,7 @@ def minus(a: Interval, b: Interval) -> Interval:
 
 
 def times(a: Interval, b: Interval) -> Interval:
-    """a b; nought times anything is nought."""
+    """a b; zero times anything is zero."""
     if a is b:
         return _even(a, 2)
     products = [_product(x, y) for x in a for y in b]
@@ -262,7 +262,7 @@ def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Interval]:
         low = middle - away
         high = middle + away
 
-        # what overflows on the way bounds nothing, entries without values have no eigenvalue
+        # overflow gives no bounds; entries without values have no eigenvalue
         is_unknown = np.isnan(low) | np.isnan(high)
         is_empty = _fold(np.logical_or, [np.isnan(entry[0]) for entry in entries])
         return _empty_where(is_empty, _entire_where(is_unknown, (low, high)))

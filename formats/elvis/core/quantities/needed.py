@@ -65,7 +65,7 @@ def lack_of(dataset: Dataset, text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Meanings:
-    """A quantity for each number of coordinates for which a text says something, and fields whose rates it asks for."""
+    """A quantity for each number of coordinates for which a text is valid, and the fields whose rates it needs."""
 
     expressions: Sequence[Expression]
     rates: frozenset[str]
@@ -76,7 +76,7 @@ class _Meanings:
         return [each.root for each in self.expressions]
 
     def fields_of(self, dataset: Dataset) -> set[str] | None:
-        """Its fields, however many coordinates the fields depend on; None if nothing is known of it."""
+        """Its fields, for any number of coordinates; None if nothing is known of it."""
         if not self.expressions or any(_OF_FIELDS in each.attributes for each in self.expressions):
             return None
         attributes = [name for each in self.expressions for name in each.attributes]

@@ -88,7 +88,7 @@ _LAMBDA2 = (
     "0.5*(ux*uz + uy*vz + uz*wz + wx*ux + wy*vx + wz*wx), "
     "0.5*(vx*uz + vy*vz + vz*wz + wx*uy + wy*vy + wz*wy))"
 )
-#: of the gradient without its mean diagonal entry: the cubic is t^3 + q_deviatoric t - det
+#: determinant of the gradient without its mean diagonal entry: the cubic is t^3 + q_deviatoric t - det
 _SWIRL = "imaginary_root(q_deviatoric, ex*(vz*wy - ey*ez) + uy*(vx*ez - vz*wx) + uz*(ey*wx - vx*wy))"
 _PLANE, _SOLID = (2, 3), (3,)
 _HUNT = "Hunt, Wray and Moin 1988, Eddies, streams, and convergence zones in turbulent flows"

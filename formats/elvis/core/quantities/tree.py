@@ -93,7 +93,7 @@ def target_of(name: str) -> str | None:
 
 
 def jumping_of(name: str) -> str | None:
-    """The field whose jumps an attribute is; None if it is none."""
+    """The field whose jumps an attribute is; None for other attributes."""
     return name[5:-1] if name.startswith("jump(") else None
 
 

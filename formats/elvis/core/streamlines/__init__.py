@@ -10,5 +10,5 @@ if TYPE_CHECKING:
 
 __all__ = ["TracedLines", "trace"]
 
-# what draws needs the words for the ends of lines, not what follows them
+# drawing needs the words for the ends of lines, not the tracer
 __getattr__ = lazy_names(__name__, {"elvis.core.streamlines.streamlines": tuple(__all__)})

@@ -40,7 +40,7 @@ class Anchors:
 
 
 def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, random: int = 0) -> Anchors:
-    """A vector at points (n, d) or at what texts stand for (`seeds`).
+    """A vector at points (n, d) or at points described by texts (`seeds`).
 
     vector  its components as texts; None: the velocity that is customary in the data
     random  number that random points are drawn with

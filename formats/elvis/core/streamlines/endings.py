@@ -1,4 +1,4 @@
-"""How a streamline ends."""
+"""Kinds of ends of streamlines."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class End(IntEnum):
     FAILED = 11
 
 
-#: what the ends are called, and what that means
+#: names of the ends, and their meanings
 WORDS = {
     End.GOING: ("going", "under way"),
     End.LEFT: ("left", "left the domain, or the wall that it is on"),

@@ -28,7 +28,7 @@ from elvis.core.streamlines.velocity import Motion, Velocity
 _ORDER = 9
 #: the first step where no bound is known, in reference coordinates: it grows as its errors allow
 BLIND = 1e-3
-#: lines looked at together
+#: lines treated together
 _AT_ONCE = 1 << 10
 
 

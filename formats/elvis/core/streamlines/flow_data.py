@@ -89,7 +89,7 @@ class DatasetFlow(FlowData):
         return velocity, Neighbours.of_faces(velocity.patches, vertices)
 
 
-#: what lines are followed in
+#: data in which lines are traced
 FlowSource: TypeAlias = Dataset | FlowData
 
 

@@ -27,7 +27,7 @@ from elvis.core.streamlines.velocity import Velocity
 
 #: maximum deviation of curves from the map of a step, relative to the box's diagonal, before the step is bisected
 DEVIATION = 1e-13
-#: how often a step is halved at most
+#: maximum number of bisections of a step
 _HALVINGS = 8
 #: number of points of the interpolation: its series is known to twice the degree that is kept, but one
 _COUNT = 15
@@ -117,7 +117,7 @@ class Pieces:
         return Pieces(*(getattr(self, name.name)[chosen] for name in fields(Pieces)))
 
     def along_lines(self) -> Pieces:
-        """The same, line by line, each from its seed on."""
+        """The pieces sorted by line, each from its seed on."""
         return self.part(np.lexsort([np.abs(self.time[:, 0]), self.line]))
 
 

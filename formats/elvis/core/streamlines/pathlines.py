@@ -63,7 +63,7 @@ class _Scene:
         return _Scene(Neighbours.of(dataset, patches), locator, location, limits, components, slopes, others)
 
     def velocity(self, interval: Interval) -> MovingVelocity:
-        """The velocity, and all else that is asked for, in an interval."""
+        """The velocity, and the additional quantities, in an interval."""
         return MovingVelocity(interval, self.components, [*self.slopes, *self.others])
 
     def released(self, start: float, stop: float) -> _Particles:

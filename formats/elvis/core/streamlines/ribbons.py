@@ -32,9 +32,9 @@ from elvis.core.streamlines.flow_data import FlowData, FlowSource, flow_data
 from elvis.core.streamlines.line_pieces import Pieces, halves
 from elvis.core.streamlines.velocity import Velocity
 
-#: how far the vector across may be from the solution, and how often a piece is halved for that at most
+#: maximum deviation of the vector across from the solution, and maximum number of bisections of a piece
 DEVIATION, _HALVINGS = 1e-10, 8
-#: turns of the line's direction at a border that are none
+#: change of the line's direction at a border that counts as zero
 _JUMP = 1e-11
 _STAGES = 7
 _NODES, _WEIGHTS = gauss(_STAGES)
@@ -112,7 +112,7 @@ def ribbons(
 
 
 class _Twist:
-    """How fast strips turn about their lines: half the vorticity along these, zero in the plane."""
+    """Rate of rotation of strips about their lines: half the vorticity along these, zero in the plane."""
 
     def __init__(self, data: FlowData, velocity: Sequence[str] | None) -> None:
         components = data.components(velocity)
@@ -128,7 +128,7 @@ class _Twist:
     def rates(self, element: Ints, reference: Floats, direction: Floats) -> Floats:
         """(n,) in time, at places (n, 3) of elements (n,), about unit vectors (n, 3).
 
-        Raises ElvisError if one is none.
+        Raises ElvisError if one is undefined.
         """
         if self.velocity is None:
             return np.zeros(len(element))

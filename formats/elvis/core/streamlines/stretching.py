@@ -76,7 +76,7 @@ class Stretching:
         self.time[piece.line] += piece.lasts
 
     def exponents(self) -> Floats:
-        """(n,) ln of the largest stretching by the time that a line lasts; NaN if that is none."""
+        """(n,) ln of the largest stretching by the time that a line lasts; NaN if it has no duration."""
         with np.errstate(all="ignore"):
             greatest = np.linalg.norm(np.nan_to_num(self.gradients), ord=2, axis=(1, 2))
             return np.asarray(np.where(self.time > 0, np.log(greatest) / self.time, np.nan))

@@ -67,7 +67,7 @@ class Tracer:
         self._size = float(np.linalg.norm(box[3:] - box[:3]))
 
     def place(self, patch: Ints, row: Ints, reference: Floats) -> None:
-        """Begin lines at reference coordinates (n, D) of elements (n,); -1 if there is none."""
+        """Begin lines at reference coordinates (n, D) of elements (n,); -1 outside all elements."""
         count = len(patch)
         self.patch, self.row = patch.copy(), row.copy()
         self.state = np.column_stack([reference, np.zeros(count)])
@@ -134,7 +134,7 @@ class Tracer:
         self.end[lines[still]] = ends[still]
 
     def _advance(self, active: Ints) -> Piece | None:
-        """A step of each line, kept where its error is within the tolerance."""
+        """A step of each line, accepted if its error is within the tolerance."""
         width = self._next_width(active)
         taken = step(lambda states: self._derivative(active, states), self.state[active], self._slope[active], width)
         error = self._error(active, taken)
@@ -324,7 +324,7 @@ class Tracer:
         turned = self._turns[lines] > _TURNS
         self._finish(lines, np.where(turned, End.JUMP, End.GOING))
 
-        # what ends here keeps its place in the last element
+        # a line that ends here keeps its place in the last element
         outer = beyond.patch < 0
         self._go_out(lines[outer], side[outer], points[outer])
         inner = np.flatnonzero(~outer & ~turned)

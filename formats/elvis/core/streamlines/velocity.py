@@ -22,7 +22,7 @@ from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import AXES
 from elvis.core.shapes import Shape
 
-#: of an expression at points (n,), or everywhere
+#: values of an expression at points (n,), or one number
 Values: TypeAlias = Floats | float
 #: points whose coefficients are gathered together
 _AT_ONCE = 1 << 10
@@ -125,7 +125,7 @@ class Velocity:
         return found
 
     def _places_of(self, element: Ints, reference: Floats) -> Iterator[tuple[Ints, Ints, Ints, Floats]]:
-        """Which of some places (n,) are in each patch: their numbers, patches, rows and points."""
+        """For each patch, its places among some places (n,): their numbers, patches, rows and points."""
         for number, patch in enumerate(self.patches):
             order = np.argsort(patch.element_ids, kind="stable")
             place = np.searchsorted(patch.element_ids, element, sorter=order).clip(0, len(patch) - 1)

@@ -17,7 +17,7 @@ Warp = Callable[[Floats], Floats]
 
 
 def swirled(points: Floats) -> Floats:
-    """A smooth map of points (n, 3) that no element of three nodes an edge follows: maps of elements must be bent."""
+    """A smooth map of points (n, 3) that elements with three nodes per edge cannot represent: they must be curved."""
     x, y, z = points.T
     shifts: Floats = np.stack([np.sin(4 * y), np.sin(5 * z), np.sin(3 * x + 2 * y)], axis=1)
     return points + 0.05 * shifts
@@ -37,7 +37,7 @@ def ripple(amplitude: float, seed: int = 0, waves: int = 3) -> Warp:
 
 
 def shuffled(mesh: Mesh, seed: int) -> Mesh:
-    """The same straight mesh with edges and faces entered another way round in the file: all of it as legal as before.
+    """The mesh with edges and faces entered in another, equally valid orientation in the file.
 
     Edges change direction; quadrilateral faces begin at any vertex and run either way; triangular faces exchange the
     two vertices that aren't collapsed.  Elements keep their local vertices.

@@ -32,7 +32,7 @@ def one_element(shape: Shape, space: int = 3) -> Mesh:
 
 
 def rotated(elements: Mapping[Shape, Ints], seed: int) -> dict[Shape, Ints]:
-    """The same elements, each turned at random; on a mesh they meet with all relative turns."""
+    """The elements, each turned at random; on a mesh they meet with all relative turns."""
     rng = np.random.default_rng(seed)
     result = {}
     for shape, rows in elements.items():

@@ -138,7 +138,7 @@ def _tiles(evaluator: Evaluator, piece: Piece, depth: int) -> Iterator[_Tile]:
 
 
 def _points(piece: Piece, xi: Floats) -> ElementPoints:
-    """The same points (k, 2) on each of some sides."""
+    """Points (k, 2) repeated on each of some sides."""
     return ElementPoints(piece.patch, np.repeat(piece.rows, len(xi)), np.tile(piece.places(xi), (len(piece), 1)))
 
 
@@ -150,7 +150,7 @@ def _halves_of_squares(count: int) -> Ints:
 
 
 def _outwards(points: Floats, normals: Floats, triangles: Ints) -> Ints:
-    """Triangles, turned where they are clockwise seen from outside."""
+    """Triangles, reversed if they are clockwise as seen from outside."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     way = normals[triangles].sum(axis=1)
     is_wrong = np.einsum("ni,ni->n", np.cross(b - a, c - a), way) < 0

@@ -41,7 +41,7 @@ _LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5
 _MOST_BOXES, _MOST_HALVINGS = 1 << 17, 12
 #: elements of a block at most, and boxes that are halved at a time
 _ELEMENTS, _AT_ONCE = 128, 1 << 12
-#: how much larger than in the end numbers of boxes may seem at first
+#: factor by which numbers of boxes may seem larger at first than in the end
 _SLACK = 64
 
 

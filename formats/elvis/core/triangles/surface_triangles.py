@@ -16,7 +16,7 @@ _DEFAULT_SHARE = 1e-3
 
 
 def default_tolerance(dataset: Dataset, tolerance: float | None) -> float:
-    """The distance from exact surfaces that is asked for; raises ElvisError if it is not positive."""
+    """The requested distance from exact surfaces; raises ElvisError if it is not positive."""
     if tolerance is None:
         return _DEFAULT_SHARE * max(float(np.ptp(dataset.mesh.vertices, axis=0).max(initial=0.0)), 1e-300)
     if not 0 < tolerance < np.inf:

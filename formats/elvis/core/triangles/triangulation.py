@@ -178,7 +178,7 @@ def _zeros(function: Callable[[Ints, Floats], Floats], first: Floats, last: Floa
 
 
 def _units(vectors: Floats) -> Floats:
-    """Vectors (n, 3) of unit length; those without a length stay."""
+    """Vectors (n, 3) of unit length; zero vectors are unchanged."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0, length, 1.0))
 

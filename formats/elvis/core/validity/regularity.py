@@ -24,7 +24,7 @@ from elvis.core.polynomials.rounding import RAISED, UNIT
 from elvis.core.shapes import Shape
 from elvis.core.validity.determinants import Polynomials, tangents
 
-#: how often boxes are halved in every direction
+#: number of bisections of boxes in every direction
 HALVINGS = 2
 #: parts of the product of its factors' sizes by which a minor or a determinant is more than rounding
 ROUNDING = 1e-12
@@ -99,7 +99,7 @@ def _pass(controls: Floats, error: Floats, level: int = 0) -> Bools:
         passed = is_sound & _are_definite(inverse, controls, error)
         if level == HALVINGS or passed.all():
             return np.asarray(passed)
-        # at the corners of a box J is its control matrix, which must be regular whatever is halved
+        # at the corners of a box, J is its control matrix, which must be regular for any subdivision
         ends = corners(controls.reshape(-1, *controls.shape[3:])).reshape(*controls.shape[:3], -1)
         is_possible = np.all([_inverse(end)[1] for end in np.moveaxis(ends, -1, 0)], axis=0)
     rows = np.flatnonzero(~passed & is_possible)

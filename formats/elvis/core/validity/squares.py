@@ -26,7 +26,7 @@ from elvis.core.polynomials.boxnets import halves, power_net
 _DEGREE, _POINTS = 3, 7
 #: curvatures that count, as a part of the largest one
 _CURVED = 1e-4
-#: of the Gauss-Newton steps of a fit: distance beyond which points count less
+#: distances beyond which points count less, for the Gauss-Newton steps of a fit
 _RADII = (0.2, 0.2, 0.4, 0.4, 0.8, 0.8, *[np.inf] * 16)
 #: Newton steps to a local minimum, and halvings of each
 _STEPS, _HALVINGS = 16, 8
@@ -61,7 +61,7 @@ def descended(net: Floats, start: Floats) -> Minimum:
 
 
 def _downwards(gradient: Floats, hessian: Floats) -> Floats:
-    """(k,) Newton's step, along which the value decreases whatever the signs of the Hessian's eigenvalues."""
+    """(k,) Newton's step, along which the value decreases for any signs of the Hessian's eigenvalues."""
     curvature, axes = np.linalg.eigh(hessian)
     size = np.abs(curvature)
     size = np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300)
@@ -79,7 +79,7 @@ def lower_bound(net: Floats, goal: float) -> float:
 
     The box with the lowest bound is halved, again and again.
     """
-    number = count()  # of equal bounds the first, as arrays cannot be compared
+    number = count()  # the first of equal bounds, as arrays cannot be compared
     boxes = [(_bound(net, goal), next(number), net)]
     while boxes[0][0] < goal and len(boxes) < _MOST_BOXES:
         bound, _, box = heappop(boxes)
@@ -101,7 +101,7 @@ def _halves(net: Floats) -> list[Floats]:
 
 
 def _without_squares(net: Floats) -> float:
-    """The smallest coefficient of p minus squares that are fitted to it, less what rounding may amount to."""
+    """The smallest coefficient of p minus fitted squares, reduced by rounding."""
     degrees = tuple(min((size - 1) // 2, _DEGREE) for size in net.shape)
     basis = _basis(degrees)
     values = _contract(net, [line_tables(size - 1, _nodes())[0] for size in net.shape]).reshape(-1)
@@ -226,7 +226,7 @@ def _binomials(shape: tuple[int, ...]) -> Floats:
 
 
 def _enlarge(net: Floats, shape: tuple[int, ...]) -> Floats:
-    """The same polynomial with a net of a larger shape."""
+    """The polynomial with a net of a larger shape."""
     return _contract(net, [_raising(size, target) for size, target in zip(net.shape, shape, strict=True)])
 
 

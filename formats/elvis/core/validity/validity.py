@@ -432,7 +432,7 @@ def _range_of(found: Validity | _Facts, chosen: Bools | slice = np.s_[:]) -> Ran
 
 
 def _widest(*ranges: Range | None) -> Range | None:
-    """The range of what several ranges are of; None if there is none."""
+    """The union of several ranges; None without any."""
     known = [each for each in ranges if each is not None]
     if not known:
         return None

@@ -15,7 +15,7 @@ from elvis.core.streamlines.course import diagonal
 from elvis.core.streamlines.line_pieces import DEVIATION, NODES, Curves, Pieces, check_count, series_through
 from elvis.core.wall_curves.wall_curve import WallCurve, curves_with, is_wall_curve
 
-#: how often a part of a segment is halved at most
+#: maximum number of bisections of a part of a segment
 _HALVINGS = 8
 
 

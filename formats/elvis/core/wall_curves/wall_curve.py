@@ -35,7 +35,7 @@ from elvis.core.wall_curves.wall_segments import Segments, Straight
 #: the words that names of curves begin with
 BOUNDARY, SECTION = KINDS = ("boundary", "section")
 _FORM = "section:NAME:plane:P:N"
-#: what to write for data of the other dimension, by the expected one
+#: advice for data of the other dimension, by the expected one
 _OTHER = {2: "section:NAME:plane:P:N cuts walls of 3D data", 3: "boundary:NAME follows walls of 2D data"}
 #: the end of a segment as a place in it: a parameter of 1 would belong to the next one
 _LAST = 1 - 2.0**-40
@@ -45,7 +45,7 @@ _OWN = ("curve", "length", "x/c")
 _MEETING = 1e-6
 #: intervals of a segment, by which lengths are found
 _INTERVALS = 6
-#: a square of a length that is positive, whatever the coordinates
+#: a positive squared length for any coordinates
 _SMALLEST = 1e-300
 
 
@@ -190,7 +190,7 @@ class WallCurve:
 
 
 def is_wall_curve(name: str) -> bool:
-    """Whether a name asks for a curve on a boundary."""
+    """Whether a name denotes a curve on a boundary."""
     return name.partition(":")[0] in KINDS and ":" in name
 
 

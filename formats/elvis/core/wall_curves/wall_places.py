@@ -24,7 +24,7 @@ from elvis.core.wall_curves.wall_curve import wall_sides
 
 #: columns that quantities can't have
 _OWN = ("point", "distance", "x", "y", "z", "nx", "ny", "nz", "element", "status")
-#: how far from a side, in its element's reference coordinates, a place on it may be found
+#: tolerance for a place on a side, in its element's reference coordinates
 _ON_SIDE = 1e-6
 
 
