@@ -134,7 +134,7 @@ def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tm
         await until(lambda: tabs[0].has(1))
         mesh.write_bytes(whole + b"\n")
         await until(lambda: tabs[0].states[-1]["stale"])
-        assert tabs[0].states[-1]["stale"] == f"{mesh} has changed on disk; the picture shows what was read before"
+        assert tabs[0].states[-1]["stale"] == f"{mesh} has changed on disk; the picture shows the previous contents"
         await tabs[0].socket.send_str('{"type": "read again"}')
         await until(lambda: tabs[0].has(2))
         assert tabs[0].states[-1]["stale"] == ""
@@ -157,7 +157,7 @@ def test_files_that_change_or_go_are_told(tmp_path):
     files.note()
     assert files.sentence() == ""
     names[0].unlink()
-    assert f"{names[0]} is gone" in files.sentence()
+    assert f"{names[0]} was removed" in files.sentence()
 
 
 def test_a_picture_that_fails_ends_nothing(monkeypatch):
@@ -185,7 +185,7 @@ def test_a_picture_that_fails_ends_nothing(monkeypatch):
     assert sentences[0] == "unexpected ValueError: odd; this is a fault of the program"
     assert sentences[1:] == [
         "the device failed: ERROR_DEVICE_LOST",
-        "there is not enough memory for this picture",
+        "not enough memory for this picture; reduce its size or its samples",
         "a picture",
     ]
 
@@ -208,7 +208,7 @@ def test_the_end_is_quiet(wave):
         # the pipe ends with the last process that holds it
         told += process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 0
-    assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nCtrl-C ends it\n", told)
+    assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nPress Ctrl-C to stop\n", told)
 
 
 def test_a_page_that_goes_while_it_is_sent_something_is_no_fault(viewer, caplog):

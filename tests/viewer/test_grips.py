@@ -193,9 +193,9 @@ def test_what_is_hidden_in_one_page_is_so_in_all(browser, page, viewer, scene):
     page.locator("button", has_text="hide").click()
     other.locator(".elvis-hidden button", has_text="show").wait_for()
     assert "plane" not in viewer.session.table
-    page.get_by_title("Undo (ctrl z)").click()
+    page.get_by_title("Undo (Ctrl+Z)").click()
     other.locator(".elvis-hidden").wait_for(state="detached")
-    page.get_by_title("Redo (ctrl y)").click()
+    page.get_by_title("Redo (Ctrl+Y)").click()
     other.locator(".elvis-hidden button", has_text="show").click()
     page.locator(".elvis-hidden").wait_for(state="detached")
     assert viewer.session.current.plane == scene.plane

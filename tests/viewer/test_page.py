@@ -122,7 +122,7 @@ def test_steps_are_undone_and_done_again(page, viewer):
     page.get_by_title("View -x").click()
     settled(page, viewer)
     after = viewer.session.table
-    for title, wanted in (("Undo (ctrl z)", before), ("Redo (ctrl y)", after), ("Undo (ctrl z)", before)):
+    for title, wanted in (("Undo (Ctrl+Z)", before), ("Redo (Ctrl+Y)", after), ("Undo (Ctrl+Z)", before)):
         for _ in range(2):
             page.get_by_title(title).click()
         settled(page, viewer)
@@ -227,7 +227,7 @@ def test_an_expression_that_is_none_is_told_while_it_is_typed(page, viewer):
     assert "nothing" in page.locator(".elvis-note", has_text="nothing").inner_text()
     field.press("Enter")
     page.wait_for_selector(".elvis-error:not([hidden])")
-    page.get_by_title("Undo (ctrl z)").click()
+    page.get_by_title("Undo (Ctrl+Z)").click()
     settled(page, viewer)
 
 
@@ -275,7 +275,7 @@ def test_the_range_is_set_by_values(page, viewer):
 
 def test_the_least_value_is_found_and_cut(page, viewer, scene):
     least, _ = extrema(read(*scene.data), "u")
-    page.locator("button", has_text="least").click()
+    page.locator("button", has_text="minimum").click()
     page.locator("text.elvis-over").wait_for()
     told = page.get_by_label("values under the pointer").inner_text()
     assert told.startswith(f"u = {least.value!r}")

@@ -36,7 +36,7 @@ def test_a_link_brings_the_view_back(page, viewer):
     assert link.startswith(f"{viewer.address}#camera=")
     page.get_by_role("button", name="close").click()
     for _ in range(2):
-        page.get_by_title("Undo (ctrl z)").click()
+        page.get_by_title("Undo (Ctrl+Z)").click()
     settled(page, viewer)
     assert "palette" not in viewer.session.table
 
@@ -88,8 +88,8 @@ def test_a_lost_connection_comes_back_with_the_view(page, viewer):
     page.get_by_title("View +z").click()
     settled(page, viewer)
     page.evaluate("() => { window.elvis.model.socket.close(); window.elvis.fit(); }")
-    page.get_by_text("The connection is lost").wait_for()
-    page.get_by_text("The connection is lost").wait_for(state="hidden")
+    page.get_by_text("Connection lost").wait_for()
+    page.get_by_text("Connection lost").wait_for(state="hidden")
     settled(page, viewer)
     assert viewer.session.table["camera"] == page.evaluate("window.elvis.table.camera") == "+z"
     box = page.get_by_label("the picture", exact=True).bounding_box()

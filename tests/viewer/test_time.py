@@ -60,7 +60,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     page.get_by_label("step", exact=True).fill("1")
     settled(page, viewer)
 
-    page.get_by_label("steps a second").select_option("25 / s")
+    page.get_by_label("steps per second").select_option("25 / s")
     page.get_by_role("button", name="▶").click()
     page.wait_for_function("() => elvis.timeBar.step === 2 && !elvis.timeBar.isPlaying")
     settled(page, viewer)

@@ -49,13 +49,13 @@ def refusal(request: web.Request, token: str, hosts: Collection[str]) -> str | N
     """
     given = request.query.get("token", "")
     if not hmac.compare_digest(given.encode(), token.encode()):
-        return "The address lacks the token that elvis view has printed."
+        return "The token is missing: open the address that elvis view printed."
     name = _host_name(request.host)
     if not is_known_host(name, hosts):
         return f"The host name {name!r} is not allowed; start elvis view with --allow-host {name}."
     origin = request.headers.get("Origin")
     if origin is not None and not _is_same_origin(origin, request):
-        return "Pages of other origins have no access."
+        return "Access from pages of other origins is not allowed."
     return None
 
 

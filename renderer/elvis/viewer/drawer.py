@@ -64,7 +64,7 @@ class Drawer:
         kind, _, found = await answer
         if kind == "died":
             self.close()
-            raise DiedError("the process that draws has ended, and is started again")
+            raise DiedError("the drawing process stopped unexpectedly and is restarting")
         if kind in ("error", "absent"):
             raise (AbsentError if kind == "absent" else ElvisError)(found)
         return None if kind == "obsolete" else found

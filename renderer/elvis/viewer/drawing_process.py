@@ -98,7 +98,7 @@ def _serve(pipe: Connection, newest: Any, source: Source) -> None:
         except ElvisError as error:
             pipe.send((_failure(error), number, str(error)))
         except MemoryError:
-            pipe.send(("error", number, "there is not enough memory for this picture"))
+            pipe.send(("error", number, "not enough memory for this picture; reduce its size or its samples"))
         except Exception as error:  # a fault of one picture must not end all
             pipe.send(("error", number, fault_sentence(error)))
         else:
@@ -163,9 +163,9 @@ class _Drawing:
         from elvis.renderer.bricks import Bricks
 
         if isinstance(self._data, Bricks):
-            raise ElvisError(f"{what} need all elements, and --memory allows few: start elvis view without it")
+            raise ElvisError(f"{what} need all elements, which --memory does not allow: start elvis view without it")
         if not isinstance(self._data, Dataset):
-            raise ElvisError(f"{what} need a dataset; a runtime plugin's data have pictures alone")
+            raise ElvisError(f"{what} need a dataset; data of a runtime plugin only have pictures")
         return self._data
 
     def _facts(self, _: int, __: Any) -> Table:
@@ -261,13 +261,13 @@ class _Drawing:
 
         frame = self._frame
         if frame is None:
-            raise ElvisError("there is no picture yet")
+            raise ElvisError("no picture has been drawn yet")
         if content.get("number", self._frame_number) != self._frame_number:
             return None
         row, column = int(content["row"]), int(content["column"])
         height, width = frame.element.shape
         if not (0 <= row < height and 0 <= column < width):
-            raise ElvisError("this lies outside of the picture")
+            raise ElvisError("the point lies outside the picture")
         status = Status(int(frame.status[row, column])).name.lower()
         if not frame.seen[row, column]:
             return {"status": status, "element": -1}
@@ -338,7 +338,7 @@ class _Drawing:
         from elvis.scene.time_limit import stopped_when
 
         if self._frame is None:
-            raise ElvisError("there is no picture yet")
+            raise ElvisError("no picture has been drawn yet")
         with stopped_when(lambda: self._newest.value > number):
             record, simplices = self._linear_pictures.draw(self._frame, min(max(int(content["level"]), 0), MOST_CUTS))
         return {"file": b64encode(png(record.color)).decode(), "simplices": simplices}

@@ -210,7 +210,7 @@ def table_of_text(text: str) -> Any:
     try:
         return json.loads(text, parse_constant=_refuse, parse_float=_finite)
     except RecursionError:
-        raise ElvisError("expected JSON, found lists in one another too deep") from None
+        raise ElvisError("expected JSON, found lists nested too deeply") from None
     except ValueError as error:
         raise ElvisError(f"expected JSON, found: {error!s:.200}") from None
 

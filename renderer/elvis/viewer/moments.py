@@ -75,7 +75,7 @@ class Moments:
         sleep(SOON)
         found = self._following.look()
         if found is None:
-            raise ElvisError(self._following.waiting or "waiting for a step that stands still")
+            raise ElvisError(self._following.waiting or "waiting for a complete step")
         self.series = self._following.series
         return found
 

@@ -30,7 +30,7 @@ def patched(table: Table, changes: Mapping[str, Any]) -> Table:
     for key, value in changes.items():
         steps = steps_of(key)
         if steps[0] in FIXED:
-            raise SceneError(f"{key}: this is settled when the viewer starts")
+            raise SceneError(f"{key}: cannot be changed while the viewer runs; restart elvis view with another value")
         try:
             _set(result, steps, value)
         except (IndexError, KeyError, TypeError, AttributeError, ValueError) as error:
@@ -104,7 +104,7 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
     for path in input_files(scene):
         place = path.resolve()
         if place not in known and not any(folder in place.parents for folder in folders):
-            raise SceneError(f"{path}: a page may read files in the folder of the data alone")
+            raise SceneError(f"{path}: a page may only read files in the folder of the data")
     settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "device")}
     return replace(scene, **settled)
 

@@ -34,5 +34,5 @@ def place_of(name: str, folder: Path, inputs: Iterable[Path], is_confirmed: bool
     check_inputs([place], inputs, advice="name another file")
     check_place(place)
     if os.path.lexists(place) and not is_confirmed:
-        raise TakenError(f"{name}: there is such a file already")
+        raise TakenError(f"{name} already exists")
     return place

@@ -82,8 +82,8 @@ class Server:
         except OSError as error:
             await self._runner.cleanup()
             # asyncio gives no number where the host has no address of this machine
-            reason = error.strerror or "it is no address of this machine"
-            raise ElvisError(f"cannot listen at {host}:{port}: {reason}; --host and --port take others") from error
+            reason = error.strerror or "not an address of this machine"
+            raise ElvisError(f"cannot listen on {host}:{port}: {reason}; choose others with --host and --port") from error
         self.session.start()
         return int(self._listening.sockets[0].getsockname()[1])
 

@@ -196,14 +196,14 @@ class Session:
     async def hide(self, key: str) -> None:
         """Keep an object, ``plane``, ``objects[n]`` or ``clip[n]``, and show it no more; SceneError for another key."""
         if len(self.hidden) >= MOST_HIDDEN:
-            raise SceneError(f"{MOST_HIDDEN} objects are hidden already: delete some")
+            raise SceneError(f"{MOST_HIDDEN} objects are already hidden; delete some of them")
         table, item = without(self.table, key)
         await self._take(table, (*self.hidden, item))
 
     async def unhide(self, number: int, is_kept: bool = True) -> None:
         """Show a hidden object again, where it was, or forget it; SceneError where there is none."""
         if not 0 <= number < len(self.hidden):
-            raise SceneError("there is no such hidden object")
+            raise SceneError("the hidden object no longer exists")
         item, rest = self.hidden[number], (*self.hidden[:number], *self.hidden[number + 1 :])
         await self._take(put_back(self.table, item) if is_kept else self.table, rest)
 
@@ -285,12 +285,12 @@ class Session:
     async def _write(self, name: str, confirmed: bool = False) -> Table:
         """Write what `content_of` gives into the folder of the data: where it is, or a question; else ElvisError."""
         if not self.may_write:
-            raise SceneError("nothing is written here unless elvis view was started with --allow-writes")
+            raise SceneError("writing files is not allowed; start elvis view with --allow-writes")
         scene = self.current
         try:
             place = place_of(name, folder_of(self.scene), input_files(scene), is_confirmed=confirmed)
         except TakenError as error:
-            return {"question": f"{error}: shall this take its place?"}
+            return {"question": f"{error}. Replace it?"}
         suffix = place.suffix.lower()
         # names of files in a scene are relative to the place where it stands
         content = scene_text(scene, place).encode() if suffix in SUFFIXES else await self.content_of(suffix)
@@ -315,7 +315,7 @@ class Session:
             raise SceneError(f"size: expected at most {MOST} pixels each way, found {scene.size[0]} x {scene.size[1]}")
         found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix})
         if found is None:
-            raise SceneError("the picture was given up, as the scene has changed: save it again")
+            raise SceneError("the scene changed while the picture was drawn; save it again")
         return bytes(found)
 
     def _state(self, **more: Any) -> str:
@@ -341,7 +341,7 @@ class Session:
                     self._wake.set()
                     await self._tell(str(error))
                 else:
-                    await self._give_up("the process that draws ends again and again")
+                    await self._give_up("the drawing process stopped repeatedly; restart elvis view")
             except ElvisError as error:
                 if self.facts is None and not self._has_shown and self.on_unreadable(str(error)):
                     return

@@ -77,15 +77,15 @@ def view(
 
     scene = composed(data, options, settings, LEAVING)
     if not scene.data:
-        raise SceneError("the scene names no data: give the mesh and field files too")
+        raise SceneError("the scene names no data; also give the mesh and field files")
     if live and scene.range == "series":
-        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+        raise SceneError("range: expected seen, all or two values with --live, as later steps are unknown; found series")
     scene = with_range(scene, not no_cache)
     for path in expanded(tuple(map(Path, scene.data))) if not live else ():
         check_plain_or_folder(path)
 
     def opened(address: str) -> None:
-        say(f"{address}\nCtrl-C ends it")
+        say(f"{address}\nPress Ctrl-C to stop")
         if browser:
             open_browser(address, pages)
 

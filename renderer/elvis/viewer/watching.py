@@ -26,8 +26,8 @@ class WatchedFiles:
         changed = [name for name, known in self._known.items() if now.get(name) != known]
         if not changed:
             return ""
-        how = "is gone" if now.get(changed[0]) is None else "has changed on disk"
-        return f"{changed[0]} {how}; the picture shows what was read before"
+        how = "was removed" if now.get(changed[0]) is None else "has changed on disk"
+        return f"{changed[0]} {how}; the picture shows the previous contents"
 
     def _stamps(self) -> dict[str, Stamp]:
         found = {}

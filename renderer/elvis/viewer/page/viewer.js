@@ -511,7 +511,7 @@ class Handles {
     const tilt = (dx, dy) => ({ point: hold, normal: this.tilted(hold, tip, dx, dy) });
     const move = (dx, dy) => ({ point: plus(hold, times(this.along(hold, away, dx, dy), away)) });
     return [...this.outline(corners), ...this.segment(start, end), this.grip("tilt", "Drag: tilt the plane", end, tilt),
-      this.grip("move", "Drag: move the plane along its normal; with shift: tilt it", start, (dx, dy, { isShift }) => (isShift ? tilt : move)(dx, dy))];
+      this.grip("move", "Drag: move the plane along its normal; with Shift: tilt the plane", start, (dx, dy, { isShift }) => (isShift ? tilt : move)(dx, dy))];
   }
 
   // a direction at right angles to an axis and to the view, so that it is never foreshortened
@@ -530,7 +530,7 @@ class Handles {
     const sides = [1, -1].flatMap((sign) => this.segment(...[1, -1].map((other) => this.seen(plus(hold, plus(times(sign, across), times(other * half, way)))))));
     return [...sides, ...this.outline(circle(hold, across, cross(way, across))), ...this.segment(start, end),
       this.grip("tilt", "Drag: tilt the cylinder", end, (dx, dy) => ({ point: hold, axis: this.tilted(hold, tip, dx, dy) })),
-      this.grip("radius", "Drag: the cylinder's radius", this.seen(rim), (dx, dy) => ({ radius: Math.max(least, radius + this.along(rim, unit(across), dx, dy)) })),
+      this.grip("radius", "Drag: change the radius of the cylinder", this.seen(rim), (dx, dy) => ({ radius: Math.max(least, radius + this.along(rim, unit(across), dx, dy)) })),
       this.grip("move", "Drag: move the cylinder", start, (dx, dy) => ({ point: this.beside(hold, dx, dy) }))];
   }
 
@@ -543,7 +543,7 @@ class Handles {
     const open = (dx, dy) => Math.atan2(length(across) + this.along(rim, aside, dx, dy), reach) / degree;
     return [...sides, ...this.outline(circle(middle, across, cross(way, across))), ...this.segment(start, end),
       this.grip("tilt", "Drag: tilt the cone", end, (dx, dy) => ({ axis: this.tilted(apex, tip, dx, dy) })),
-      this.grip("angle", "Drag: the cone's angle", this.seen(rim), (dx, dy) => ({ angle: Math.min(89.5, Math.max(0.5, open(dx, dy))) })),
+      this.grip("angle", "Drag: change the angle of the cone", this.seen(rim), (dx, dy) => ({ angle: Math.min(89.5, Math.max(0.5, open(dx, dy))) })),
       this.grip("move", "Drag: move the cone", start, (dx, dy) => ({ apex: this.beside(apex, dx, dy) }))];
   }
 
@@ -579,7 +579,7 @@ class Handles {
     const side = rim.map((one) => this.seen(one)).reduce((most, one) => (one.x > most.x ? one : most));
     const least = 4 * this.seen(surface.center).pixel;
     return [...this.outline(rim),
-      this.grip("radius", "Drag: the sphere's radius", side,
+      this.grip("radius", "Drag: change the radius of the sphere", side,
         (dx, dy) => ({ radius: Math.max(least, this.missBy(surface.center, side.x + dx, side.y + dy)) })),
       this.grip("center", "Drag: move the sphere", this.seen(surface.center), (dx, dy) => ({ center: this.beside(surface.center, dx, dy) }))];
   }
@@ -649,8 +649,8 @@ class TransferEditor {
 
   get element() {
     const { histogram } = this;
-    const note = histogram ? `Grey: volume by value, logarithmic over ${DECADES} decades; at the quadrature's ${histogram.sample}.` : "";
-    const help = "Drag points; double click adds or removes one; arrow keys move, Enter adds after, Delete removes.";
+    const note = histogram ? `Grey: histogram by volume, logarithmic over ${DECADES} decades, from the quadrature's ${histogram.sample}.` : "";
+    const help = "Drag a point to move it; double-click to add or remove one. Keys: arrows move, Enter adds a point after it, Delete removes it.";
     return make("div", { title: help }, this.svg, make("div", { className: "elvis-aside" }, note));
   }
 
@@ -830,7 +830,7 @@ class BarGrips {
       const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 7 * ratio, tabindex: 0, role: "slider", class: "elvis-grip elvis-bar-grip",
         "aria-label": `${end} end of the range of ${bar.title}`, "aria-valuenow": value, "aria-valuetext": short(value) });
       grip.dataset.name = end;
-      grip.append(shape("title", {}, `${short(value)}. Drag, or arrow keys: the ${end} end of the colours; double click: automatic again`));
+      grip.append(shape("title", {}, `${short(value)}. Drag or use arrow keys: change the ${end} end of the colour range; double-click: automatic range`));
       grip.addEventListener("pointerdown", (e) => this.press(e, bar, end));
       grip.addEventListener("keydown", (e) => this.key(e, bar, end));
       return grip;
@@ -908,7 +908,7 @@ class LinearSide {
     Object.assign(this, { viewer, level: null, split: 0.5, asked: 0 });
     this.canvas = make("canvas", { className: "elvis-linear" });
     this.note = make("span", { className: "elvis-caption" });
-    this.divider = make("div", { className: "elvis-divider", tabIndex: 0, title: "Drag, or arrow keys: exact to the left, linear elements to the right" });
+    this.divider = make("div", { className: "elvis-divider", tabIndex: 0, title: "Drag or use arrow keys: exact picture on the left, linear elements on the right" });
     for (const [name, value] of Object.entries({ role: "separator", "aria-orientation": "vertical", "aria-label": "divider", "aria-valuemin": 0, "aria-valuemax": 100 })) {
       this.divider.setAttribute(name, value);
     }
@@ -916,7 +916,7 @@ class LinearSide {
     this.divider.addEventListener("pointerdown", (e) => this.divider.setPointerCapture(e.pointerId));
     this.divider.addEventListener("pointermove", (e) => this.divider.hasPointerCapture(e.pointerId) && this.move(this.under(e)));
     this.divider.addEventListener("keydown", (e) => this.key(e));
-    this.choice = make("select", { "aria-label": "linear elements", title: "Beside the exact picture: what linear elements would show", onchange: (e) => this.choose(e.target.selectedIndex) },
+    this.choice = make("select", { "aria-label": "linear elements", title: "Compare with the picture of linear elements", onchange: (e) => this.choose(e.target.selectedIndex) },
       make("option", {}, "linear: off"), ...REFINEMENTS.map((n) => make("option", {}, `linear: ${n} refinement${n === 1 ? "" : "s"}`)));
     this.clear();
   }
@@ -998,15 +998,15 @@ class TimeBar {
   constructor(viewer) {
     Object.assign(this, { viewer, timer: 0, isPlaying: false });
     const button = (text, title, act) => make("button", { type: "button", title, ariaPressed: "false", onclick: act }, text);
-    this.play = button("▶", "Play, or stop", () => (this.isPlaying ? this.stop() : this.begin()));
-    this.loop = button("loop", "Begin again at the end", () => this.toggle(this.loop));
-    this.fixed = button("one range", "One range of colours for all steps, certified; else that of each", () => this.fix());
-    this.values = button("over time", "A click in the picture: exact values over time", () => viewer.setMode(viewer.mode === "time" ? "turn" : "time"));
+    this.play = button("▶", "Play or stop", () => (this.isPlaying ? this.stop() : this.begin()));
+    this.loop = button("loop", "Repeat from the start", () => this.toggle(this.loop));
+    this.fixed = button("one range", "Use one certified colour range for all steps, or the range of each step", () => this.fix());
+    this.values = button("over time", "Click in the picture: plot exact values over time", () => viewer.setMode(viewer.mode === "time" ? "turn" : "time"));
     this.slider = make("input", { type: "range", min: 0, step: 1, "aria-label": "step",
       oninput: () => this.go(Number(this.slider.value), true), onchange: () => this.go(Number(this.slider.value), false) });
-    this.time = make("input", { type: "number", step: "any", "aria-label": "time", title: "Any time; between steps coefficients are interpolated",
+    this.time = make("input", { type: "number", step: "any", "aria-label": "time", title: "Time to show; coefficients are interpolated between steps",
       onchange: () => this.time.value !== "" && this.show({ time: Number(this.time.value), step: null }, false) });
-    this.speed = make("select", { "aria-label": "steps a second" }, ...SPEEDS.map((one) => make("option", { value: one }, `${one} / s`)));
+    this.speed = make("select", { "aria-label": "steps per second" }, ...SPEEDS.map((one) => make("option", { value: one }, `${one} / s`)));
     this.speed.selectedIndex = 2;
     this.note = make("span", { className: "elvis-aside" });
     this.root = make("div", { className: "elvis-time", hidden: true }, this.play, this.loop, this.speed, this.slider, this.time, this.note, this.fixed, this.values);
@@ -1108,7 +1108,7 @@ class TimeBar {
 const VIEWS = { "+x": "+x", "−x": "-x", "+y": "+y", "−y": "-y", "+z": "+z", "−z": "-z", iso: "iso" };
 //: from where named views look, and what is upwards
 const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwards", "+y": "from the front, z upwards",
-  "-y": "from the back, z upwards", "+z": "from below, y upwards", "-z": "from above, y upwards", iso: "from where x, y and z are greatest" };
+  "-y": "from the back, z upwards", "+z": "from below, y upwards", "-z": "from above, y upwards", iso: "from the corner with maximum x, y and z" };
 //: what can be added that a surface bounds, and the surface's name in the schema
 const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
@@ -1146,7 +1146,7 @@ class Viewer {
 
   build(el) {
     this.canvas = make("canvas", { width: 16, height: 16, "aria-label": "the picture" });
-    this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "A click takes this away", onclick: () => { this.error.hidden = true; } });
+    this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "Click to dismiss", onclick: () => { this.error.hidden = true; } });
     this.tip = make("div", { className: "elvis-tip", hidden: true, "aria-hidden": "true" });
     this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
       this.canvas, this.error, this.tip);
@@ -1160,7 +1160,7 @@ class Viewer {
     this.panel.addEventListener("pointerdown", (e) => { this.isSliding = e.target.type === "range" || Boolean(e.target.closest(".elvis-transfer")); });
     for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
     this.values = make("output", { "aria-label": "values under the pointer" });
-    this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, its place and its element with all digits", onclick: () => this.copyPicked() }, "copy all");
+    this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, position and element with all digits", onclick: () => this.copyPicked() }, "copy all");
     this.counts = make("span", {});
     this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
@@ -1174,11 +1174,11 @@ class Viewer {
 
   tools() {
     const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
-    this.undoButton = button("↶", "Undo (ctrl z)", () => this.model.send({ type: "undo" }));
-    this.redoButton = button("↷", "Redo (ctrl y)", () => this.model.send({ type: "redo" }));
-    this.proofButton = button("proof", "Show which pixels are not certain", () => this.model.send({ type: "proof", on: this.proofButton.ariaPressed !== "true" }));
-    this.lineButton = button("line", "Two clicks: exact values along a line", () => this.setMode(this.mode === "line" ? "turn" : "line"));
-    this.freeButton = button("free", "Turn freely, not about the axis that stands upright", () => { this.freeButton.ariaPressed = String(this.freeButton.ariaPressed !== "true"); });
+    this.undoButton = button("↶", "Undo (Ctrl+Z)", () => this.model.send({ type: "undo" }));
+    this.redoButton = button("↷", "Redo (Ctrl+Y)", () => this.model.send({ type: "redo" }));
+    this.proofButton = button("proof", "Mark the pixels that are not certain", () => this.model.send({ type: "proof", on: this.proofButton.ariaPressed !== "true" }));
+    this.lineButton = button("line", "Click two points: plot exact values along a line", () => this.setMode(this.mode === "line" ? "turn" : "line"));
+    this.freeButton = button("free", "Rotate freely instead of about the upright axis", () => { this.freeButton.ariaPressed = String(this.freeButton.ariaPressed !== "true"); });
     this.perspectiveButton = button("perspective", "Perspective or parallel view", () => this.look((camera) => projected(camera, !camera.fov)));
     for (const one of [this.proofButton, this.lineButton, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
     this.saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
@@ -1192,7 +1192,7 @@ class Viewer {
     this.turning = [...views, this.perspectiveButton, this.freeButton];
     const menu = button("≡", "Objects and colours", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
-    return make("div", { className: "elvis-tools" }, menu, button("fit", "Show all that there is, from this side (f)", () => this.fit()), ...this.turning,
+    return make("div", { className: "elvis-tools" }, menu, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
       this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
@@ -1236,7 +1236,7 @@ class Viewer {
 
   ask(type, content, more = {}) {
     const id = ++counter;
-    if (this.model.send({ type, id, content, ...more }) === false) return Promise.reject(new Error("There is no connection."));
+    if (this.model.send({ type, id, content, ...more }) === false) return Promise.reject(new Error("Not connected to elvis view."));
     return new Promise((resolve, reject) => this.waiting.set(id, { resolve, reject }));
   }
 
@@ -1256,7 +1256,7 @@ class Viewer {
     if (!this.dragged && !this.rolling) this.camera = null;
     this.error.textContent = text;
     // a view in which nothing is seen has a way back
-    if (fit) this.error.append(" ", make("button", { type: "button", title: "Show all that there is, from this side", onclick: () => this.fit() }, "fit"));
+    if (fit) this.error.append(" ", make("button", { type: "button", title: "Fit the whole scene in this direction", onclick: () => this.fit() }, "fit"));
     this.error.hidden = false;
     this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
     this.controls();
@@ -1733,8 +1733,8 @@ class Viewer {
 
   // where the field is least and greatest, which is proved: shown, told, and where new objects begin
   peaks() {
-    const button = (text, number) => make("button", { type: "button", title: `Where the field is ${text}; new planes go through it`, onclick: () => this.findPeak(number) }, text);
-    return make("div", { className: "elvis-row" }, make("label", {}, "find"), make("div", { className: "elvis-several" }, button("least", 0), button("greatest", 1)));
+    const button = (text, number) => make("button", { type: "button", title: `Mark the ${text} of the field; new planes pass through it`, onclick: () => this.findPeak(number) }, text);
+    return make("div", { className: "elvis-row" }, make("label", {}, "find"), make("div", { className: "elvis-several" }, button("minimum", 0), button("maximum", 1)));
   }
 
   async findPeak(number) {
@@ -1775,22 +1775,22 @@ class Viewer {
       const set = (value, moving) => (key === "plane" && value.style ? this.setFirst(value, moving) : this.change({ [key]: this.kept(key, value) }, moving));
       controls.hidden = ["streamlines", "glyphs"].includes(item.kind) ? ON_SURFACES : null;
       const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
-      const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Take it out of the picture, and keep it", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
-      if (number !== undefined) buttons.append(button("duplicate", "The same once more", () => this.add(item)));
+      const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Hide the object; it stays in the list", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
+      if (number !== undefined) buttons.append(button("duplicate", "Add a copy", () => this.add(item)));
       if (this.canBeHeld(item)) buttons.append(this.handleButton(key === "plane" ? key : `${key}.surface`));
-      buttons.append(button("delete", "Take it away", () => { this.selected = null; this.change({ [key]: null }); }));
+      buttons.append(=> button("delete", "Remove the object", () => => { this.selected = null; this.change({ [key]: null }); }));
       return controls.fold(`${place + 1} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...this.transfer(key, item, controls), ...controls.rows(schemaOf(item.kind), item, set)], true);
     });
     const hidden = this.hidden.map(({ key, item }, number) => {
       const shown = key === "plane" ? { kind: "cut", surface: { kind: "plane", ...item } } : { kind: "clip", ...item };
       const button = (text, title, type) => make("button", { type: "button", title, onclick: () => this.model.send({ type, number }) }, text);
       return make("div", { className: "elvis-buttons elvis-hidden" }, `${shown.kind} ${this.summary(shown)}`,
-        button("show", "Show it again, where it was", "unhide"), button("delete", "Take it away", "forget"));
+        button("show", "Show the object again", "unhide"), button("delete", "Remove the object", "forget"));
     });
     const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "streamlines", "glyphs", "clip"] : ["faces", "streamlines", "glyphs"];
     const adding = make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value, controls); e.target.selectedIndex = 0; } },
       make("option", {}, "add…"), ...kinds.map((kind) => make("option", {}, kind)));
-    const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "None: all outer faces are shown." : "None: all is shown.")];
+    const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "No objects: all outer faces are shown." : "No objects: the whole domain is shown.")];
     return [make("h2", {}, "Objects"), ...note, ...rows, ...hidden, adding];
   }
 
@@ -1839,7 +1839,7 @@ class Viewer {
 
   handleButton(key) {
     const press = () => this.select(this.selected === key ? null : key);
-    const own = make("button", { type: "button", title: "A handle in the picture, by which it is dragged", onclick: press }, "handle");
+    const own = make("button", { type: "button", title: "Show a handle for dragging in the picture", onclick: press }, "handle");
     own.ariaPressed = String(this.selected === key);
     return own;
   }
@@ -1984,9 +1984,9 @@ class Viewer {
     const [width, height] = this.picture?.image.slice(2) ?? [900, 700];
     const fields = [number("width", width, 8192), number("height", height, 8192), number("samples", this.table.samples ?? 1, 16)];
     const note = make("p", { className: "elvis-copied", role: "status" });
-    const form = make("form", { method: "dialog" }, make("p", {}, `Save the ${chosen}, drawn anew in this size`),
+    const form = make("form", { method: "dialog" }, make("p", {}, `Save the ${chosen}, rendered at this size`),
       make("div", { className: "elvis-row" }, make("label", {}, "pixels"), make("div", { className: "elvis-several" }, fields[0], "×", fields[1])),
-      make("div", { className: "elvis-row", title: "Each pixel is the mean of so many samples across and down" }, make("label", {}, "samples"), fields[2]),
+      make("div", { className: "elvis-row", title: "Supersampling: average N x N samples per pixel" }, make("label", {}, "samples"), fields[2]),
       note, make("div", { className: "elvis-buttons" }, make("button", { type: "submit" }, "save"), make("button", { type: "button", onclick: () => this.dialog.close() }, "close")));
     form.addEventListener("submit", async (e) => {
       e.preventDefault();
@@ -2030,7 +2030,7 @@ class Viewer {
     replace.hidden = true;
     field.addEventListener("input", () => { replace.hidden = true; });
     field.addEventListener("keydown", (e) => e.key === "Enter" && write(false));
-    const told = make("p", {}, "A picture, record or scene in the folder of the data, or below: .png, .svg, .pdf, .exr, .npz, .toml, .yaml");
+    const told = make("p", {}, "Picture, record or scene in the folder of the data or below: .png, .svg, .pdf, .exr, .npz, .toml, .yaml");
     this.dialog.replaceChildren(told, field, note,
       make("div", { className: "elvis-buttons" }, button("write", () => write(false)), replace, button("close", () => this.dialog.close())));
     this.dialog.showModal();
@@ -2059,7 +2059,7 @@ class Viewer {
     field.scrollTop = 0;
     // browsers that refuse leave the text selected
     const isCopied = await navigator.clipboard?.writeText(text).then(() => true, () => false);
-    note.textContent = isCopied ? "copied" : "ctrl c copies it";
+    note.textContent = isCopied ? "copied" : "press Ctrl+C to copy";
   }
 }
 
@@ -2122,7 +2122,7 @@ function changesOf(fragment, table) {
     try {
       return [name, JSON.parse(text)];
     } catch (error) {
-      throw new Error(`The link cannot be read: expected JSON, found ${name}=${text.slice(0, 60)}`);
+      throw new Error(`Invalid link: expected JSON, found ${name}=${text.slice(0, 60)}`);
     }
   });
   return Object.fromEntries(found.filter(([name, value]) => value !== null || name in table));
@@ -2186,7 +2186,7 @@ class Socket {
       }
     };
     this.socket.onclose = () => {
-      this.handler({ type: "closed", until: "connection", text: "The connection is lost; the page tries again. Is elvis view still running?" });
+      this.handler({ type: "closed", until: "connection", text: "Connection lost; reconnecting. Check that elvis view is still running." });
       setTimeout(() => this.open(), this.delay);
       this.delay = Math.min(8000, 2 * this.delay);
     };
