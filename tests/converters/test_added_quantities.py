@@ -139,7 +139,7 @@ def test_sums_with_another_solution_are_fields(files, tmp_path, elvis):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--add", "p=2*p"], "there is a field 'p' already"),
+        (["--add", "p=2*p"], "field 'p' already exists"),
         (["--add", "d(u,x)"], "expected NAME=EXPRESSION"),
         (["--add", "q=log(x-0.5)"], "q: expected finite values, found others in 1 elements: 0"),
         (["--add", "n=nx*p"], "n: expected a quantity with values inside elements, found one on faces only"),

@@ -202,11 +202,11 @@ def test_roles_and_steps(solvers, nektar, tmp_path):
     assert read(*steps).time == read(steps[0], steps[2]).time
     chk = nektar / "hex_chk" / "Hex_channel_m3_0.chk"
     with pytest.raises(
-        FormatError, match=r"where only fields are; give the mesh file too, perhaps .*Hex_channel_m3\.xml$"
+        FormatError, match=r"where only fields are; also give the mesh file, perhaps .*Hex_channel_m3\.xml$"
     ):
         read(chk)
     (tmp_path / "conditions.xml").write_text("<NEKTAR><CONDITIONS><P>x</P></CONDITIONS></NEKTAR>")
-    with pytest.raises(FormatError, match=r"where only conditions are; give the mesh file too$"):
+    with pytest.raises(FormatError, match=r"where only conditions are; also give the mesh file$"):
         read(tmp_path / "conditions.xml")
 
 

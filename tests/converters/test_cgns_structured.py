@@ -193,8 +193,8 @@ def test_conditions_that_cannot_be_told_are_named(tmp_path):
     path = writing.write_hdf5(tmp_path / "a.cgns", [base(structured("Zone", grid(*SIZES), conditions(*own)))], 3.4)
     notes = Cgns([path]).warnings
     assert len(notes) == 3
-    assert "the boundary condition volume of Zone is no face, but a part of the grid, and was left out" in notes
-    assert "the boundary condition inside of Zone marks no side of a cell, and was left out" in notes
+    assert "the boundary condition volume of Zone is no face, but a part of the grid, and was skipped" in notes
+    assert "the boundary condition inside of Zone marks no side of a cell, and was skipped" in notes
     assert any("cells of Zone doesn't tell across which direction" in note for note in notes)
 
 

@@ -182,7 +182,7 @@ def test_every_library_comes_with_an_extra_of_its_converter():
 def test_several_claims_ask_for_a_choice(case, plugin):
     (candidate,) = in_file(plugin)
     both = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
-    with pytest.raises(ElvisError, match="one and two open them all; choose one with --from"):
+    with pytest.raises(ElvisError, match="one and two can open them; choose one with --from"):
         choose_converter(both, [case])
     assert choose_converter(both, [case], "two").name == "two"
 
@@ -280,11 +280,11 @@ def test_files_that_are_not_named_are_not_written_over(elvis, native, tmp_path, 
     """A file of fields, or of HDF5 data, of which the mesh isn't there belongs to something else."""
     (tmp_path / "out.fld").write_text("a restart")
     (tmp_path / "out.nekg").write_text("data")
-    with pytest.raises(ElvisError, match=r"out\.fld: not written: it stands there without out\.xml"):
+    with pytest.raises(ElvisError, match=r"out\.fld: not written: it exists without out\.xml"):
         elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--format", kind)
     (tmp_path / "out.fld").unlink()
     if kind == "hdf5":
-        with pytest.raises(ElvisError, match=r"out\.nekg: not written: it stands there without out\.xml"):
+        with pytest.raises(ElvisError, match=r"out\.nekg: not written: it exists without out\.xml"):
             elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--format", kind)
     else:
         elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml", "--overwrite")

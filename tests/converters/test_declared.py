@@ -74,4 +74,4 @@ def test_conditions_of_cgns_name_what_no_section_or_grid_holds(tmp_path):
 def test_composites_name_entities_that_exist(tmp_path):
     (tmp_path / "a.xml").write_text(re.sub(r"E\[0-3\]", "E[0-3,6-9]", NATIVE))
     remarks = read(tmp_path / "a.xml").remarks
-    assert "3 of the 8 entities of composite 2, which the mesh lacks, were left out" in remarks
+    assert "3 of the 8 entities of composite 2, which the mesh lacks, were skipped" in remarks

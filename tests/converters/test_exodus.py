@@ -279,8 +279,8 @@ def test_elements_and_sides_that_are_left_out_are_named(tmp_path):
     blocks = [ExodusBlock("solid", "HEX8", nodes), ExodusBlock("beam", "BEAM2", nodes[:, :2])]
     path = write_classic(tmp_path / "mixed.e", blocks, places, {"end": [(2, 2), (3, 1)]})
     remarks = " ".join(read(path).remarks)
-    assert "mixed.e: 2 elements of lower dimension were left out" in remarks
-    assert "mixed.e: 1 of the 2 sides of the boundary 'end' were left out" in remarks
+    assert "mixed.e: 2 elements of lower dimension were skipped" in remarks
+    assert "mixed.e: 1 of the 2 sides of the boundary 'end' were skipped" in remarks
 
 
 def test_elements_that_are_missing_are_an_error(tmp_path):

@@ -65,7 +65,7 @@ def test_one_set_tells_how_sides_of_quadrilaterals_in_space_count(tmp_path, firs
 def test_faces_of_quadrilaterals_in_space_are_no_edges(tmp_path):
     sets = {"skin": [(element, 1) for element in range(1, 10)]}
     dataset = read(write_classic(tmp_path / "skin.e", [ExodusBlock("plate", "QUAD4", FIELDS)], BOARD, sets))
-    assert "9 of the 9 sides of the boundary 'skin' were left out" in dataset.remarks[-1]
+    assert "9 of the 9 sides of the boundary 'skin' were skipped" in dataset.remarks[-1]
 
 
 def test_sides_that_fit_two_ways_of_counting_are_named(tmp_path):
@@ -81,7 +81,7 @@ def test_faces_of_shells_on_volumes_are_sides_of_these(tmp_path):
     dataset = read(write_classic(tmp_path / "skin.e", blocks, places, {"outlet": [(3, 1)], "edges": [(3, 4)]}))
     area, moment = integrate(dataset, ["1", "x"], "outlet")
     assert (area.value, moment.value) == pytest.approx((1, places[:, 0].max()), abs=1e-13)
-    assert any("1 of the 1 sides of the boundary 'edges' were left out" in remark for remark in dataset.remarks)
+    assert any("1 of the 1 sides of the boundary 'edges' were skipped" in remark for remark in dataset.remarks)
 
 
 def test_elements_with_nodes_of_their_own_are_neighbours(tmp_path):

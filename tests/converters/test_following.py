@@ -47,7 +47,7 @@ def test_a_step_counts_once_it_is_whole_and_stands_still(made, run):
     assert following.waiting == f"waiting for files in {run}"
     shutil.copy(made[0], run)
     assert (look(), look()) == (None, None)
-    assert following.waiting == "waiting for a step: there is a mesh, and no field yet"
+    assert following.waiting == "waiting for a step: found a mesh, but no field yet"
     shutil.copy(made[1], run)
     assert look() is None
     assert look().time == 0.0
@@ -131,7 +131,7 @@ def test_the_picture_of_the_newest_step_is_that_of_render(made, run, tmp_path, e
 def test_a_run_without_a_step_is_a_failure(made, run, tmp_path, elvis):
     shutil.copy(made[0], run)
     with pytest.raises(
-        ElvisError, match=r"nothing was drawn in 0\.2 s: waiting for a step: there is a mesh, and no field"
+        ElvisError, match=r"nothing was drawn in 0\.2 s: waiting for a step: found a mesh, but no field"
     ):
         elvis("watch", run, "--every", "0.05", "--idle", "0.2", "-o", tmp_path / "latest.png")
     assert not (tmp_path / "latest.png").exists()
@@ -139,11 +139,11 @@ def test_a_run_without_a_step_is_a_failure(made, run, tmp_path, elvis):
 
 def test_what_cannot_be_watched_is_said_at_once(run, tmp_path, elvis):
     for given, sentence in (
-        ([run], "expected -o, the picture that is to be drawn again and again"),
+        ([run], "expected -o, the name of the picture"),
         ([run / "none", "-o", tmp_path / "x.png"], "none: there is no such file or folder"),
         ([run, "-o", tmp_path / "x.gif"], r"x\.gif: expected a name that ends in"),
         ([run, "-o", tmp_path / "none" / "x.png"], "cannot be written: there is no folder"),
-        ([run, "--range", "series", "-o", tmp_path / "x.png"], "range: the steps to come are not known"),
+        ([run, "--range", "series", "-o", tmp_path / "x.png"], "range: later steps are not known"),
     ):
         with pytest.raises(ElvisError, match=sentence):
             elvis("watch", *given)

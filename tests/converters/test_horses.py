@@ -114,7 +114,7 @@ def test_names_follow_the_equations(tmp_path):
     paths = files(tmp_path, 1, references=NONE)
     source = Horses(paths)
     assert [field.name for field in source.fields] == ["q1", "q2", "q3", "q4", "q5"]
-    assert "nothing tells the equations" in source.notes[0]
+    assert "the files don't name the equations" in source.notes[0]
     assert [field.name for field in Horses(paths, equations="mu").fields][:2] == ["c", "sqrtrhou"]
     with pytest.raises(FormatError, match="expected 6 variables of the equations nssa, found 5"):
         Horses(paths, equations="nssa")
@@ -156,5 +156,5 @@ def test_boundaries_are_checked(tmp_path):
     write_zones(tmp_path / "box.bmesh", [("inlet", [9], [6])])
     with pytest.raises(FormatError, match=r"box\.bmesh: expected elements 1 to 4, found 9"):
         Horses(paths)
-    with pytest.raises(FormatError, match="give its mesh too"):
+    with pytest.raises(FormatError, match="also give its mesh"):
         Horses(paths[1:])

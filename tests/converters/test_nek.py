@@ -140,7 +140,7 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
     (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 1\nnumtimesteps: 4\n")
     series = open_series(tmp_path / "run.nek5000", cache=False)
     assert series.times.tolist() == [0.0, 1.0]
-    assert series.remarks == ["steps 2 to 3 of the file: 2 of 4 steps are missing or damaged, and left out"]
+    assert series.remarks == ["steps 2 to 3 of the file: 2 of 4 steps are missing or damaged, and skipped"]
     assert Nek([tmp_path / "run.nek5000"]).time == 1.0
     (tmp_path / "run.nek5000").write_text("filetemplate: run%01d.f%05d\nfirsttimestep: 1\nnumtimesteps: 2\n")
     with pytest.raises(FormatError, match="expected a step from 0 to 1, found 2"):

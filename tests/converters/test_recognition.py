@@ -49,7 +49,7 @@ FILES = {
         b"\x80\x04\x95\x00cngsolve.comp\nMesh",
         r"a pickled NGSolve session, .*ngsolve_export\.export in Python",
     ),
-    "p.pickle": (b"\x80\x04\x95\x00anything", "a Python pickle, which would run what it holds"),
+    "p.pickle": (b"\x80\x04\x95\x00anything", "a Python pickle, which could run any code"),
     "a.pos": (b'View "u" {\nSP(0,0,0){1};\n};\n', r"a list of values of Gmsh \(\.pos\) without a mesh: save the view"),
     "a.geo": (
         b'SetFactory("OpenCASCADE");\nBox(1) = {0,0,0,1,1,1};\n',

@@ -253,7 +253,7 @@ def test_extremes_over_steps_keep_the_error_that_is_told(reported, tmp_path):
     arguments = ["average", folder / "w.xml", *steps, "--extremes", "-o", tmp_path / "extremes.fld"]
     outcome = CliRunner().invoke(group, list(map(str, arguments)))
     assert outcome.exit_code == 0
-    told = dict(re.findall(r"note: (\w+): no basis holds it: it is off by ([0-9.e+-]+)", outcome.stderr))
+    told = dict(re.findall(r"note: (\w+): no basis holds it: its error is at most ([0-9.e+-]+)", outcome.stderr))
     points = np.random.default_rng(0).random((300, 3))
     series = open_series(folder / "w.xml", *steps)
     found = read(folder / "w.xml", tmp_path / "extremes.fld")

@@ -70,10 +70,10 @@ def test_what_is_left_out_is_told(tmp_path):
     series = open_series(*files)
     assert series.times.tolist() == [0.0, 1.0, 3.0]
     told = {
-        "run_6.chk: the file ends before its last tag: the step is left out",
-        "run_7.chk: it is no whole field file: the step is left out",
-        "run_2.chk: its time, 1, is that of run_1.chk: it is left out",
-        "run_3.chk: its time, 0.5, is before that of run_1.chk, 1: it is left out",
+        "run_6.chk: the file ends before its last tag: the step is skipped",
+        "run_7.chk: the field file is incomplete: the step is skipped",
+        "run_2.chk: its time, 1, is that of run_1.chk: it is skipped",
+        "run_3.chk: its time, 0.5, is before that of run_1.chk, 1: it is skipped",
     }
     assert told <= set(series.remarks)
     assert gap.name == "run_4.chk"
@@ -83,11 +83,11 @@ def test_what_is_left_out_is_told(tmp_path):
 def test_a_series_that_has_just_begun_is_its_first_step(tmp_path, elvis):
     files = steps_of(tmp_path, [0.5, 1.0], waves)
     whole = files[2].read_bytes()
-    for part, fault in ((whole[:-60], "the file ends before its last tag"), (b"", "it is no whole field file")):
+    for part, fault in ((whole[:-60], "the file ends before its last tag"), (b"", "the field file is incomplete")):
         files[2].write_bytes(part)
         found = read(*files)
         assert found.time == 0.5
-        assert found.remarks == (f"run_1.chk: {fault}: the step is left out",)
+        assert found.remarks == (f"run_1.chk: {fault}: the step is skipped",)
     assert "one step, time 0.5" in elvis("info", *files)
 
 
@@ -95,8 +95,8 @@ def test_times_that_are_none_are_left_out(tmp_path):
     series = open_series(*steps_of(tmp_path, [0.0, np.nan, None, 3.0], lambda p, t: p[:, 0]))
     assert series.times.tolist() == [0.0, 3.0]
     assert series.remarks[:2] == [
-        "run_1.chk: its time is nan: the step is left out",
-        "run_2.chk: it tells no time, as others do: the step is left out",
+        "run_1.chk: its time is nan: the step is skipped",
+        "run_2.chk: it has no time, unlike the others: the step is skipped",
     ]
 
 
@@ -111,7 +111,7 @@ def test_steps_on_another_mesh_are_passed_over(tmp_path, elvis):
     series = open_series(*files)
     assert list(series.readable()) == [0, 2]
     (fault,) = series.told
-    assert fault.startswith("run_1.chk can't be read and is passed over: ")
+    assert fault.startswith("run_1.chk can't be read and is skipped: ")
     assert fault.endswith("found 5 elements that the mesh lacks, which other steps don't have")
     # so it is where the step on another mesh is read first
     series = open_series(*files)
@@ -129,7 +129,7 @@ def test_a_mesh_may_be_a_part_of_that_of_all_steps(tmp_path):
         field = approximated(dataset, "u", lambda p: p[:, 0], 3)
         write(replace(dataset, fields=(field,), time=float(number)), field_path=file)
     for step in open_series(*files):
-        assert "on 5 elements that the mesh lacks, and left out there" in step.remarks[0]
+        assert "on 5 elements that the mesh lacks, which are ignored" in step.remarks[0]
 
 
 def test_both_ends_of_long_series_are_listed(tmp_path, elvis):
@@ -158,7 +158,7 @@ def test_steps_that_turn_out_to_be_damaged_are_passed_over(tmp_path):
     series = open_series(*files)
     found = series.at(1.5)
     assert np.abs(sample(found, "u", POINTS)["u"] - polynomial(POINTS, 1.5, 1)).max() < 1e-12
-    assert found.remarks[0].startswith("run_1.chk can't be read and is passed over: ")
+    assert found.remarks[0].startswith("run_1.chk can't be read and is skipped: ")
     with pytest.raises(FormatError):
         series[1]
     files[4].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", files[4].read_text()))
@@ -172,7 +172,7 @@ def test_meshes_and_fields_that_change_are_not_mixed(tmp_path):
     write(replace(dataset, fields=more, time=2.0), field_path=tmp_path / "run_2.chk")
     found = open_series(*files, tmp_path / "run_2.chk").at(1.5)
     assert list(found) == ["u"]
-    assert found.remarks[-1] == "fields that differ between steps are left out: v"
+    assert found.remarks[-1] == "fields that differ between steps are skipped: v"
 
 
 def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis_json):
@@ -189,7 +189,7 @@ def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis
     series = series_in(files, Reading(quantities=("u",)))
     found = series.at(0.6)
     assert np.abs(sample(found, "u", POINTS)["u"] - polynomial(POINTS, 0.6, 1)).max() < 1e-12
-    assert "run_1.chk is passed over: expression 'u': character 1: there is no 'u'" in found.remarks
+    assert "run_1.chk is skipped: expression 'u': character 1: there is no 'u'" in found.remarks
     assert series.at_moment().time == 1.0
     for asked in ("all", "0:1:3"):
         with pytest.raises(ElvisError, match="there is no 'w'"):
@@ -217,7 +217,7 @@ def test_empty_folders_are_told(tmp_path, elvis):
 def test_steps_that_are_no_numbers_are_told(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: polynomial(p, t, 1) if t < 2 else p[:, 0] * np.nan)
     series = open_series(*files)
-    told = "step 2 holds values that are not finite, and so does what lies beside it"
+    told = "step 2 holds values that are not finite, and so do the interpolated values next to it"
     assert told in series.at(1.5).remarks
     assert series.faults == ["step 2, run_2.chk, holds values that are not finite"]
     assert series[2].remarks == ("step 2, run_2.chk, holds values that are not finite",)
@@ -228,7 +228,7 @@ def test_times_are_numbers_of_names_where_files_tell_none(tmp_path):
     files = steps_of(tmp_path, [None, None, None], lambda p, t: p[:, 0])
     series = open_series(*files)
     assert series.times.tolist() == [0.0, 1.0, 2.0]
-    assert series.remarks == ["the files tell no times: these are the numbers in their names"]
+    assert series.remarks == ["the files contain no times: the numbers in their names are used"]
     assert series.at(0.5).time == 0.5
 
 
@@ -352,7 +352,7 @@ def test_numbers_stand_for_a_time_that_all_files_tell(tmp_path):
     files = steps_of(tmp_path, [2.0, 2.0, 2.0], waves)
     series = open_series(*files)
     assert series.times.tolist() == [0.0, 1.0, 2.0]
-    assert series.remarks == ["all files tell the time 2: the numbers in their names stand for it"]
+    assert series.remarks == ["all files have the time 2: the numbers in their names are used instead"]
     for number, path in enumerate(files[1:]):
         path.write_text(path.read_text().replace("<ELEMENTS ", f'<ELEMENTS HOMOGENEOUSZIDS="{number}" '))
     assert len({field_head(path).mark for path in files[1:]}) == 3

@@ -162,7 +162,7 @@ def test_no_point_has_a_greater_difference_on_bent_meshes(seed):
         assert apart.max() <= found[0].linf * (1 + 1e-9)
         points = points[apart.argmax()] + width * rng.normal(size=(1000, d))
     assert found[0].linf <= found[0].bound <= 1.02 * found[0].linf
-    told = any("nothing closer is proved" in remark for remark in found.remarks)
+    told = any("no tighter bound is proved" in remark for remark in found.remarks)
     assert told == (found[0].bound > 1.001 * found[0].linf)
 
 
@@ -260,7 +260,7 @@ def test_where_the_second_has_nothing_is_left_out_and_told():
     assert found[0].covered == pytest.approx(0.5, rel=1e-12)
     assert found[0].l2 == pytest.approx(np.sqrt(1 / 24), rel=1e-10)
     assert found[0].linf == pytest.approx(0.5, rel=1e-12)
-    assert found.remarks[0] == "p: the second dataset has nothing on 0.5 of the first, which is left out"
+    assert found.remarks[0] == "p: the second dataset does not cover 0.5 of the first, which is excluded"
     values = sample(own.beside(ref=other), "p - ref:p", [(0.5, 0.5, 0), (0.25, 0.25, 0), (0.51, 0.5, 0)]).values[:, 0]
     np.testing.assert_allclose(values, [0.5, 0.25, np.nan], atol=1e-12)
     whole = integrate(own.beside(ref=other), "p - ref:p")
@@ -293,7 +293,7 @@ def test_what_cannot_be_compared_or_named():
         diff(own, own, "u")
     beside = own.beside(ref=own)
     for text, sentence in (
-        ("ref", "expected : after ref, and what is asked of it, such as ref:p"),
+        ("ref", "expected : after refand a quantity, such as ref:p"),
         ("ref:u", "character 5: there is no 'u'"),
         ("other:p", "there is no 'other'"),
     ):

@@ -238,7 +238,7 @@ def test_a_field_comes_before_all_else_that_has_its_name():
     assert Expression.parse("a-b", names).is_field
     assert Expression.parse("2*'a-b'", names).fields == ("a-b",)
     assert Expression.parse("sin*sin(1)", names).fields == ("sin",)
-    with pytest.raises(ElvisError, match="the data don't tell the time t"):
+    with pytest.raises(ElvisError, match="the data don't contain the time t"):
         Expression.parse("t", names)
 
 

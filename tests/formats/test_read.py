@@ -245,7 +245,7 @@ def test_a_piece_of_a_mesh_that_is_missing(nektar, tmp_path, number):
         return
     whole = read(tmp_path, fields)
     lacking = 25 - len(whole.mesh.of(Shape.QUADRILATERAL))
-    assert whole.remarks == (f"fields are on {lacking} elements that the mesh lacks, and left out there",)
+    assert whole.remarks == (f"fields are on {lacking} elements that the mesh lacks, which are ignored",)
     assert read_part(0, 2, tmp_path, fields).dataset.remarks == whole.remarks
     assert read(folder, fields).remarks == ()
 
@@ -266,7 +266,7 @@ def test_no_mesh_no_files_and_two_meshes(case_files, nektar):
         read()
     with pytest.raises(
         FormatError,
-        match=r"no geometry among .*4quad\.fld, where only fields are; give the mesh file too, ",
+        match=r"no geometry among .*4quad\.fld, where only fields are; also give the mesh file, ",
     ):
         read(fields)
     bare = [next((nektar / case).glob("*.nekg")) for case in ("bfs_tq7_hdf5", "interptest_hdf5")]

@@ -123,7 +123,7 @@ def test_no_points_are_no_results(solid):
 def test_an_unknown_quantity_is_told(plane):
     with pytest.raises(ElvisError, match=r"there is no 'sped' \(perhaps speed\)"):
         sample(plane, "sped", POINTS)
-    with pytest.raises(KeyError, match=r"'U' was not asked for \(perhaps u\): there are u"):
+    with pytest.raises(KeyError, match=r"'U' was not requested \(perhaps u\): there are u"):
         sample(plane, "u", POINTS)["U"]
 
 

@@ -314,7 +314,7 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     files = [str(file) for file in write(volume, tmp_path / "a.xml", mesh_format="text")]
     strict = lambda *more: CliRunner().invoke(info, ["--strict", *more, *files], standalone_mode=False)  # noqa: E731
     assert strict().exception is None
-    assert strict().stdout == "all rules are kept\n"
+    assert strict().stdout == "all rules are met\n"
 
     # good practice alone: told, and no failure
     text = (tmp_path / "a.xml").read_text()
@@ -322,7 +322,7 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     sentence = "<EXPANSIONS>: expected NUMMODES of 4 or more for u on composite 0, found 2"
     outcome = strict()
     assert outcome.exception is None
-    assert outcome.stdout.startswith("good practice, which programs of the format do without:\n")
+    assert outcome.stdout.startswith("recommended, but not required by programs of the format:\n")
     assert f"\n  {sentence}\n" in outcome.stdout
     assert {each["required"] for each in json.loads(strict("--json").stdout)["findings"]} == {False}
 
@@ -332,8 +332,8 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     )
     outcome = strict()
     assert isinstance(outcome.exception, ElvisError)
-    assert "rules that are required, found 1 that is broken" in str(outcome.exception)
-    required, advised = outcome.stdout.split("good practice, which programs of the format do without:\n")
+    assert "all required rules, found 1 broken" in str(outcome.exception)
+    required, advised = outcome.stdout.split("recommended, but not required by programs of the format:\n")
     assert required.startswith("required by programs of the format:\n  a.xml, line 3, <GEOMETRY>: expected only DIM")
     assert sentence in advised
 

@@ -239,7 +239,7 @@ def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, stat
     assert found.status.tolist() == [status]
     assert found.least[0] == pytest.approx(depth, abs=1e-11)
     reason = validity_facts(found)["listed"][0]["reason"]
-    assert reason == ("its Jacobian comes to zero within rounding" if status == ValidityStatus.UNDECIDED else None)
+    assert reason == ("its Jacobian is zero within rounding" if status == ValidityStatus.UNDECIDED else None)
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
@@ -253,7 +253,7 @@ def test_what_cannot_be_bounded_says_so(monkeypatch):
     monkeypatch.setattr("elvis.core.validity.validity._VALLEYS", 0)
     block = block_of(Shape.TRIANGLE, 4, flat_valley((1.0, 0.5), 1e-10))
     found = validity(Dataset(one_element(Shape.TRIANGLE, 2)), [block])
-    assert found.reason(0) == "the search for its least Jacobian ended before it was bounded"
+    assert found.reason(0) == "the search for its minimum Jacobian ended before a bound was found"
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -98,11 +98,11 @@ def test_an_unknown_option_names_it(elvis):
     [
         ("format", 1, "wing.xml: VERTEX 3: expected 3 numbers, found ?[31m2"),
         ("file", 1, "/nowhere/wing.xml: No such file or directory"),
-        ("memory", 1, "there is not enough memory: Unable to allocate 8 TiB"),
+        ("memory", 1, "not enough memory: Unable to allocate 8 TiB"),
         ("interrupt", 130, "interrupted"),
-        ("name", 1, "wing?.msh: expected a name in UTF-8, as the library that takes it knows no others"),
-        ("bug", 1, "unexpected KeyError: 'jacobian'; this is a fault of the program, --debug shows where"),
-        ("wordless", 1, "unexpected AssertionError; this is a fault of the program, --debug shows where"),
+        ("name", 1, "wing?.msh: expected a name in UTF-8, as the library requires"),
+        ("bug", 1, "unexpected KeyError: 'jacobian'; this is a bug in ElVis, --debug shows where"),
+        ("wordless", 1, "unexpected AssertionError; this is a bug in ElVis, --debug shows where"),
     ],
 )
 def test_failures_end_in_one_sentence(elvis, how, status, sentence):

@@ -75,7 +75,7 @@ def test_walls_show_themselves(renderer, basis):
     drawing = renderer("vulkan")
     drawing.load(dataset, "u")
     same(dataset, drawing.render(scene), "u")
-    with pytest.raises(SceneError, match="drawn themselves"):
+    with pytest.raises(SceneError, match="drawn as they are"):
         completed(dataset, Scene("u", plane=Plane((0, 0, 0), (0, 0, 1))))
 
 

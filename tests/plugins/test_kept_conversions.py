@@ -202,7 +202,7 @@ def test_damaged_conversions_are_set_aside_and_made_again(home, case, damage):
     flipped[len(whole) // 2] ^= 4
     wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": b"x" * 1000}[damage]
     file.write_bytes(wrong)
-    remark = f"a conversion that was kept in {home} is damaged: it was set aside and made again"
+    remark = f"a cached conversion in {home} is damaged: it was set aside and repeated"
     assert asked(path) == (value, (remark,), 1)
     assert file.read_bytes() == whole
     assert file.with_suffix(".damaged").read_bytes() == wrong
@@ -232,7 +232,7 @@ def test_the_work_goes_on_where_nothing_can_be_kept(case, tmp_path, monkeypatch,
             assert remarks == ()
         else:
             (remark,) = remarks
-            assert remark.startswith("conversions can't be kept in ")
+            assert remark.startswith("conversions can't be cached in ")
             assert remark.endswith(reason)
 
 

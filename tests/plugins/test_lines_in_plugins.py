@@ -175,7 +175,7 @@ def test_what_is_refused():
     with pytest.raises(ElvisError, match="the plugin blocks lets no lines be followed: expected parts with a shape"):
         HostFlow(PluginData("blocks", Blocks(evaluated=False)))
     flow = HostFlow(PluginData("blocks", Blocks()))
-    with pytest.raises(ElvisError, match="lines on the wall all: expected a dataset, found what the plugin blocks"):
+    with pytest.raises(ElvisError, match="lines on the wall all: expected a dataset, found data opened by"):
         trace(flow, [[0.1, 0.3, 0.7]], wall="all")
     with pytest.raises(ElvisError, match="expected a velocity of 3 components"):
         trace(flow, [[0.1, 0.3, 0.7]], "u,0")

@@ -91,7 +91,7 @@ def test_scenes_have_them(folder):
         (("--set", "mu=-1"), "mu (dynamic viscosity): expected a positive number, found '-1'"),
         (("--set", "gamma=1"), "gamma (ratio of specific heats): expected a number above 1, found '1'"),
         (("--field", "skin_friction"), "u_ref (reference speed): pass --set u_ref=…, or write skin_friction(u_ref=…)"),
-        (("--field", "2*u_ref"), "the data don't tell u_ref (reference speed): pass --set u_ref=…"),
+        (("--field", "2*u_ref"), "the data don't contain u_ref (reference speed): pass --set u_ref=…"),
     ],
 )
 def test_bad_values_give_one_sentence(folder, words, reason):

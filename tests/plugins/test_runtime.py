@@ -290,5 +290,5 @@ def test_the_range_of_all_is_that_of_the_bounds(box):
     assert low <= 1.0 + 1e-9
     assert high >= 5.0 - 1e-9
     assert high - low < 4.1
-    with pytest.raises(ElvisError, match="no bounds of 'sin\\(u\\)' over all data are known: give two values"):
+    with pytest.raises(ElvisError, match="no bounds of 'sin\\(u\\)' over all data are known: use two values"):
         render(opened, Scene("sin(u)", plane, size=(30, 30), range="all"))

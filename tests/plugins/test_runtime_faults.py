@@ -243,7 +243,7 @@ def test_a_plugin_that_throws_when_it_opens_is_named(opened, monkeypatch):
 
 def test_of_several_plugins_the_user_chooses(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed_plugins", lambda: {"cubes": Cubes, "dice": Cubes})
-    with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice open them all; choose one with --plugin"):
+    with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice can open them; choose one with --plugin"):
         open_files([opened])
 
 

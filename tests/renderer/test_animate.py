@@ -240,7 +240,7 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
     how = {"dashboard_address": None, "scheduler_kwargs": workers._STATUS}
     with distributed.LocalCluster(1, processes=False, threads_per_worker=1, **how) as cluster:
         arguments = ["animate", *files, "-o", tmp_path / "frames", "--scheduler", cluster.scheduler_address]
-        assert run(*arguments).count("m_1.chk can't be read and is passed over") == 1
+        assert run(*arguments).count("m_1.chk can't be read and is skipped") == 1
         assert sorted(scene.step for scene in drawn) == [0, 2]
         (tmp_path / "frames" / "frame-00002.png").unlink()
         run(*arguments)
@@ -256,7 +256,7 @@ def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):
         def gather(self, _):
             raise CancelledError
 
-    with pytest.raises(ElvisError, match=r"a worker was ended .*: frames stay"):
+    with pytest.raises(ElvisError, match=r"a worker was killed, .*: frames stay"):
         workers.results(Ended(), [], "frames stay")
     with pytest.raises(ElvisError, match="the Dask scheduler is gone: frames stay"):
         workers.results(Gone(), [], "frames stay")

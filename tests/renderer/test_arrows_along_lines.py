@@ -120,11 +120,11 @@ def test_settings_and_what_is_refused(draw, screw):
     assert streamlines(text) == Streamlines(("random:5",), arrows=0.2, arrows_by="time", arrow_length=0.05)
     for given, match in (
         ({"arrows": 0.0}, "arrows of streamlines: expected a positive number, found 0.0"),
-        ({"arrow_length": 0.1}, "arrows of streamlines: expected how far apart they are, found nothing"),
+        ({"arrow_length": 0.1}, "arrows of streamlines: expected their spacing, found nothing"),
         ({"arrows": 1.0, "arrows_by": "speed"}, "arrows_by of streamlines: expected length or time, found speed"),
     ):
         with pytest.raises(SceneError, match=match):
             draw(screw, objects=(Streamlines(("point:1,0.5,0.5",), **given),), size=(8, 8))
     shown = Streamlines(("point:1,0.5,0.5",), length=0.5, arrows=3.0)
     frame = draw(screw, **VIEW, objects=(shown,))
-    assert any("no line is as long as its arrows are apart, 3" in remark for remark in frame.remarks)
+    assert any("no line is as long as the spacing of its arrows, 3" in remark for remark in frame.remarks)

@@ -53,7 +53,7 @@ def test_what_the_scene_says_counts(renderer):
     styles = [item.style for item in frame.scene.every_object]
     assert styles == [red, Style("x")]
     assert render(dataset, field="x", plane=cut, **SMALL).stats["remarks"] == []
-    with pytest.raises(SceneError, match="--isosurface: the data hold a mesh but no field: give the field file too"):
+    with pytest.raises(SceneError, match="--isosurface: the data contain a mesh but no field: also give"):
         render(dataset, objects=(Isosurface((0.5,)),), **SMALL)
     levels = render(dataset, objects=(Isosurface((0.5,), "x"),), camera="iso", **SMALL)
     assert levels.status.any()

@@ -62,7 +62,7 @@ def test_parallel_views_keep_their_heights():
     assert path.at(0.5).fov is None
     with pytest.raises(SceneError, match="all in perspective, or none, found some of each"):
         CameraPath.of([*path.cameras, KEYS[0]])
-    with pytest.raises(SceneError, match="no two cameras after each other that are turned by 180 degrees"):
+    with pytest.raises(SceneError, match="successive cameras less than 180 degrees apart"):
         CameraPath.of([Camera((x, 0.0, 0.0), (0.0, 0.0, 0.0)) for x in (1.0, -1.0)])
     with pytest.raises(SceneError, match="expected two or more cameras of a path, found 1"):
         CameraPath.of(KEYS[:1])

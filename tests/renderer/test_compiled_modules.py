@@ -72,7 +72,7 @@ def test_damaged_modules_are_made_again(compose, tmp_path, damage):
     # without kernels, which would be found whatever they are made of
     shutil.rmtree(tmp_path / "home" / "elvis" / "kernels")
     place = file.parents[2]
-    remark = f"compiled modules in {place} that were damaged, removed and made again: 1"
+    remark = f"damaged compiled modules in {place}, removed and rebuilt: 1"
     assert compose() == (COLOR, [] if damage == "no checksum" else [remark])
     assert len(file.read_bytes()) == len(whole)
     assert compose() == (COLOR, [])

@@ -55,7 +55,7 @@ def test_what_is_none_is_said():
     mesh = grid(Shape.HEXAHEDRON, 1)
     bare = Dataset(mesh)
     still = Dataset(mesh, tuple(approximated(bare, name, lambda p: 1.0 + 0 * p[:, 0], 2) for name in "uvw"))
-    with pytest.raises(SceneError, match="vortex cores: none turns as fast and is as long as is asked for"):
+    with pytest.raises(SceneError, match="vortex cores: none has the requested swirl and length"):
         render(still, objects=[Streamlines(cores="vorticity")], size=(16, 16))
 
 

@@ -51,7 +51,7 @@ def test_the_best_device_that_can_draw_is_taken(name, every, taken):
     choice = first_fit(name, every, open_made_up)
     assert (choice.adapter, choice.device) == (taken, taken.name)
     passed = name == "auto" and XE in every
-    assert choice.passed == (f"{XE.label} is passed over: it {NO_DOUBLES}",) * passed
+    assert choice.passed == (f"{XE.label} is skipped: it {NO_DOUBLES}",) * passed
 
 
 NO_DOUBLES = "has no 64-bit floats, which the kernels need"
@@ -64,8 +64,8 @@ NO_DOUBLES = "has no 64-bit floats, which the kernels need"
         ("vulkan", [CPU], "^no device 'vulkan': found cpu; install a Vulkan driver"),
         ("cpu", [SOFT], r"^no device 'cpu': found vulkan:2; install a C\+\+ compiler"),
         ("cuda", [SOFT], "^no device 'cuda': found vulkan:2$"),
-        ("auto", [], r"^nothing can draw here; install a Vulkan driver .*, or install a C\+\+ compiler .*reference$"),
-        ("auto", [XE], rf"^nothing can draw here; Intel.* is passed over: it {NO_DOUBLES}; install"),
+        ("auto", [], r"^no device can draw here; install a Vulkan driver .*, or install a C\+\+ compiler .*reference$"),
+        ("auto", [XE], rf"^no device can draw here; Intel.* is skipped: it {NO_DOUBLES}; install"),
         ("gpu", [], "^no device 'gpu': found none at all$"),
     ],
 )
@@ -86,9 +86,9 @@ def test_limits_below_what_kernels_need_are_named():
     enough = {limit: least for limit, (least, _) in adapters.LIMITS.items()}
     assert limited(enough.__getitem__) == ""
     few = enough | {"max_compute_threads_per_group": 32}
-    assert limited(few.__getitem__) == "grants 32 threads in a group, of which the kernels need 64"
+    assert limited(few.__getitem__) == "grants 32 threads in a group, but the kernels need 64"
     few = enough | {adapters.REACH: 1 << 20}
-    assert limited(few.__getitem__) == "grants 1048576 bytes of a bound buffer, of which the kernels need 134217728"
+    assert limited(few.__getitem__) == "grants 1048576 bytes of a bound buffer, but the kernels need 134217728"
 
 
 def test_of_bound_buffers_as_much_is_reached_as_vulkan_tells():
@@ -143,7 +143,7 @@ def listed(monkeypatch):
 def test_the_list_says_what_is_passed_over(listed):
     out, err = listed([XE, SOFT, CPU])
     first, second = out.splitlines()[1:3]
-    assert first.endswith(f"passed over: it {NO_DOUBLES}")
+    assert first.endswith(f"skipped: it {NO_DOUBLES}")
     assert second.endswith("auto")
     assert err == ""
     rows = json.loads(listed([XE, SOFT, CPU], "--json")[0])
@@ -159,7 +159,7 @@ def test_the_list_says_what_to_install(listed):
     assert "no Vulkan device was found: install a Vulkan driver" in err
     out, err = listed([SOFT])
     assert "cpu " not in out
-    assert "the device cpu is not offered: install a C++ compiler" in err
+    assert "the device cpu is not available: install a C++ compiler" in err
 
 
 def test_a_device_that_can_not_be_opened_is_passed_over():
@@ -170,7 +170,7 @@ def test_a_device_that_can_not_be_opened_is_passed_over():
 
     choice = first_fit("auto", [CARD, SOFT], open_)
     assert choice.adapter == SOFT
-    assert choice.passed == ("a card is passed over: it can't be opened",)
+    assert choice.passed == ("a card is skipped: it can't be opened",)
 
 
 def test_frozen_arrays_go_to_the_device_without_a_copy():
@@ -195,5 +195,5 @@ def test_one_core_is_announced_once(monkeypatch, capfd):
     for _ in range(2):
         assert adapters.open_device("auto").device == "cpu"
     said = capfd.readouterr().err
-    assert said.count("one core") == 1
+    assert said.count("one CPU core") == 1
     assert "mesa-vulkan-drivers" in said

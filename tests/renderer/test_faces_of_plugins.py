@@ -123,7 +123,7 @@ def test_real_meshes_are_closed(drawer, shared, name):
 
 
 def test_a_plugin_without_faces_says_so():
-    with pytest.raises(ElvisError, match="gives no element faces"):
+    with pytest.raises(ElvisError, match="provides no element faces"):
         faces_of(None, PartsVolume([], Path()))
 
 

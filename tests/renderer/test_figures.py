@@ -237,7 +237,7 @@ def test_what_has_one_value_has_no_bar_but_a_sentence(draw, linear):
     assert [legend.constant for legend in several.legends] == [None]
     assert several.range == (0.1, 0.2)
     constant = render(solid, "3 + 0*u", size=(40, 30))
-    assert any("is 3 wherever it is seen" in remark for remark in constant.stats["remarks"])
+    assert any("is 3 everywhere in the picture" in remark for remark in constant.stats["remarks"])
 
 
 def test_rulers_say_where_things_are(draw, plane):

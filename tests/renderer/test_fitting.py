@@ -84,7 +84,7 @@ def test_a_glance_decides_what_is_shown(view):
 def test_a_plane_that_misses_every_box_is_refused():
     with pytest.raises(SceneError, match=r"the picture is empty: .* through \(0, 0, 9\) with normal \(0, 0, 1\)"):
         automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT], never)
-    with pytest.raises(SceneError, match="no element to draw"):
+    with pytest.raises(SceneError, match="nothing to draw"):
         automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT[:0]], never)
 
 

@@ -159,7 +159,7 @@ def test_points_that_have_no_glyph_are_counted(draw, flat, tmp_path):
     shown = Glyphs((str(table),), "x-0.5,y-0.5", length=0.3)
     frame = draw(flat, field="u", objects=(shown,), size=(20, 20))
     assert set(frame.remarks) >= {
-        "points of glyphs that lie outside of all elements: 2",
+        "points of glyphs that lie outside the mesh: 2",
         "points of glyphs that have the vector zero: 1",
     }
     shown = Glyphs((str(table),), "log(x-0.4),1", length=0.3)

@@ -84,7 +84,7 @@ class TestPictures:
     def test_only_the_first_rank_has_a_session(self, session, monkeypatch):
         monkeypatch.setenv("PMI_SIZE", "2")
         monkeypatch.setenv("PMI_RANK", "1")
-        with pytest.raises(ElvisError, match="and this one is rank 1: gather mesh and arrays at rank 0"):
+        with pytest.raises(ElvisError, match="but this is rank 1: gather mesh and arrays on rank 0"):
             session({"quadrilateral": squares()})
 
     @pytest.mark.own_devices  # what others have left on a device comes and goes
@@ -326,7 +326,7 @@ class TestFaults:
         drawn = session({"quadrilateral": places})
         for step in range(3):
             assert drawn.show(step, 0.0, {"w": values(places, 0.0)}) is None
-        assert capsys.readouterr().err.count("has no picture, the solver goes on") == 1
+        assert capsys.readouterr().err.count("was not drawn; the solver continues") == 1
         assert len(drawn.faults) == 1
         assert "u" in drawn.faults[0]
         assert drawn.show(3, 0.0, {"u": values(places, 0.0)}) is not None
@@ -338,7 +338,7 @@ class TestFaults:
         (tmp_path / "gone").rmdir()
         for step in range(12):
             assert drawn.show(step, 0.0, {"u": values(places, 0.0)}) is None
-        assert capsys.readouterr().err.count("has no picture, the solver goes on") == 1
+        assert capsys.readouterr().err.count("was not drawn; the solver continues") == 1
         assert len(drawn.faults) == 1
         assert "u_0.png: cannot be written: there is no folder" in drawn.faults[0]
 
@@ -363,7 +363,7 @@ class TestFaults:
     def test_any_exception_is_one(self, session, capsys):
         drawn = session({"quadrilateral": squares()})
         drawn.show(0, 0.0, lambda: 1 / 0)
-        assert "step 0 has no picture, the solver goes on: ZeroDivisionError" in capsys.readouterr().err
+        assert "step 0 was not drawn; the solver continues: ZeroDivisionError" in capsys.readouterr().err
 
     def test_an_interrupt_comes_through(self, session):
         def interrupted():
@@ -378,7 +378,7 @@ class TestFaults:
             ({"output": "u_{stop}.png"}, "expected a name with {step} or {time}"),
             ({"output": "u.gif"}, "expected a name that ends in"),
             ({"output": "nowhere/u.png"}, "nowhere"),
-            ({"range": "series"}, "the steps to come are not known"),
+            ({"range": "series"}, "later steps are not known"),
         ],
     )
     def test_what_cannot_be_is_refused_before_the_first_step(self, session, keywords, told):

@@ -322,7 +322,7 @@ def test_random_quadrics_on_curved_elements(iso, seed):
 
 
 def test_2d_data_have_no_isosurface(iso):
-    with pytest.raises(SceneError, match="draw contours"):
+    with pytest.raises(SceneError, match="use contours"):
         iso(cube_of_plane(), View.through(PARALLEL, SIZE), 0.5)
 
 

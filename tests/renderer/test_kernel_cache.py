@@ -107,9 +107,7 @@ def test_damaged_kernels_are_set_aside_and_made_again(process, compose, tmp_path
     process()
     hits, misses, remarks = compose()
     assert (hits, misses, len(remarks)) == (0, 1, 1)
-    assert remarks[0] == (
-        f"compiled kernels in {file.parent} that were damaged, set aside and made again when needed: 1"
-    )
+    assert remarks[0] == (f"damaged compiled kernels in {file.parent}, set aside and rebuilt when needed: 1")
     assert file.read_bytes() == whole
     assert [path.read_bytes() for path in kept(tmp_path, "damaged")] == [wrong]
     process()
@@ -123,7 +121,7 @@ def test_pictures_are_drawn_where_nothing_can_be_kept(process, compose, tmp_path
     process(home)
     hits, misses, remarks = compose()
     assert (hits, misses) == (0, 1)
-    assert remarks == [f"compiled kernels can't be kept in {home}/elvis/kernels: Not a directory"]
+    assert remarks == [f"compiled kernels can't be cached in {home}/elvis/kernels: Not a directory"]
     # once in a process, which has its kernels nonetheless
     assert compose() == (1, 0, remarks)
 
@@ -134,7 +132,7 @@ def test_a_full_disk_is_said_and_leaves_no_half_file(process, compose, tmp_path,
 
     process(tmp_path)
     monkeypatch.setattr(Path, "replace", full)
-    assert compose()[2] == [f"compiled kernels can't be kept in {tmp_path}/elvis/kernels: No space left on device"]
+    assert compose()[2] == [f"compiled kernels can't be cached in {tmp_path}/elvis/kernels: No space left on device"]
     assert list((tmp_path / "elvis" / "kernels").iterdir()) == []
 
 
@@ -148,7 +146,7 @@ def test_without_a_temporary_folder_kernels_are_in_memory(process, compose, tmp_
         assert compose() == (
             0,
             0,
-            ["compiled kernels are in memory alone: there is no temporary folder with room for them"],
+            ["compiled kernels are cached in memory only: no temporary folder has room for them"],
         )
 
 
@@ -157,17 +155,17 @@ def test_kernels_are_in_memory_where_the_temporary_folder_is_nearly_full(tmp_pat
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=kernel_cache.DATABASE_SIZE))
     cache = kernel_cache.KernelCache(tmp_path / "kept")
     assert cache.private is None
-    assert cache.remarks == ["compiled kernels are in memory alone: there is no temporary folder with room for them"]
+    assert cache.remarks == ["compiled kernels are cached in memory only: no temporary folder has room for them"]
     cache.close()
 
 
 @pytest.mark.own_devices
 def test_remarks_are_in_the_statistics_of_a_picture(process, renderer, linear):
     renderer("vulkan")
-    kernel_cache.kernel_cache().remarks.append("compiled kernels can't be kept in a test")
+    kernel_cache.kernel_cache().remarks.append("compiled kernels can't be cached in a test")
     plane = Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
     frame = render(linear(grid(Shape.HEXAHEDRON, 1)), field="u", plane=plane, size=(8, 8), device="vulkan")
-    assert "compiled kernels can't be kept in a test" in frame.stats["remarks"]
+    assert "compiled kernels can't be cached in a test" in frame.stats["remarks"]
 
 
 def test_processes_that_run_at_the_same_time(process, compose, tmp_path):
@@ -218,5 +216,5 @@ def test_without_a_home_kernels_are_not_kept(process, compose, tmp_path, monkeyp
     monkeypatch.setenv("HOME", "relative")
     monkeypatch.chdir(tmp_path)
     process("")
-    assert compose()[1:] == (1, ["compiled kernels are not kept: there is no home folder, and no XDG_CACHE_HOME"])
+    assert compose()[1:] == (1, ["compiled kernels are not cached: neither a home folder nor XDG_CACHE_HOME exists"])
     assert list(tmp_path.iterdir()) == []

@@ -138,7 +138,7 @@ def test_a_device_that_always_fails_is_given_up(cube, renderer, monkeypatch):
     with Renderer("vulkan") as drawing:
         drawing.load(cube, "u")
         monkeypatch.setattr(device.Device, "read", fails)
-        with pytest.raises(DeviceError, match="ERROR_DEVICE_LOST, even where it draws a few rows") as raised:
+        with pytest.raises(DeviceError, match="ERROR_DEVICE_LOST, even if it draws a few rows") as raised:
             drawing.render(Scene("u", plane=PLANE, camera=NEAR, size=(40, 30)))
     assert not isinstance(raised.value, DeviceLostError)
 
@@ -151,7 +151,7 @@ def test_what_a_driver_says_is_a_sentence():
 def test_objects_that_show_nothing_are_told(draw, cube):
     far = CutSurface(Sphere((9.0, 9.0, 9.0), 0.5))
     frame = draw(cube, plane=PLANE, objects=(far,), camera=NEAR, size=(30, 20))
-    assert frame.stats["remarks"] == ["objects[0] shows nothing"]
+    assert frame.stats["remarks"] == ["objects[0] is not visible"]
     assert draw(cube, plane=PLANE, objects=(Faces(),), camera=NEAR, size=(30, 20)).stats["remarks"] == []
 
 
@@ -214,8 +214,8 @@ def test_remarks_are_warnings(run, tmp_path):
     assert (status, names) == (0, ["a.png"])
     # the plane lies between elements, which is said as well
     ambiguous, shown = err.splitlines()
-    assert " pixels are ambiguous, 100 % of what is seen: they lie within rounding of an element's border" in ambiguous
-    assert shown == "elvis: warning: objects[1] shows nothing"
+    assert " pixels are ambiguous, 100 % of the visible pixels: they lie within rounding" in ambiguous
+    assert shown == "elvis: warning: objects[1] is not visible"
 
 
 def test_a_saved_scene_makes_the_same_bytes(run, tmp_path):

@@ -283,7 +283,7 @@ def test_views_are_fitted_to_what_the_objects_show(draw, cube):
 
 def test_objects_that_miss_are_told(draw, cube):
     with pytest.raises(
-        SceneError, match="the picture is empty: nothing of any object is seen; the domain lies between"
+        SceneError, match="the picture is empty: nothing of any object is visible; the domain lies between"
     ):
         draw(cube, objects=(CutSurface(Sphere((9.0, 9.0, 9.0), 0.5)),), camera=NEAR, size=(20, 20))
 
@@ -383,5 +383,5 @@ def test_surfaces_in_space_show_themselves(draw, shared):
     assert np.array_equal(styled.element, frame.element)
     radius = np.linalg.norm(frame.position[seen], axis=1)
     assert np.abs(np.einsum("ni,ni->n", frame.normal[seen], frame.position[seen]) / radius - 1.0).max() < 0.02
-    with pytest.raises(SceneError, match="surfaces in space are drawn themselves"):
+    with pytest.raises(SceneError, match="surfaces in space are drawn as they are"):
         draw(sphere, plane=Plane((0, 0, 0), (0, 0, 1)), size=(30, 30))

@@ -147,7 +147,7 @@ def test_elements_without_the_field_are_left_out(draw, linear, device):
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_field_of_no_element_is_refused(draw, linear, device):
-    with pytest.raises(SceneError, match="no element to draw"):
+    with pytest.raises(SceneError, match="nothing to draw"):
         draw(replace(linear(grid(Shape.HEXAHEDRON, 1)), fields=(Field("u", ()),)), device, plane=PLANE)
 
 
@@ -187,7 +187,7 @@ def test_fields_that_give_the_map_are_nobody_s_colours(draw):
     plain = Dataset(mesh)
     maps = [approximated(plain, f"map_{'xyz'[i]}", lambda p, i=i: p[:, i], 4) for i in range(3)]
     mapped = Dataset(mesh, tuple(maps), metadata={"GeometryMap": "map_x,map_y,map_z"})
-    with pytest.raises(SceneError, match="a mesh but no field: give the field file too, or name a quantity"):
+    with pytest.raises(SceneError, match="a mesh but no field: also give the field file, or name a quantity"):
         default_field(mapped)
     bare = render(mapped, device="reference", plane=PLANE, size=(40, 30))
     assert bare.scene.field == "1"

@@ -49,7 +49,7 @@ def test_a_scene_does_not_replace_what_others_wrote(folder, name):
     key = f'stats = "{name}"' if name == "s.json" else f'outputs = ["{name}"]'
     scene = scene_of(folder, key)
     before = (folder / name).read_bytes()
-    with pytest.raises(SceneError, match=rf"{name}: not written: the scene file names it, and ElVis did not write"):
+    with pytest.raises(SceneError, match=rf"{name}: not written: the scene file names it, but ElVis did not write"):
         command("render", scene)
     assert (folder / name).read_bytes() == before
     command("render", scene, "--overwrite")

@@ -124,8 +124,8 @@ def test_points_that_are_none(linear, renderer):
 def test_nothing_to_probe(linear, renderer):
     renderer("vulkan")
     with Renderer("vulkan") as device:
-        with pytest.raises(ElvisError, match="load a dataset first"):
+        with pytest.raises(ElvisError, match="no dataset is loaded"):
             device.probe(np.zeros((1, 3)))
         device.load(replace(linear(grid(Shape.HEXAHEDRON, 1)), fields=(Field("u", ()),)), "u")
-        with pytest.raises(SceneError, match="no element to look in"):
+        with pytest.raises(SceneError, match="no element to search"):
             device.probe(np.zeros((1, 3)))

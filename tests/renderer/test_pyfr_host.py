@@ -84,7 +84,7 @@ def computed(tmp_path_factory):
 
 def test_the_last_picture_is_that_of_the_file(computed, tmp_path):
     folder, told = computed
-    assert told.count("has no picture, the solver goes on") == 1
+    assert told.count("was not drawn; the solver continues") == 1
     assert "temperature" in told
     assert sorted(path.name for path in folder.glob("*.png")) == ["rho_0.png", "rho_2.png", "rho_4.png"]
     files = [str(folder / name) for name in ("mesh.pyfrm", "case-0.004.pyfrs", "scene.toml")]

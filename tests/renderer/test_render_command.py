@@ -201,7 +201,7 @@ def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tm
     options = ("--size", "40x30", "--device", device_name)
     status, err, _ = render(case_name, *options)
     assert (status, err.count("\n")) == (0, 1)
-    assert err.startswith("elvis: warning: nothing says what to draw, such as --plane or --cut: all outer faces are")
+    assert err.startswith("elvis: warning: no objects are given, such as --plane or --cut: all outer faces are")
     assert render(case_name, *options, "--faces", "all", outputs=("b.npz",))[:2] == (0, "")
     one, other = (arrays_of(tmp_path / name) for name in ("a.npz", "b.npz"))
     assert (one["element"] >= 0).any()
@@ -212,7 +212,7 @@ def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tm
     ("case_name", "options", "sentence"),
     [
         ("line_1d", ("--device", "reference"), "1D data are drawn on the host"),
-        ("line_1d", ("--plane", "0,0,0:0,0,1"), "1D data show themselves: leave cuts, isosurfaces and volumes out"),
+        ("line_1d", ("--plane", "0,0,0:0,0,1"), "1D data are drawn as curves: remove cuts, isosurfaces and volumes"),
     ],
 )
 def test_data_without_pictures(render, case_name, options, sentence):
@@ -224,7 +224,7 @@ def test_data_without_pictures(render, case_name, options, sentence):
 
 def test_plane_data_take_no_plane(render):
     status, err, _ = render("quad4", *PLANE)
-    assert (status, err) == (1, "elvis: error: 2D data are drawn in their own plane: leave the cut plane out\n")
+    assert (status, err) == (1, "elvis: error: 2D data are drawn in their own plane: remove the cut plane\n")
 
 
 def test_devices_are_listed(elvis, renderer):
@@ -252,7 +252,7 @@ def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):
         (("-o", "a.png"), "a.png: is to be written twice: name two files"),
         (("-o", "below/../a.png"), "below/../a.png: is the same file as a.png, which is to be written twice"),
         (("-o", "b.npz", "--stats", "b.npz"), "b.npz: is to be written twice"),
-        (("--save-scene", "s.toml"), "s.toml: not written: it is an input; name another output, or say --overwrite"),
+        (("--save-scene", "s.toml"), "s.toml: not written: it is an input; name another output, or pass --overwrite"),
         (("--stats", "s.toml"), "s.toml: not written: it is an input"),
         (("-o", "box.npz"), "box.npz: not written: it is an input"),
         (("-o", "link.npz"), "link.npz: not written: it is the input box.npz"),

@@ -278,7 +278,7 @@ def test_scenes_commands_and_python_say_the_same():
         ({"radius": 1.0}, "streamlines: expected a radius, a width or a ribbon, found radius and ribbon"),
         ({"ribbon": -1.0}, "ribbon of streamlines: expected a positive number, found -1.0"),
         ({"across": (0.0, 0.0, 0.0)}, "across of streamlines: expected a direction, found zero"),
-        ({"ribbon": None, "across": (0.0, 0.0, 1.0)}, "across of streamlines: expected the width of a ribbon"),
+        ({"ribbon": None, "across": (0.0, 0.0, 1.0)}, "across of streamlines: expected also the width of a ribbon"),
         ({"wall": "boundary"}, "ribbons: expected lines in elements, found lines on the wall boundary"),
     ],
 )

@@ -59,7 +59,7 @@ def test_the_command_runs_no_file_that_a_scene_names(folder, capsys):
 
 
 BESIDE = "a name next to the scene or in a folder below"
-LINK = "a name that no link leads out of the scene's folder"
+LINK = "a name without links out of the scene's folder"
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,7 @@ def test_a_step_that_one_rank_cannot_read(folder, tmp_path, capsys):
         run(*command, "--step", "2", size=2, of_rank=own.get)
     assert not list(tmp_path.glob("*.csv"))
     run(*command, size=2, of_rank=own.get)
-    assert "h_2.chk can't be read and is passed over: part 2 of 2: " in capsys.readouterr().err
+    assert "h_2.chk can't be read and is skipped: part 2 of 2: " in capsys.readouterr().err
     run("probe", "--point", "0.4,0.3,0.2", "-o", tmp_path / "b.csv", "--step", "1", *steps(folder, "h"))
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 

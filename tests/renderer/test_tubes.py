@@ -205,7 +205,7 @@ def test_scenes_commands_and_python_say_the_same():
         ({"radius": 1.0, "width": 2.0}, "streamlines: expected a radius, a width or a ribbon, found radius and width"),
         ({"direction": "up"}, "direction of streamlines: expected forward or backward or both, found up"),
         ({"length": -1.0}, "length of streamlines: expected a positive number, found -1.0"),
-        ({"seeds": ("point:7,7,7",)}, "expected some in the elements, found all outside"),
+        ({"seeds": ("point:7,7,7",)}, "all lie outside the mesh"),
         ({"seeds": ("pont:7,7,7",)}, "streamlines: expected seeds as one of .*perhaps point"),
         ({"velocity": "u,v"}, "streamlines: expected a velocity of 3 components"),
         ({"seeds": ("-",)}, "expected the name of a table, found -"),

@@ -44,7 +44,7 @@ def test_elements_without_numbers_are_marked_counted_and_told(draw):
     assert (holed.status[~marked] == whole.status[~marked]).all()
     assert np.array_equal(holed.color[~marked], whole.color[~marked])
     assert holed.stats["volume"]["undefined"] >= marked.sum()
-    assert holed.stats["remarks"] == ["elements left out of a volume because their u is not a number: 6"]
+    assert holed.stats["remarks"] == ["elements excluded from a volume because their u is not a number: 6"]
     assert whole.stats["remarks"] == []
     assert whole.stats["volume"]["undefined"] == whole.stats["volume"]["inverted_elements"] == 0
 
@@ -55,7 +55,7 @@ def test_isosurfaces_without_some_elements_are_marked_counted_and_told(draw):
     level = Isosurface((0.3,))
     whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(level,)) for own in (rising(data.mesh), data))
     certain = holed.status == Status.CERTAIN
-    assert holed.stats["remarks"] == ["elements left out of an isosurface because their u is not a number: 6"]
+    assert holed.stats["remarks"] == ["elements excluded from an isosurface because their u is not a number: 6"]
     assert (holed.status == Status.AMBIGUOUS).sum() > 20
     assert (whole.status[certain] == Status.CERTAIN).all()
     assert np.array_equal(holed.element[certain], whole.element[certain])
@@ -80,7 +80,7 @@ def test_inverted_elements_are_drawn_and_told(draw, bent):
     mesh = curved(mesh, lambda p: p + 0.05 * p**2, 3) if bent else mesh
     frame = draw(rising(mesh, 4 if bent else 2), camera="iso", size=SIZE, objects=(VOLUME,))
     assert frame.stats["volume"]["inverted_elements"] == 2
-    assert frame.stats["remarks"] == ["elements that are inverted, all or in part, and drawn nonetheless: 2"]
+    assert frame.stats["remarks"] == ["inverted elements, wholly or in part, which are still drawn: 2"]
     assert frame.counts()["failed"] == 0
     assert frame.counts()["certain"] > 100
 
@@ -102,7 +102,7 @@ def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
     assert not failed[:, :18].any()
     assert frame.stats["volume"]["lost"] >= failed.sum()
     assert frame.stats["remarks"] == [
-        f"places along rays in a volume that were not found: {frame.stats['volume']['lost']}"
+        f"points along rays in a volume that could not be located: {frame.stats['volume']['lost']}"
     ]
 
 

@@ -96,7 +96,7 @@ found a folder: give files of it
 $ elvis info nothing.xml [1]
 nothing.xml: there is no such file
 $ elvis render blocks.fld [1]
-give the mesh file too, perhaps blocks.xml
+also give the mesh file, perhaps blocks.xml
 $ elvis info escher.u.gf [1]
 give the .mesh file
 $ elvis render case.pyfrm case-00.pyfrs case-01.pyfrs
@@ -116,7 +116,7 @@ not written: it is an input
 $ elvis convert flow.vtu -o flow.vtu [2]
 .xml
 $ elvis render cylinder.xml
-the data hold a mesh but no field: elements are shown in one colour
+the data contain a mesh but no field: elements are shown in one colour
 > cylinder.png
 $ elvis export blocks.xml blocks.fld -o blocks.foo [2]
 expected a name ending in .vtu or .msh
@@ -150,7 +150,7 @@ velocity_z needs 3 coordinates, and the data have 2
 $ elvis norms blocks.xml blocks.fld --field speed [1]
 speed needs a velocity
 $ elvis render step.xml --faces Wall [1]
-2D data are drawn whole, in their own plane: expected no faces but all, found 'Wall'
+2D data are drawn completely, in their own plane: expected no faces except all, found 'Wall'
 $ elvis norms step.xml --field 'distance(Wal)' [1]
 (perhaps Wall)
 $ elvis norms step.xml --field 'distance(Wall)'
@@ -213,7 +213,7 @@ $ elvis render cylinder.xml cylinder.fld --background '#ffffff00' --plain -o cle
 $ elvis render cylinder.xml cylinder.fld --background black --box -o dark.png
 > dark.png
 $ elvis render blocks.xml blocks.fld --range 0:1 --bar scale=log [1]
-expected a range above zero, found 0 to 1: give two values for the range, or scale=symlog
+expected a range above zero, found 0 to 1: use two values for the range, or scale=symlog
 $ elvis render cylinder.xml cylinder.fld --field Cp --bar scale=symlog,linear=0.1 -o symlog.png
 > symlog.png
 $ elvis render cylinder.xml cylinder.fld --field '0*u+2' -o two.png
@@ -335,7 +335,7 @@ def test_what_is_said_and_made(trial, place, capfd):
     assert all((place / name).stat().st_size for name in trial.files)
     if trial.status:
         assert said.count("elvis: error:") == 1
-        assert "fault of the program" not in said
+        assert "bug in ElVis" not in said
 
 
 def test_files_alone_open_the_viewer_where_there_is_a_screen(place, monkeypatch, capfd):

@@ -84,5 +84,5 @@ def test_lines_of_python_make_the_scene_again(name):
 
 def test_data_are_named_as_they_were():
     assert command_of(Scene(data=("-a.xml", "b c.fld"))) == "elvis render ./-a.xml 'b c.fld' -o picture.png"
-    with pytest.raises(SceneError, match="came from Python"):
+    with pytest.raises(SceneError, match="come from Python"):
         command_of(Scene())

@@ -182,7 +182,7 @@ def test_a_picture_that_fails_ends_nothing(monkeypatch):
         drawing_process._serve(SimpleNamespace(recv=receive, send=answers.append), None, None)
     assert [kind for kind, _, _ in answers] == ["error", "error", "error", "draw"]
     sentences = [text for _, _, text in answers]
-    assert sentences[0] == "unexpected ValueError: odd; this is a fault of the program"
+    assert sentences[0] == "unexpected ValueError: odd; this is a bug in ElVis"
     assert sentences[1:] == [
         "the device failed: ERROR_DEVICE_LOST",
         "not enough memory for this picture; reduce its size or its samples",

@@ -52,7 +52,7 @@ def test_a_link_brings_the_view_back(page, viewer):
     revision = viewer.session.revision
     for fragment, part in (
         ("camera=nowhere", "expected JSON"),
-        ('device="cpu"', "settled"),
+        ('device="cpu"', "cannot be changed"),
         ('camera="up"', "unknown view"),
     ):
         page.evaluate("(text) => { location.hash = text; }", fragment)

@@ -62,7 +62,7 @@ def test_places_that_there_are_not(key):
 
 @pytest.mark.parametrize("key", sorted(FIXED))
 def test_what_is_read_run_and_written_is_settled(key):
-    with pytest.raises(SceneError, match="settled"):
+    with pytest.raises(SceneError, match="cannot be changed"):
         patched(TABLE, {key: "x"})
     own = Scene(data=("mine.xml",))
     assert scene_of_page({"field": "u", key: "other"}, own) == replace(own, field="u")

@@ -178,7 +178,7 @@ def test_pages_write_files_where_they_may(viewer, tmp_path):
     refused = {
         "../a.png": "next to the scene or in a folder below",
         str(home / "a.png"): "next to the scene or in a folder below",
-        "out/a.png": "no link leads out",
+        "out/a.png": "without links out",
         "wave.xml": "a name that ends in .png",
         "name.xml.png": "it is the input",
         "none/a.png": "there is no folder",
@@ -196,7 +196,7 @@ def test_pages_write_files_where_they_may(viewer, tmp_path):
     for name in ("a.png", "below/scene.toml"):
         assert asked(viewer, type="write", content={"name": name})["content"] == {"wrote": str(home / name)}
         before = (home / name).stat().st_ino
-        assert "there is such a file" in asked(viewer, type="write", content={"name": name})["content"]["question"]
+        assert "already exists" in asked(viewer, type="write", content={"name": name})["content"]["question"]
         assert (home / name).stat().st_ino == before
         assert "wrote" in asked(viewer, type="write", content={"name": name, "confirmed": True})["content"]
         assert (home / name).stat().st_ino != before
@@ -230,5 +230,5 @@ def test_idle_seconds_count_from_the_last_one_who_left(monkeypatch):
 
 
 def test_an_address_of_another_machine_is_refused_in_a_sentence():
-    with pytest.raises(ElvisError, match=r"at 192\.0\.2\.1:0: it is no address of this machine; --host and --port"):
+    with pytest.raises(ElvisError, match=r"on 192\.0\.2\.1:0: not an address of this machine; see --host and --port"):
         finished(Server(None).start("192.0.2.1", 0))

@@ -127,7 +127,7 @@ class Cgns(NodalConverter):
         kept = [reading for reading in zones if reading.zone.dimension == highest and reading.zone.cell_count]
         left = len(zones) - len(kept)
         if left:
-            self.warnings = [*self.warnings, f"{left} zones without cells of dimension {highest} were left out"]
+            self.warnings = [*self.warnings, f"{left} zones without cells of dimension {highest} were skipped"]
         return kept
 
     def _set_remarks(self, zones: Sequence[_ZoneReading]) -> None:
@@ -311,7 +311,7 @@ class _ZoneReading:
     def open_functions(self) -> Iterator[str]:
         """A note for each type of cells whose functions the standard leaves open."""
         for name in {group.kind.name for group in self.zone.cells if not group.kind.is_standard}:
-            yield f"the standard leaves open what {name} does between its nodes; hierarchical functions were taken"
+            yield f"the standard leaves open what {name} does between its nodes; hierarchical functions were assumed"
 
     def _conditions(self) -> list[Node]:
         return [each for holder in self.zone.node.labelled("ZoneBC_t") for each in holder.labelled("BC_t")]
@@ -415,4 +415,4 @@ def _remarks(base: Node) -> list[str]:
     """Remarks about values that are used without conversion."""
     kinds = [each.text() for each in base.labelled("DataClass_t")]
     scaled = [kind for kind in kinds if kind == "NormalizedByDimensional"]
-    return ["values are normalized, and were taken as they stand"] if scaled else []
+    return ["values are normalized, and were read unchanged"] if scaled else []

@@ -246,7 +246,7 @@ class Condition:
             self._leave_out("marks no side of a cell")
 
     def _leave_out(self, reason: str) -> None:
-        self.warnings.append(f"the boundary condition {self.node.name} of {self.zone.name} {reason}, and was left out")
+        self.warnings.append(f"the boundary condition {self.node.name} of {self.zone.name} {reason}, and was skipped")
 
     def _read_unstructured(self) -> None:
         numbers = named_elements(self.node)

@@ -189,20 +189,20 @@ class Solutions:
             raw = array.array()
             if raw is None or raw.dtype.kind not in "iuf":
                 self.warnings.append(
-                    f"{array.name} in {node.name} holds {'nothing' if raw is None else raw.dtype}, and was left out"
+                    f"{array.name} in {node.name} holds {'nothing' if raw is None else raw.dtype}, and was skipped"
                 )
                 continue
             if kind in _ELEMENTS or (degrees is not None and kind != "Vertex"):
                 yield from self._in_bases(array, node, degrees)
             elif is_part and (kind != "CellCenter" or self.zone.is_structured):
                 where = f"on a part of the zone {self.zone.name}"
-                self.warnings.append(f"{array.name} in {node.name}, which is given {where}, was left out")
+                self.warnings.append(f"{array.name} in {node.name}, which is given {where}, was skipped")
             elif kind == "Vertex":
                 yield self._at_vertices(array, node)
             elif kind == "CellCenter":
                 yield self._in_cells(array, node)
             else:
-                self.warnings.append(f"values at {kind} in the solution {node.name} were left out")
+                self.warnings.append(f"values at {kind} in the solution {node.name} were skipped")
                 return
 
     def _at_vertices(self, array: Node, node: Node) -> Values:
@@ -252,7 +252,7 @@ class Solutions:
         groups = self.zone.cells
         if temporal or any(group.kind.shape not in known for group in groups):
             reason = "which are polynomials in time" if temporal else "whose interpolation no family of the zone holds"
-            self.warnings.append(f"{array.name} in {node.name}: values of degree {degree}, {reason}, were left out")
+            self.warnings.append(f"{array.name} in {node.name}: values of degree {degree}, {reason}, were skipped")
             return
         chosen = chosen_elements(node, self.zone)
         each = [self._count(group.kind.functions, known[group.kind.shape]) for group in groups]

@@ -224,7 +224,7 @@ def _settled(group: Group, zone: Zone, section: Node) -> Group:
     check_rows(group.nodes, zone.vertex_count, "vertices", 1, place=section.place)
     if group.kind.number in AMBIGUOUS and _lie_by_notes(group.kind.number, zone.points[group.nodes]):
         note = f"inner nodes of {group.kind.name} in {section.name} lie where notes in the standard place them"
-        zone.notes.append(f"{note}, not evenly, and were taken there")
+        zone.notes.append(f"{note}, not evenly, and were read accordingly")
         return Group(element_type(group.kind.number, True), group.section, group.numbers, group.nodes)
     return group
 

@@ -135,7 +135,7 @@ def left_out(dataset: Dataset, written: Collection[str] = (), *, has_time: bool 
         "sections of the session": list(dataset.session),
         "data without fields": ["the time"] if dataset.time is not None and not has_time else [],
     }
-    return [f"{kind} are left out: {', '.join(words)}" for kind, words in found.items() if words]
+    return [f"{kind} are skipped: {', '.join(words)}" for kind, words in found.items() if words]
 
 
 def _piece(patch: Patch, order: int | None, target: Target) -> Piece:

@@ -127,7 +127,7 @@ class Gmf(NodalConverter):
         found = guessed(shape, order, self._places[nodes])
         if found is None:
             raise FormatError(f"expected a table {name}Ordering, found none", file=self._mesh.path, place=name)
-        self.notes = [*self.notes, f"no table orders the nodes of {name}: they are taken for those near which they lie"]
+        self.notes = [*self.notes, f"no table orders the nodes of {name}: they are matched by position"]
         return found
 
     def _declared(self, dimension: int) -> Declared:
@@ -236,7 +236,7 @@ def _roles(paths: Sequence[Path]) -> tuple[GmfFile, GmfFile | None]:
         meshes = [GmfFile(each) for each in candidates if is_gmf(each)][:1]
         if not meshes or "Vertices" not in meshes[0].sections:
             names = " or ".join(each.name for each in candidates)
-            raise FormatError(f"expected its mesh {names} next to it, found none; give the mesh file too", file=path)
+            raise FormatError(f"expected its mesh {names} next to it, found none; also give the mesh file", file=path)
     check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None
 

@@ -253,7 +253,7 @@ class Gmsh(NodalConverter):
             found = f"{len(unknown)} of {len(tags)} on others"
             raise _error(section, f"values on {what} of the mesh", found)
         if len(unknown):
-            left = f"values of {section.name} on {len(unknown)} {what} that the mesh doesn't have were left out"
+            left = f"values of {section.name} on {len(unknown)} {what} that the mesh doesn't have were skipped"
             self.notes = [*self.notes, left]
 
 

@@ -114,7 +114,7 @@ def _fields(dataset: Dataset, quantities: str | Sequence[str]) -> list[str]:
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     for name in names:
         if name not in dataset:
-            raise ElvisError(f"{name} is no field: give a refinement, as cells of high order carry fields alone")
+            raise ElvisError(f"{name} is no field: give a refinement, as cells of high order only contain fields")
     return names
 
 

@@ -355,5 +355,5 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
         name = text(attribute(file, "MeshFile"))
     mesh = states[0].parent / Path(name).name
     if not isfile(mesh):
-        raise FormatError(f"expected its mesh {name} next to it, found none; give the mesh file too", file=states[0])
+        raise FormatError(f"expected its mesh {name} next to it, found none; also give the mesh file", file=states[0])
     return mesh, states[0]

@@ -201,7 +201,7 @@ class Horses(NodalConverter):
             equations = by_count.get(count, "")
             words = f"variables were named as those of the equations {equations}"
             if not equations:
-                words = "nothing tells the equations, so variables were numbered"
+                words = "the files don't name the equations, so variables were numbered"
             self.notes = [f"{words} (option equations)"]
             if not equations:
                 return tuple(f"q{number + 1}" for number in range(count))

@@ -54,7 +54,7 @@ def check_roles(meshes: int, others: int, what: str = "solution") -> None:
     """Raise FormatError unless there are one mesh and at most one other file, which holds ``what``."""
     if meshes != 1 or others > 1:
         advice = f"; of the steps of a series give one {what}" if others > 1 else ""
-        advice = "; give its mesh too" if not meshes else advice
+        advice = "; also give its mesh" if not meshes else advice
         raise FormatError(f"expected one mesh and at most one {what}, found {meshes} and {others}{advice}")
 
 

@@ -95,7 +95,7 @@ class Native(Converter):
             self.expansions, self.session = dataset.expansions, dataset.session
         elif dataset.session:
             tags = ", ".join(dataset.session)
-            self.notes = [f"sections of the session, which name composites by number, are left out: {tags}"]
+            self.notes = [f"sections of the session, which name composites by number, are skipped: {tags}"]
 
     def positions(self, block: Elements, points: Floats) -> Floats:
         """The map of the mesh, or of its fields."""

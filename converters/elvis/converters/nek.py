@@ -124,7 +124,7 @@ class Nek(NodalConverter):
         names = [(name, parts) for name, parts in head.channels if name != "position"]
         if head.pressure_apart and ("pressure", 1) in names:
             names.remove(("pressure", 1))
-            self.notes = ["the pressure lies on a mesh of its own and was left out"]
+            self.notes = ["the pressure lies on a mesh of its own and was skipped"]
         for name, parts in names:
             records = _Records(np.empty((0, parts)), basis, step=values, name=name, rows=np.arange(count))
             self.add_field(name, component_names(name, parts), [records], is_continuous=True)
@@ -310,4 +310,4 @@ def _points_next_to(path: Path) -> list[Path]:
         for other in sorted(earlier, reverse=True):
             if _kind(other) == "field" and "X" in read_header(other).contents:
                 return _whole([other])
-    raise FormatError("expected points, or a file of the same series that has them; give that too", file=path)
+    raise FormatError("expected points, or a file of the same series that has them; also give that", file=path)

@@ -94,7 +94,7 @@ class NGSolve(NodalConverter):
             return "numbers of an NGSolve function (.gfu) without a mesh: give the .vol file and --reader spaces=H1:5"
         head = leading(path, _HEAD)
         if head.startswith(b"\x80") and b"ngsolve" in head:
-            return f"a pickled NGSolve session, which would run what it holds: use {export.__module__}.export in Python"
+            return f"a pickled NGSolve session, which could run any code: use {export.__module__}.export in Python"
         return ""
 
     def __init__(self, paths: Sequence[Path], spaces: str | None = None) -> None:

@@ -358,7 +358,9 @@ def _roles(paths: Sequence[Path]) -> tuple[Path, Path | None]:
     if not meshes and len(solutions) == 1:
         meshes = [path for path in sorted(solutions[0].parent.glob("*.pyfrm")) if _uuid(path) == _uuid(solutions[0])]
         if not meshes:
-            raise FormatError("expected its mesh (.pyfrm) next to it, found none; give the mesh too", file=solutions[0])
+            raise FormatError(
+                "expected its mesh (.pyfrm) next to it, found none; also give the mesh", file=solutions[0]
+            )
         meshes = meshes[:1]
     check_roles(len(meshes), len(solutions))
     return meshes[0], solutions[0] if solutions else None

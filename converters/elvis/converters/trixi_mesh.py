@@ -202,4 +202,4 @@ def next_to(folder: Path, name: str, others: list[Path]) -> Path:
     for path in (*others, folder / wanted):
         if path.name == wanted and path.is_file():
             return path
-    raise FormatError(f"expected {wanted} next to it, which it names, found none; give that file too")
+    raise FormatError(f"expected {wanted} next to it, which it names, found none; also give that file")

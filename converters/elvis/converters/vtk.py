@@ -194,7 +194,7 @@ class Vtk(NodalConverter):
                     part.nodes[:, np.concatenate(pair)] = part.nodes[:, np.concatenate(pair[::-1])]
             if is_exchanged and hexahedra == "auto":
                 name = Path(file).name
-                told = f"{name}: edges of hexahedra are numbered as before version 2.1, and were taken so"
+                told = f"{name}: edges of hexahedra are numbered as before version 2.1, and were read accordingly"
                 self.warnings = [*self.warnings, f"{told} (option hexahedra)"]
 
     def _number_wedges(self, wedges: str) -> None:
@@ -211,7 +211,7 @@ class Vtk(NodalConverter):
                 for part in parts:
                     inside, mirrored = third_face(part.cell)
                     part.nodes[:, inside] = part.nodes[:, mirrored]
-            note = "wedges are numbered as by VTK 8, and were taken so (option wedges)"
+            note = "wedges are numbered as by VTK 8, and were read accordingly (option wedges)"
             if wedges == "auto" and note not in self.notes:
                 self.notes = [*self.notes, note]
 
@@ -225,7 +225,7 @@ class Vtk(NodalConverter):
                 continue
             for part in parts:
                 part.nodes[:] = part.nodes[:, row_of_nodes(part.cell)]
-            note = "nodes of curves follow one another, though VTK puts both ends first, and were taken so"
+            note = "nodes of curves follow one another, though VTK puts both ends first, and were read accordingly"
             if note not in self.warnings:
                 self.warnings = [*self.warnings, note]
 

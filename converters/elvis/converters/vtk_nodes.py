@@ -78,7 +78,7 @@ class Found:
             return [self.note]
         if self.name == "equispaced":
             return []
-        return [f"nodes lie {_PLACES[self.name]}, which VTK doesn't expect, and were taken there (option nodes)"]
+        return [f"nodes lie {_PLACES[self.name]}, which VTK doesn't expect, and were read accordingly (option nodes)"]
 
 
 def node_family(parts: Sequence[Cells]) -> Found:
@@ -100,12 +100,10 @@ def _smoothest(roughness: dict[str, float]) -> Found:
     """The family with the smoothest edges, where all are curved."""
     first, second, *_ = sorted(roughness, key=lambda name: roughness[name])
     if _SMOOTHER * roughness[first] < roughness[second]:
-        note = (
-            f"all edges are curved; nodes were taken to lie {_PLACES[first]}, where edges are smoothest (option nodes)"
-        )
+        note = f"all edges are curved; assuming nodes {_PLACES[first]}, where edges are smoothest (option nodes)"
         return Found(first, {}, note=note)
     doubt = (
-        "all edges are curved, so nothing tells where the nodes of cells lie; they were taken to be evenly spaced: if "
+        "all edges are curved, so the nodes of cells can't be determined; they were assumed to be evenly spaced: if "
         "they are not, values and places are wrong (option nodes)"
     )
     return Found("equispaced", {}, doubt)

@@ -55,7 +55,7 @@ class ConversionErrors:
         named = [("coordinates", self.place)] if self.place.value else []
         named += sorted(self.fields.items(), key=lambda item: -item[1].relative)[:1]
         told = " and ".join(f"{loss.relative:.2g} in {name}" for name, loss in named)
-        return f"errors of up to {told}, in parts of its range"
+        return f"errors of up to {told}, relative to its range"
 
 
 @lru_cache(maxsize=16)

@@ -25,7 +25,7 @@ class ElvisError(Exception):
 def fault_sentence(error: Exception) -> str:
     """A message for an unforeseen error."""
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"unexpected {what}; this is a fault of the program"
+    return f"unexpected {what}; this is a bug in ElVis"
 
 
 #: maximum length of a message about a file, in characters; longer ones only quote more of the file

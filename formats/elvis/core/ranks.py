@@ -38,8 +38,8 @@ _PATIENCE_ELSEWHERE = 0.5
 _FOUND, _LAST, _ALL, _END, _DIRECT, _CLOSED = 1, 2, 3, 4, 5, 6
 #: message for a rank with another task
 _OTHER = (
-    "expected the data and the task of part 1, found others: what mpiexec or srun starts together runs one command, "
-    "so start processes with their own one by one, or with srun --mpi=none"
+    "expected the data and the task of part 1, found others: processes started together by mpiexec or srun run one "
+    "command, so start different commands one by one, or with srun --mpi=none"
 )
 
 

@@ -48,7 +48,7 @@ class Samples:
         """(k,) values of a quantity; raises KeyError if it was not requested."""
         if name not in self.names:
             hint = perhaps(name, self.names)
-            raise KeyError(f"{name!r} was not asked for{hint}: there are {', '.join(self.names) or 'no quantities'}")
+            raise KeyError(f"{name!r} was not requested{hint}: there are {', '.join(self.names) or 'no quantities'}")
         return np.asarray(self.values[:, self.names.index(name)])
 
     def __len__(self) -> int:

@@ -70,7 +70,7 @@ def _read(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], 
             reader.add(Path(name))
         return make(reader, names)
     except MemoryError as error:
-        raise ElvisError(f"{names[0]}: there is not enough memory to read the data") from error
+        raise ElvisError(f"{names[0]}: not enough memory to read the data") from error
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", file=error.filename or names[0]) from error
 
@@ -281,7 +281,7 @@ class _Reader:
     def _left_out(self, mesh: Mesh) -> tuple[str, ...]:
         """A remark if fields are on elements that the mesh lacks."""
         count = lacking(self._sections, mesh)
-        return (f"fields are on {count} elements that the mesh lacks, and left out there",) if count else ()
+        return (f"fields are on {count} elements that the mesh lacks, which are ignored",) if count else ()
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""
@@ -442,8 +442,8 @@ def _advice(path: Path) -> str:
         for other in sorted(path.parent.glob("*.xml*")):
             stem = other.name.partition(".xml")[0]
             if path.name.startswith(stem) and not other.samefile(path) and is_native(other):
-                return f"give the mesh file too, perhaps {other}"
-    return "give the mesh file too"
+                return f"also give the mesh file, perhaps {other}"
+    return "also give the mesh file"
 
 
 def _file_name(entry: Element) -> str:

@@ -118,7 +118,7 @@ def test_long_tables_are_cut_with_a_word(nektar, elvis):
 
 
 def test_a_field_without_its_mesh(nektar, elvis):
-    with pytest.raises(ElvisError, match="give the mesh file too"):
+    with pytest.raises(ElvisError, match="also give the mesh file"):
         elvis("info", nektar / "helmholtz_tq" / "Helmholtz.fld")
 
 
@@ -132,7 +132,7 @@ def tetrahedron_that_intersects_itself(folder):
 
 
 def test_jacobians_that_are_positive_are_proved_so(elvis, elvis_json, pipe):
-    assert elvis("info", "--jacobian", *pipe[0]).startswith("564 of 564 elements have a positive Jacobian all over")
+    assert elvis("info", "--jacobian", *pipe[0]).startswith("564 of 564 elements have a positive Jacobian everywhere")
     facts = elvis_json("info", "--jacobian", *pipe[0])
     assert (facts["positive"], facts["not_positive"], facts["undecided"], facts["listed"]) == (564, 0, 0, [])
     assert 0 < facts["range"]["lower"] <= facts["range"]["least"]
@@ -142,7 +142,7 @@ def test_elements_whose_jacobian_fails_are_listed_with_a_place(tmp_path):
     path = str(tetrahedron_that_intersects_itself(tmp_path))
     shown = CliRunner().invoke(group, ["info", "--jacobian", path], standalone_mode=False)
     assert str(shown.exception).startswith(
-        "expected a positive Jacobian all over every element, found 1 where it is not"
+        "expected a positive Jacobian everywhere in every element, found 1 where it is not"
     )
     assert isinstance(shown.exception, ElvisError)
     assert "not positive" in shown.stdout

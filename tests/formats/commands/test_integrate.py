@@ -69,7 +69,7 @@ def test_an_error_that_is_not_reached_is_told(channel, elvis, capsys, monkeypatc
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
     elvis("integrate", *channel, "--field", "abs(x - 0.1*y)", "--error", "1e-12")
     assert len(told) == 1
-    assert "1e-12 was asked for" in told[0]
+    assert "1e-12 was requested" in told[0]
 
 
 def test_what_can_not_be_integrated(channel, elvis):

@@ -71,9 +71,9 @@ def test_a_pipe_is_what_mfem_integrates(nektar, elvis_json):
     ("arguments", "sentence"),
     [
         (("--field", "area"), "domain has a volume, no area"),
-        (("--field", "p*nx"), "nx is known on boundaries"),
+        (("--field", "p*nx"), "nx is only known on boundaries"),
         (("--field", "p", "--over", "outr"), "there is no 'outr' in a plugin's data (perhaps outer)"),
-        (("--field", "p", "--clip", "p=1"), "--clip: expected elements of a known map"),
+        (("--field", "p", "--clip", "p=1"), "--clip: expected elements with a known map"),
         (("--field", "d(p,x)*nx", "--over", "all"), "expected normals times values, without derivatives"),
     ],
 )

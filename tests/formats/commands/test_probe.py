@@ -145,7 +145,7 @@ def test_no_points_give_a_header(channel, tmp_path, elvis):
         (["--line", "0,0:1,1", "-n", "1"], "each at least 2"),
         (["--line", "0,0:1,1", "-n", "many"], "each at least 2"),
         (["--line", "0,0:1,1", "-n", "3x4"], "one number of points along a line"),
-        (["--points", "p.csv", "-n", "3"], "no -n beside points"),
+        (["--points", "p.csv", "-n", "3"], "no -n with points"),
     ],
 )
 def test_usage(channel, elvis, arguments, sentence):

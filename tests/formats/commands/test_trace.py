@@ -54,7 +54,7 @@ def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
     monkeypatch.setattr("elvis.core.terminal.warn", told.append)
     rows = elvis("trace", *shear[1], *SEEDS, "--velocity", "u,0.1", "--duration", "1e-3").splitlines()
     assert [row.split()[0] for row in rows] == ["end", "duration", "outside"]
-    assert told == ["1 of 3 seeds lie outside of all elements"]
+    assert told == ["1 of 3 seeds lie outside the mesh"]
     found = elvis_json("trace", *shear[1], "--seeds", "random:5")
     assert (found["lines"], found["ends"]) == (5, {"boundary": 5})
     assert np.shape(found["lengths"]) == (5,)
@@ -70,7 +70,7 @@ def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (("--seeds", "point:7,7"), "expected seeds in the elements, found all 1 outside"),
+        (("--seeds", "point:7,7"), "all 1 seeds lie outside the mesh"),
         (("--seeds", "point:1,0.5", "--velocity", "u"), "expected a velocity of 2 components"),
         (("--seeds", "point:1,0.5", "-o", "lines.vtk"), "expected a name that ends in .csv, .npz or .vtp, found .vtk"),
         (("--seeds", "point:1,0.5", "--field", "time"), "there is no 'time'"),

@@ -37,8 +37,8 @@ _ROUNDING = 1e-11
 def _off(error: FitError) -> str:
     """The error of a fit, in words."""
     if error.bound < float("inf"):
-        return f"it is off by {error.bound:.3g} of its largest value at most ({error.estimate:.3g} at points)"
-    return f"it is off by about {error.estimate:.3g} of its largest value, an estimate from points"
+        return f"its error is at most {error.bound:.3g} of its largest value ({error.estimate:.3g} at points)"
+    return f"its error is about {error.estimate:.3g} of its largest value, an estimate from points"
 
 
 def _span(found: Average, series: Series) -> str:
@@ -54,7 +54,7 @@ def _tell(found: Average, order: int | None) -> None:
     for remark in found.dataset.remarks:
         note(remark)
     if found.left_out:
-        note(f"fields that differ between steps are left out: {', '.join(found.left_out)}")
+        note(f"fields that differ between steps are skipped: {', '.join(found.left_out)}")
     for name, error in found.errors.items():
         if error.estimate > _ROUNDING:
             holds_any = order is None or name.endswith(_ENDINGS)

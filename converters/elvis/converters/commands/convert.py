@@ -232,8 +232,8 @@ def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: b
     for other in others:
         if other.exists() and not output.exists() and not overwrite:
             raise ElvisError(
-                f"{other}: not written: it stands there without {output.name}, so it belongs to something else; "
-                "name another output, or say --overwrite"
+                f"{other}: not written: it exists without {output.name}, so it belongs to something else; "
+                "name another output, or pass --overwrite"
             )
 
 
@@ -256,8 +256,8 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
         stale.append(data)
     if stale and not overwrite:
         raise ElvisError(
-            f"{stale[0]}: it belongs to the {output.name} that stands there, but nothing new takes its place: "
-            "remove it, or say --overwrite"
+            f"{stale[0]}: it belongs to the {output.name} that exists, but nothing new replaces it: "
+            "remove it, or pass --overwrite"
         )
     formats: dict[str, Any] = {"mesh_format": kind, "field_format": "hdf5" if kind == "hdf5" else "xml"}
     with stage(f"writing {output.name}"), Outputs() as outputs:

@@ -53,8 +53,8 @@ def _length(course: Course, found: CoreArcs) -> float:
 def _remarks(found: CoreArcs, lines: int) -> list[str]:
     """Remarks about missing lines, and about elements where lines may be missing."""
     left = len(found.undecided)
-    none = [] if lines else ["vortex cores: none turns as fast and is as long as is asked for"]
-    missed = [f"vortex cores: in {left} elements there may be more than were found"] if left else []
+    none = [] if lines else ["vortex cores: none has the requested swirl and length"]
+    missed = [f"vortex cores: in {left} elements, which are undecided, there may be more"] if left else []
     return none + missed
 
 

@@ -186,7 +186,7 @@ def diff(
     rows = [row for row, _, _ in found]
     if not any(row.covered for row in rows):
         ours, others = (f"of {dataset.mesh.dimension}D data" for dataset in (first, second))
-        raise ElvisError(f"expected places that both have, found none of the first, {ours}, in the second, {others}")
+        raise ElvisError(f"expected overlapping datasets, found nothing of the first, {ours}, in the second, {others}")
     _, measure, held = found[0]
     elements = sum(map(len, held))
     dimension = max((patch.dimension for patch in held), default=1)
@@ -222,12 +222,12 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
     for row in rows:
         if row.covered < 1 - 1e-12:
             part = 1 - row.covered
-            yield f"{row.field}: the second dataset has nothing on {part:.3g} of the first, which is left out"
+            yield f"{row.field}: the second dataset does not cover {part:.3g} of the first, which is excluded"
         if np.isnan(row.bound):
-            yield f"{row.field}: Linf is the greatest difference at points, no bound of it is proved"
+            yield f"{row.field}: Linf is the maximum difference at points, without a proved bound"
         elif row.bound > _WIDE * row.linf and row.relative > _ROUNDED:
             known = f"between {row.linf:.6g} and {row.bound:.6g}"
-            yield f"{row.field}: the greatest difference is {known}; nothing closer is proved"
+            yield f"{row.field}: the maximum difference is {known}; no tighter bound is proved"
 
 
 def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:

@@ -182,7 +182,7 @@ def check_places(paths: Sequence[str | Path], inputs: Iterable[str | Path] = (),
 def check_inputs(
     paths: Iterable[str | Path],
     inputs: Iterable[str | Path],
-    advice: str = "name another output, or say --overwrite",
+    advice: str = "name another output, or pass --overwrite",
 ) -> None:
     """Raise ElvisError if a file to be written is an input or a link to one, or lies in an input folder.
 

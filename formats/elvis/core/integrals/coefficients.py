@@ -112,7 +112,9 @@ def _with_reference(axis: str, names: Names) -> list[str]:
     if missing:
         words = ", ".join(f"{name} ({REFERENCE[name]})" for name in missing)
         settings = " ".join(f"{name}=…" for name in missing)
-        raise ElvisError(f"--coefficients {axis}: expected {words}, which the data don't tell: pass --set {settings}")
+        raise ElvisError(
+            f"--coefficients {axis}: expected {words}, which the data don't contain: pass --set {settings}"
+        )
     about = [known.get(f"{axis}_ref", 0.0) for axis in "xyz"]
     values = [known[name] for name in _BEFORE]
     return [*map(repr, values), axis, repr(known.get("length", 1.0)), *map(repr, about)]

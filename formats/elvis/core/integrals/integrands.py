@@ -60,7 +60,7 @@ class Integrand:
         needed = sorted(set(SIDES) & set(self.expression.attributes))
         if needed and not has_normals:
             raise ElvisError(
-                f"{self.text}: {needed[0]} is known on boundaries and cuts alone, not on {over}; name one with --over"
+                f"{self.text}: {needed[0]} is only known on boundaries and cuts, not on {over}; name one with --over"
             )
         if self.text in _MEASURES:
             own, by_span = _MEASURES[self.text]

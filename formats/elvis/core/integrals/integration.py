@@ -313,7 +313,7 @@ def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
     """A message about forces with an unknown contribution."""
     forces = [each.text for each in wanted if each.text.startswith(("force_", "moment_")) and not each.expression.order]
     if forces:
-        yield f"no viscosity is known, so {', '.join(forces)} are of the pressure alone; write force(mu=…)"
+        yield f"no viscosity is known, so {', '.join(forces)} only include the pressure; write force(mu=…)"
 
 
 def _lost(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], terms: ConversionTerms) -> Iterator[str]:
@@ -336,8 +336,8 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
             elif place is not None:
                 yield f"{each.text} has no value in {name} at {where}, so its integral has none"
             elif sums.error[number] - sums.rounding[number] > 2 * error * sums.magnitude[number]:
-                word = "is known" if sums.is_bound[number] else "is estimated to be known"
-                yield f"{each.text} over {name} {word} {_precision(sums, number)} only, {error:g} was asked for"
+                word = "is only known" if sums.is_bound[number] else "is estimated to be known only"
+                yield f"{each.text} over {name} {word} {_precision(sums, number)}, {error:g} was requested"
 
 
 def _precision(sums: Sums, number: int) -> str:

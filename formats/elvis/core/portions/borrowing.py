@@ -46,7 +46,7 @@ class BorrowedRates:
     def field(self, name: str) -> Field:
         """The derivative as in `elvis.core.dataset.Rates`, but only its name, since the part holds the values."""
         if name not in self.names:
-            raise ElvisError(f"the derivative of {name} in time was not asked for")
+            raise ElvisError(f"the derivative of {name} in time was not requested")
         return Field(rate_name(name), ())
 
     def intervals(self, start: float, stop: float) -> Iterator[Interval]:

@@ -141,12 +141,12 @@ class Names:
     def unknown(self, name: str) -> str:
         """A message about an unknown name."""
         if name == "t":
-            return "the data don't tell the time t"
+            return "the data don't contain the time t"
         if name in REFERENCE:
-            return f"the data don't tell {name} ({REFERENCE[name]}): pass --set {name}=…"
+            return f"the data don't contain {name} ({REFERENCE[name]}): pass --set {name}=…"
         if name in self.others:
             first = (*self.others[name].fields, "x")[0]
-            return f"expected : after {name}, and what is asked of it, such as {name}:{first}"
+            return f"expected : after {name}and a quantity, such as {name}:{first}"
         meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
         return f"there is no {name!r}{meant}; {self._in_words}"
 

@@ -60,7 +60,7 @@ def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, 
     known = np.isfinite(size)
     moving = known & (size > REST * size[known].max(initial=0.0))
     left = {
-        "lie outside of all elements": len(asked) - len(inside),
+        "lie outside the mesh": len(asked) - len(inside),
         "have a vector that is not a number": int((~known).sum()),
         "have the vector zero": int((known & ~moving).sum()),
     }

@@ -27,15 +27,15 @@ class End(IntEnum):
 WORDS = {
     End.GOING: ("going", "under way"),
     End.LEFT: ("left", "left the domain, or the wall that it is on"),
-    End.LENGTH: ("length", "has the length asked for"),
-    End.DURATION: ("duration", "has the duration asked for"),
-    End.SPEED: ("speed", "became slower than asked for"),
-    End.STEPS: ("steps", "took the greatest number of steps"),
+    End.LENGTH: ("length", "reached the requested length"),
+    End.DURATION: ("duration", "reached the requested duration"),
+    End.SPEED: ("speed", "fell below the requested speed"),
+    End.STEPS: ("steps", "reached the maximum number of steps"),
     End.STAGNATION: ("stagnation", "came to rest"),
     End.JUMP: ("jump", "met a jump of the velocity that sends it back"),
-    End.OUTSIDE: ("outside", "begin where there is no element"),
-    End.NAN: ("nan", "met a velocity that is no number"),
-    End.INVERTED: ("inverted", "met an element that is turned inside out"),
+    End.OUTSIDE: ("outside", "begin outside the mesh"),
+    End.NAN: ("nan", "met a velocity that is not a number"),
+    End.INVERTED: ("inverted", "met an inverted element"),
     End.FAILED: ("failed", "could not be followed to the tolerance"),
 }
 

@@ -195,8 +195,8 @@ def _remarks(evaluator: Evaluator, beyond: Floats) -> tuple[str, ...]:
     found = []
     if len(beyond):
         found.append(
-            f"in {len(beyond)} boxes, as at tips of pyramids or where the gradient vanishes, the surface is known to "
-            f"{float(beyond.max()):.2g} only, the size of the box"
+            f"in {len(beyond)} boxes, as at tips of pyramids or where the gradient vanishes, the surface is "
+            f"only known to {float(beyond.max()):.2g}, the size of the box"
         )
     shapes = {patch.shape for patch in evaluator.patches}
     if Shape.PYRAMID in shapes and shapes & {Shape.TETRAHEDRON, Shape.PRISM}:

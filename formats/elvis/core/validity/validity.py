@@ -93,8 +93,8 @@ class Validity:
         if not np.isfinite(self.least[row]):
             return "its map is not finite"
         if self.least[row] <= 2 * self.error[row]:
-            return "its Jacobian comes to zero within rounding"
-        return "the search for its least Jacobian ended before it was bounded"
+            return "its Jacobian is zero within rounding"
+        return "the search for its minimum Jacobian ended before a bound was found"
 
     @property
     def range(self) -> Range | None:

@@ -134,7 +134,7 @@ def parse(data: Buffer, file: str) -> list[Element]:
         if declaration and (found := _REFUSED.search(cleaned)):
             line = _line(cleaned, found.start())
             raise FormatError(
-                "declarations of document types and entities are refused", file=file, place=f"line {line}"
+                "declarations of document types and entities are not allowed", file=file, place=f"line {line}"
             )
         if declaration and _DECLARATION.search(cleaned):
             cleaned = _without_unknown(cleaned)

@@ -75,7 +75,7 @@ def why_not() -> str:
         # it may be there, and a library of the system not
         is_missing = isinstance(error.__cause__, ModuleNotFoundError)
         reason = str(error) if is_missing else f"open3d can't be loaded: {error.__cause__}"
-        return f"Distances of surfaces are left out: {reason}."
+        return f"Distances of surfaces are skipped: {reason}."
     return ""
 
 

@@ -232,7 +232,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     levels, limit, validation_size, meshes, no_cache = (options.pop(name) for name in own)
     scene = composed(data, options, (), unused=("outputs", "stats"))
     if not scene.data:
-        raise SceneError("the scene names no data: give the mesh and field files too")
+        raise SceneError("the scene names no data; also give the mesh and field files")
     if scene.plugin is not None:
         raise SceneError("linear meshes are made of the native format only: leave the plugin out")
     if output is not None:

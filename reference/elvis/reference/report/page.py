@@ -19,7 +19,7 @@ from elvis.reference.study import Rival, Study
 Files = dict[str, Any]
 #: explanations of the numbers of a page, one sentence per line
 MEANING = (
-    "Errors are measured at every pixel that both pictures show, in parts of the colour range.",
+    "Errors are measured at every pixel that both pictures show, relative to the colour range.",
     "A colour step is 1/256 of it.",
     "A pixel counts as off where its value is wrong by more than a step, or where nothing is shown although there is "
     "something.",
