@@ -1,6 +1,6 @@
-"""What a plugin author sees: the protocols, and the discovery of plugins by entry points.
+"""The interface for plugin authors: the protocols, and the discovery of plugins by entry points.
 
-``registry`` finds plugins of any distribution; ``command`` is the ``elvis`` command, made of the commands it finds.
+``registry`` finds plugins of any distribution; ``command`` is the ``elvis`` command, built from the commands it finds.
 """
 
 from __future__ import annotations

@@ -44,17 +44,17 @@ from elvis.plugins.projection.verification import Maps, Tally
 from elvis.plugins.report import Measure, RecordedReport, Report
 from elvis.plugins.reporting import measures_of_fields
 
-#: the error, as a share of the quantity's range, at which no order is added to what is not a polynomial
+#: error, relative to the quantity's range, at which orders are no longer raised for non-polynomials
 TOLERANCE = 1e-6
 
-#: the error of a map that stays as it is
+#: the error of an unchanged map
 EXACT_MAP = Measure("coordinates", 1, 0.0, 0.0, 0.0, 0.0, 0.0, -1, is_exact=True)
 
-#: the highest order that is tried for what is not a polynomial
+#: highest order tried for non-polynomials
 _HIGHEST_ORDER = 16
-#: modes that an element may have then: those of a hexahedron of order 8
+#: maximum number of modes of an element for them: a hexahedron of order 8
 _MOST_MODES = 729
-#: elements whose maps are looked at together
+#: number of elements whose maps are processed together
 _AT_ONCE = 1 << 12
 
 
@@ -70,15 +70,15 @@ def with_quantity(dataset: Dataset, quantity: str, order: int | None = None, tol
     """The dataset with a quantity as a further field, projected on each element.
 
     quantity   ``NAME=EXPRESSION``, or a predefined quantity, whose name the field gets
-    order      polynomial degree of the field, 1 to 30; by default the degree that holds the quantity where it is a
+    order      polynomial degree of the field, 1 to 30; by default the degree that contains the quantity if it is a
                polynomial, else the lowest one on each element within ``tolerance``
-    tolerance  largest error, at points that no fit has seen, as a share of the quantity's range
+    tolerance  largest error, at points not used by the fit, relative to the quantity's range
 
-    Coefficients of other fields stay as they are.  Errors beyond rounding are kept in the metadata, as those of a
-    conversion: every command takes them into account.
+    Coefficients of other fields remain unchanged.  Errors beyond rounding are stored in the metadata, like conversion
+    errors: every command takes them into account.
 
-    Raises ElvisError for a text that is no quantity, a name that a field has already, values that are not finite, and
-    data with Fourier directions.
+    Raises ElvisError for an invalid quantity, a name that a field already has, values that are not finite, and data
+    with Fourier directions.
 
     >>> ds = elvis.with_quantity(ds, "Cp=2*(p-1)")  # doctest: +SKIP
     >>> elvis.write(ds, "cp.fld")  # doctest: +SKIP
@@ -122,16 +122,16 @@ def _beyond(measure: Measure, tolerance: float) -> str:
 
 
 def parse_quantities(dataset: Dataset, texts: Sequence[str], on_sides: bool = False) -> dict[str, Expression]:
-    """Expressions by the names of their fields; ElvisError for names that are taken, and what has no values inside.
+    """Expressions by the names of their fields; ElvisError for names in use, and quantities without values inside.
 
-    on_sides  whether values are wanted on sides of elements, where quantities of walls have values too
+    on_sides  whether values are wanted on sides of elements, where quantities of walls also have values
     """
     names, found = Names.of(dataset), dict[str, Expression]()
     taken = {field.name for field in dataset.fields} | set(MAP_FIELDS)
     for text in texts:
         name, expression = _parsed(text, names)
         if name in taken or name in found:
-            raise ElvisError(f"there is a field {name!r} already; give the quantity another name, as in {name}2=…")
+            raise ElvisError(f"field {name!r} already exists; give the quantity another name, as in {name}2=…")
         sides = sorted(set(expression.attributes) & set(SIDES))
         if sides and not on_sides:
             raise ElvisError(f"{name}: expected a quantity with values inside elements, found one on faces only")
@@ -140,7 +140,7 @@ def parse_quantities(dataset: Dataset, texts: Sequence[str], on_sides: bool = Fa
 
 
 def _parsed(text: str, names: Names) -> tuple[str, Expression]:
-    """The name and the expression that ``NAME=EXPRESSION`` says, or a name alone."""
+    """The name and the expression of ``NAME=EXPRESSION``, or of a single name."""
     name, sign, quantity = (part.strip() for part in text.partition("="))
     if not name.isidentifier() or (sign and not quantity):
         raise ElvisError(f"expected NAME=EXPRESSION, such as Cp=2*(p-1), or a predefined quantity, found {text!r}")
@@ -182,7 +182,7 @@ class QuantitySource(Converter):
         return np.broadcast_to(values, len(block) * len(points)).reshape(len(block), len(points))
 
     def _places(self, block: Elements, points: Floats) -> Lattice:
-        """The points in each element; those of the last question are kept, as quantities are sampled in turn."""
+        """The points in each element; results of the last call are cached, as quantities are sampled in turn."""
         if self._last is None or self._last[0] is not block or self._last[1] is not points:
             patch, rows, _ = self._parts[block.key]
             self._last = block, points, Lattice(patch, rows[block.rows], points)
@@ -197,7 +197,7 @@ class QuantitySource(Converter):
         return Elements(patch.shape, len(rows), order, ids=ids, pyramid=pyramid, key=number)
 
     def _degree(self, expression: Expression, number: int) -> int | None:
-        """The degree on a block; on pyramids, whose spaces hold no products, of linear combinations alone."""
+        """The degree on a block; on pyramids, whose spaces contain no products, only of linear combinations."""
         patch, _, is_affine = self._parts[number]
         if patch.shape is Shape.PYRAMID:
             if expression.degree(lambda node: None if node.op == "attribute" or node.axes else 1) not in (0, 1):
@@ -224,7 +224,7 @@ class QuantitySource(Converter):
             return None
         if degree is not None:
             return degree
-        # the search ends some orders beyond, where elements have no more modes than are affordable
+        # the search ends some orders higher, or when elements have more modes than are affordable
         start = self._leaf_degree(expression, patch)
         last = min(start + ORDERS_BEYOND, _HIGHEST_ORDER)
         while last > start and mode_count(modified(patch.shape, (last + 1,) * patch.shape.dimension)) > _MOST_MODES:
@@ -232,9 +232,9 @@ class QuantitySource(Converter):
         return max(1, last - ORDERS_BEYOND)
 
     def terms_of(self, name: str) -> float:
-        """A bound of what a polynomial is added up from, of which rounding is a share; 0 for other quantities.
+        """A bound of the terms that add up to a polynomial, to which rounding is relative; 0 for other quantities.
 
-        Derivatives of order k are added up from terms as large as a field's coefficients times the k-th power of the
+        Derivatives of order k are sums of terms as large as a field's coefficients times the k-th power of the
         gradients of reference coordinates.
         """
         if None in self.degrees[name]:
@@ -258,7 +258,7 @@ class QuantitySource(Converter):
         return fold(expression.root, leaf, _term)
 
     def _radius(self, expression: Expression) -> tuple[float, float]:
-        """How far an expression is from that of the data before their conversion, at vertices and middles."""
+        """Difference of an expression from its value before the conversion of the data, at vertices and middles."""
         worst = 0.0
         for patch, rows, _ in self._parts:
             points = np.concatenate([patch.shape.vertices, patch.shape.vertices.mean(axis=0, keepdims=True)])
@@ -268,7 +268,7 @@ class QuantitySource(Converter):
 
 
 def _term(node: Node, parts: list[float]) -> float:
-    """The magnitude of an operation in a polynomial from those of its operands."""
+    """The magnitude of an operation in a polynomial, from the magnitudes of its operands."""
     if node.op in ("+", "-"):
         return sum(parts)
     if node.op == "*":
@@ -288,7 +288,7 @@ def _split(patch: Patch) -> list[tuple[Patch, Ints, bool]]:
 
 
 def _is_continuous(expression: Expression, dataset: Dataset) -> bool:
-    """Whether a quantity has one value where elements meet: it is made of coordinates and continuous fields."""
+    """Whether a quantity is continuous between elements: it depends only on coordinates and continuous fields."""
     if expression.attributes or expression.order:
         return False
     return all(dataset.field(name).continuous for name in expression.fields)
@@ -344,7 +344,7 @@ def _blocks(passes: Sequence[_Pass], name: str) -> tuple[Block, ...]:
 
 
 def with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, str]:
-    """The metadata, in which errors of projections stand next to those of a conversion."""
+    """The metadata, with errors of projections added to its conversion errors."""
     if REPORT not in dataset.metadata and all(own.is_exact for own in measures):
         return dataset.metadata
     facts = recorded_facts(dataset.metadata)
@@ -353,7 +353,7 @@ def with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, s
 
 
 def recorded_facts(metadata: Mapping[str, str]) -> dict[str, Any]:
-    """The facts of a recorded conversion; those of data that are their own source where there is none."""
+    """The facts of a recorded conversion, or, if there is none, of data that are their own source."""
     recorded = RecordedReport.of(metadata)
     if recorded is None:
         return {"converter": QuantitySource.format, "files": [], "geometry": EXACT_MAP.facts(), "fields": {}}
@@ -361,7 +361,7 @@ def recorded_facts(metadata: Mapping[str, str]) -> dict[str, Any]:
 
 
 def report_of_quantities(dataset: Dataset, measures: Sequence[Measure], files: Sequence[Path]) -> Report:
-    """The report of quantities that became fields of a dataset, whose mesh stays as it is."""
+    """The report of quantities that became fields of a dataset with an unchanged mesh."""
     counts = {shape.label.lower(): len(entities) for shape, entities in dataset.mesh.elements.items()}
     names = tuple(file.name for file in files)
     return Report(QuantitySource.format, names, counts, EXACT_MAP, (0.0, -1), False, tuple(measures), {})

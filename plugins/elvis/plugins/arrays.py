@@ -1,7 +1,7 @@
-"""Elements and fields from arrays in memory: places of nodes, and values there.
+"""Elements and fields from arrays in memory: positions of nodes, and values there.
 
-``from_arrays({"quadrilateral": places}, u=values)``; the nodes are those that the reference element has where they are
-said to lie, or Gauss-Lobatto points on lines, squares and cubes.
+``from_arrays({"quadrilateral": places}, u=values)``; the nodes of the reference element are given, or are
+Gauss-Lobatto points on lines, squares and cubes.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ def from_arrays(
 
     places     by the name of a shape (segment, triangle, quadrilateral, tetrahedron, pyramid, prism, hexahedron):
                (n, m, d) world coordinates of the m nodes of n elements; elements that share corners are neighbours
-    fields     by name, as the keywords are: (n, m) values or (n, m, c) components at the same nodes; by shape, as
-               ``{"triangle": …}``, where there are several
-    reference  by shape, (m, d) where the nodes lie in the reference element, whose coordinates go from -1 to 1 and
+    fields     by name, like the keywords: (n, m) values or (n, m, c) components at the same nodes; by shape, as
+               ``{"triangle": …}``, if there are several
+    reference  by shape, (m, d) positions of the nodes in the reference element, whose coordinates go from -1 to 1 and
                whose corners are those of `Shape.vertices`.  Without it segments, quadrilaterals and hexahedra have the
-               products of Gauss-Lobatto points, first coordinate fastest, and other shapes of first order corners alone
+               products of Gauss-Lobatto points, first coordinate fastest, and other shapes of first order only corners
     time       of the data
 
-    The nodes must determine a polynomial of some order.  Remarks of the dataset tell with what error it arrived.
-    ElvisError where arrays don't fit.
+    The nodes must determine a polynomial of some order.  Remarks of the dataset state the error of the conversion.
+    ElvisError if arrays don't fit.
     """
     source = Arrays(places, fields_by_name(fields, named), {} if reference is None else reference)
     source.time = checked_time(time)
@@ -86,7 +86,7 @@ class Arrays(NodalConverter):
         self.take(fields)
 
     def take(self, fields: Mapping[str, Any]) -> None:
-        """Take these fields in place of all that there are; ElvisError where arrays don't fit."""
+        """Replace all fields with these; ElvisError if arrays don't fit."""
         check_by_name(fields)
         self.clear_fields()
         for name, values in fields.items():
@@ -154,7 +154,7 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
 
 
 def fields_by_name(fields: Any, named: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a live bridge, those of its keywords included; ElvisError where they are not given by names."""
+    """Fields of a live bridge, including its keywords; ElvisError if they are not given by names."""
     if fields is not None:
         check_by_name(fields)
     return {**(fields or {}), **named}
@@ -181,7 +181,7 @@ def check_by_name(fields: Any) -> None:
 
 
 def host_array(what: str, values: Any) -> Floats:
-    """An array of real numbers as float64, copied only where it has to be; of what tells its memory by DLPack, too.
+    """An array of real numbers as float64, copied only if necessary; also from objects that support DLPack.
 
     ElvisError, which calls it ``what``, for anything else and for memory of another device.
     """

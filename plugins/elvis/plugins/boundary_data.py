@@ -32,10 +32,11 @@ def boundary_data(dataset: Dataset, boundary: str, quantities: Sequence[str] = (
     """A boundary as a dataset of its own: its faces are elements, with the fields of the volume.
 
     boundary    name of a boundary, or ``all`` for all outer faces; edges of 2D data become lines
-    quantities  of the volume that become fields too, as ``"shear=wall_shear(mu=2e-4)"``
+    quantities  of the volume that also become fields, such as ``"shear=wall_shear(mu=2e-4)"``
 
-    Curved faces and fields are traces of polynomials, so they are exact; quantities are projected, and remarks tell
-    with what error.  Raises ElvisError for names of no boundary, and for data with Fourier directions.
+    Curved faces and fields are traces of polynomials, so they are exact; quantities are projected, and remarks state
+    the
+    errors.  Raises ElvisError for unknown boundaries, and for data with Fourier directions.
 
     >>> wall = elvis.boundary_data(ds, "wall", ["shear=wall_shear(mu=2e-4)"])  # doctest: +SKIP
     """
@@ -46,9 +47,9 @@ def boundary_data(dataset: Dataset, boundary: str, quantities: Sequence[str] = (
 def convert_boundary(
     dataset: Dataset, boundary: str, quantities: Sequence[str] = (), fields: Sequence[str] | None = None
 ) -> Conversion:
-    """As `boundary_data`, with the report of the conversion.
+    """The conversion of `boundary_data`, with its report.
 
-    fields  names of those that stay; None for all
+    fields  names of remaining fields; None for all
     """
     return convert(BoundarySource(dataset, boundary, quantities, fields), Settings(), (boundary,))
 
@@ -99,7 +100,7 @@ class BoundarySource(Converter):
         return np.broadcast_to(values, len(block) * len(points)).reshape(len(block), len(points))
 
     def _elements(self, block: Elements, points: Floats) -> ElementPoints:
-        """The points in each element; those of the last question are kept, as fields are sampled in turn."""
+        """The points in each element; results of the last call are cached, as fields are sampled in turn."""
         if self._last is None or self._last[0] is not block or self._last[1] is not points:
             piece = self._pieces[block.key][1]
             rows = np.repeat(piece.rows[block.rows], len(points))
@@ -124,7 +125,7 @@ class BoundarySource(Converter):
         return Elements(piece.shape, len(piece), order, dataset.mesh.vertex_ids[own], region=name, key=number)
 
     def _field(self, dataset: Dataset, name: str) -> SourceField:
-        """A field of the degree that it has in the elements, or a quantity from that of its fields upwards."""
+        """A field of its degree in the elements, or a quantity of the degree of its fields or higher."""
         expression, names = self._expressions[name], self._evaluator.names
         orders: list[int | None] = []
         for _, piece in self._pieces:

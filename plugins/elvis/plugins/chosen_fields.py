@@ -16,11 +16,11 @@ from elvis.plugins.report import Measure, RecordedReport, Report
 
 @dataclass(frozen=True)
 class ChosenFields:
-    """What is to be done with the fields of a dataset.
+    """Changes to the fields of a dataset.
 
     added      quantities that become fields, as NAME=EXPRESSION
     renames    new names of fields by old ones
-    wanted     names of the fields that stay, beside those that are added; None for all
+    wanted     names of the fields that remain, besides added ones; None for all
     order, tolerance  of added quantities, see `with_quantity`
     """
 
@@ -34,7 +34,7 @@ class ChosenFields:
         return bool(self.added or self.renames)
 
     def of(self, dataset: Dataset) -> tuple[Dataset, tuple[Measure, ...]]:
-        """The dataset with these fields, and the errors of those that are added."""
+        """The dataset with these fields, and the errors of added ones."""
         renames = parse_renames(self.renames)
         measures: tuple[Measure, ...] = ()
         if self.added:
@@ -46,7 +46,7 @@ class ChosenFields:
         return with_fields_named(dataset, wanted, renames), named
 
     def reported(self, report: Report, measures: Sequence[Measure]) -> Report:
-        """The report of a conversion for the fields that stay, under their new names, and for those that are added."""
+        """The report of a conversion for the remaining fields, under their new names, and for added ones."""
         renames = parse_renames(self.renames)
         own = [each for each in report.fields if self.wanted is None or each.name in self.wanted]
         named = [replace(each, name=renames.get(each.name, each.name)) for each in own]
@@ -54,7 +54,7 @@ class ChosenFields:
 
 
 def orders_that_are_cut(dataset: Dataset) -> list[str]:
-    """A sentence on fields of higher order than the expansions say, which name other fields (format notes 3)."""
+    """Messages about fields of higher order than the expansions state, which name other fields (format notes 3)."""
     rules = dataset.expansions
     if not rules or not all(rule.fields for rule in rules):
         return []
@@ -65,7 +65,7 @@ def orders_that_are_cut(dataset: Dataset) -> list[str]:
         return []
     return [
         f"the EXPANSIONS of the mesh file, with NUMMODES={lowest}, don't name {', '.join(cut)}: the solver's own tools "
-        "cut such fields to that order; with -o NAME.xml a mesh file is written that names them"
+        "cut such fields to that order; write a mesh file that names them with -o NAME.xml"
     ]
 
 
@@ -85,12 +85,12 @@ def parse_renames(texts: Sequence[str]) -> dict[str, str]:
 
 
 def with_fields_named(dataset: Dataset, wanted: Sequence[str] | None, renames: Mapping[str, str]) -> Dataset:
-    """The dataset with some of its fields, of which some get other names.
+    """The dataset with some of its fields, some of which are renamed.
 
-    wanted   names of the fields that stay; None for all
+    wanted   names of the fields that remain; None for all
     renames  new names by old ones
 
-    ElvisError for a field that is not there, and for a name that two fields would have.
+    ElvisError for an unknown field, and for a name that two fields would have.
     """
     known = [field.name for field in dataset.solution]
     for name in (*(wanted or ()), *renames):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run ``elvis`` with ``arguments``, those of the process by default, and exit with its status."""
+    """Run ``elvis`` with ``arguments``, by default the process's own, and exit with its status."""
     # a Ctrl-C waits until there is something to take it
     can_wait = hasattr(signal, "pthread_sigmask")  # not on Windows
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if can_wait else set()
@@ -44,9 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Give standard streams that the caller has closed something to be, lest the next file opened become one of them.
+    """Open the standard streams that the caller has closed, so that the next file opened does not become one of them.
 
-    What is written to standard output then fails as it does on one that is broken; messages about it are lost.
+    Writing to standard output then fails as on a broken one; messages about it are lost.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:

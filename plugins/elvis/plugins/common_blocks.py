@@ -13,7 +13,7 @@ from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.grouping import Group, grouped
 from elvis.plugins.projection.fitting import padded
 
-#: families whose functions of low order are among those of high order, so that zeros raise the order
+#: families in which low-order functions are among the high-order ones, so that zeros raise the order
 _HIERARCHICAL = frozenset(
     {
         Basis.MODIFIED_A,
@@ -31,9 +31,9 @@ _HIERARCHICAL = frozenset(
 
 
 def on_common_blocks(dataset: Dataset) -> Dataset:
-    """The dataset with one order for all fields of an element, the highest of theirs: zeros stand for new modes.
+    """The dataset with one order for all fields of an element, their highest: new modes are zero.
 
-    So a file has one section for each shape, in which every field stands; solvers expect that.
+    A file then has one section for each shape with all fields, as solvers expect.
     """
     if not dataset.fields:
         return dataset

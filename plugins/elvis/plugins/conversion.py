@@ -47,18 +47,18 @@ class Elements:
     """A block of elements: one shape, one order of the map.
 
     shape     of the elements
-    count     how many there are
+    count     number of elements
     order     degree of the map from the reference element
-    vertices  (count, n_vertices) the source's own numbers of the vertices, in the local order of ``shape``; None where
-              the source has no such numbers, then vertices at the same place are the same
-    frame     (n_vertices, d) the source's reference coordinates of the vertices, None where they are those of ``shape``
-    ids       (count,) the source's numbers of the elements, kept as ids where they are unique over all blocks
-    region    name of the part of the domain that they belong to
-    other_regions  names of other parts, which overlap it, that they belong to as well
+    vertices  (count, n_vertices) the source's own numbers of the vertices, in the local order of ``shape``; None if
+              the source has no such numbers, in which case vertices at the same position are equal
+    frame     (n_vertices, d) the source's reference coordinates of the vertices, None if they equal ``shape``'s
+    ids       (count,) the source's numbers of the elements, kept as ids if they are unique over all blocks
+    region    name of the part of the domain to which they belong
+    other_regions  names of overlapping parts to which they also belong
     pyramid   the functions on pyramids, of the map and of the fields
-    is_polynomial  whether the map is in the space of that order; False for NURBS and the like
-    key       anything by which the converter knows the block again
-    rows      which of the block's elements are meant; `Converter.positions` and `Converter.sample` index by it
+    is_polynomial  whether the map is in the space of that order; False for example for NURBS
+    key       any value by which the converter identifies the block
+    rows      elements of the block that are meant; `Converter.positions` and `Converter.sample` index by it
     """
 
     shape: Shape
@@ -87,15 +87,15 @@ class Elements:
 
 @dataclass(frozen=True)
 class SourceField:
-    """A scalar field of a source; a vector ``v`` makes three of them: ``v_x``, ``v_y``, ``v_z``.
+    """A scalar field of a source; a vector ``v`` becomes three of them: ``v_x``, ``v_y``, ``v_z``.
 
-    order          polynomial degree in the reference element, one for all blocks or one a block; None for a block that
-                   doesn't hold the field
+    order          polynomial degree in the reference element, one for all blocks or one per block; None for a block
+                   without the field
     is_continuous  whether elements that share a face agree there
-    is_polynomial  whether the field is in the space of that order; False for what is derived, rational, on H(div) ...
-    key            anything by which the converter knows the field again
-    homogeneous    Fourier directions of quasi-3D data: then one after another come the fields of one name that are the
-                   coefficients of its planes, in their order, and together make one field
+    is_polynomial  whether the field is in the space of that order; False for derived, rational, H(div) ... fields
+    key            any value by which the converter identifies the field
+    homogeneous    Fourier directions of quasi-3D data: then fields of one name follow that are the coefficients of its
+                   planes, in their order, and together form one field
     modes          numbers of native modes in each direction, on each block; for sources whose directions differ
     """
 
@@ -147,16 +147,16 @@ class Option:
 
 @dataclass(frozen=True)
 class Reads:
-    """What a converter reads, in a few words each: the columns of the table of formats.
+    """Capabilities of a converter, in a few words each: the columns of the table of formats.
 
     shapes          of elements
     orders          of the map and of the fields
     bases           of the fields
     boundaries      how they are named
-    series          where several steps may be
-    parts           what parallel runs may write
+    series          forms of series
+    parts           forms of parallel output
     nonconforming   whether hanging nodes are read
-    complex         what becomes of complex functions
+    complex         treatment of complex functions
     """
 
     shapes: str = ""
@@ -170,34 +170,33 @@ class Reads:
 
 
 class Converter(ABC):
-    """Reads the data of one format; subclasses are what the entry points ``elvis.converters`` name.
+    """Reads the data of one format; the entry points ``elvis.converters`` name subclasses.
 
-    Of the class:
-    format   what it reads, in a few words
-    keeps, loses   what of a file arrives, and what doesn't
-    reads    the same by shapes, orders and so on, for the table of formats
-    needs    packages to import beyond ElVis's own, brought by the extra ``converters``
+    Class attributes:
+    format   description of the format
+    keeps, loses   contents of a file that are converted, and contents that are lost
+    reads    capabilities by shapes, orders and so on, for the table of formats
+    needs    packages to import beyond ElVis's own, installed by the extra ``converters``
     options  choices of the user, keywords of the constructor
 
-    Of an object, set by its constructor:
+    Instance attributes, set by the constructor:
     blocks, fields, boundaries   the data; fields and boundaries may be empty
     time, metadata               of the dataset
     precision                    relative rounding of the source's numbers
-    errors                       by which the source itself is known to miss what it stands for, and the derivative of
-                                 this in space (infinite where it is not known): of the map, whose name is empty, and
-                                 of fields by name
-    is_conforming                False where faces of elements meet parts of others (hanging nodes)
-    mortars                      sides of elements that meet parts of others, as far as the source tells; those that it
-                                 doesn't tell are found by place
-    notes                        sentences for the report: what was decided in reading
-    warnings                     sentences that every command prints: what was left out, what is in doubt
-    declared                     numbers that the files state, with which what arrives is compared
+    errors                       known errors of the source itself, and their derivative in space (infinite if
+                                 unknown): of the map, whose name is empty, and of fields by name
+    is_conforming                False if faces of elements meet parts of others (hanging nodes)
+    mortars                      sides of elements that meet parts of others, if the source lists them; others are found
+                                 by position
+    notes                        sentences for the report: decisions made in reading
+    warnings                     sentences that every command prints: skipped and doubtful contents
+    declared                     numbers that the files state, for comparison with the converted data
     expansions, session          of sources of the native format: see `elvis.core.dataset.Dataset`
-    mesh                         of sources that have one of the native format, which is taken over as it is: then
-                                 blocks hold elements of it by ``ids``, in its frame and order of vertices; None else
-    beside                       files that the constructor read though they were not given, such as the pieces that an
-                                 index names: conversions are kept until one of these or of the given changes.  None
-                                 where that is not known, so that none is kept; a class that reads no others says ()
+    mesh                         of sources that have one of the native format, which is used unchanged: then blocks
+                                 contain elements of it by ``ids``, in its frame and order of vertices; None else
+    beside                       files that the constructor read in addition to the given ones, such as the pieces
+                                 listed in an index: conversions are cached until one of all these files changes.
+                                 None if they are not known, which disables caching; () for classes that read no others
     """
 
     format: ClassVar[str] = ""
@@ -227,19 +226,19 @@ class Converter(ABC):
     @classmethod
     @abstractmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """Whether these files, all of them, are for this converter; told by content, quickly, without raising."""
+        """Whether all these files are for this converter; decided by content, quickly, without raising."""
 
     @classmethod
     def hint(cls, path: Path) -> str:
-        """What a relative of the format is that it doesn't open, and what to do; empty for all other files.
+        """Description of a related file that it doesn't open, and advice; empty for all other files.
 
-        As ``a Nek5000 mesh (.re2) without a field: give a field file too``; told as quickly as by `opens`.
+        Such as ``a Nek5000 mesh (.re2) without a field: give a field file too``; as fast as `opens`.
         """
         return ""
 
     @classmethod
     def needs_of(cls, paths: Sequence[Path]) -> tuple[str, ...]:
-        """Those of the packages ``needs`` that these files take; of some formats only some files do."""
+        """The packages of ``needs`` that these files require; in some formats only some files do."""
         return cls.needs
 
     @classmethod
@@ -252,25 +251,25 @@ class Converter(ABC):
 
     @classmethod
     def joins(cls, paths: Sequence[Path]) -> bool:
-        """Whether files without such marks, whose names differ in a number, make one state: parts, or other fields.
+        """Whether files without such marks, whose names differ in a number, form one state: parts, or other fields.
 
-        Else each is a state of its own.  Asked only for files that don't tell different times, of which some may be
+        Otherwise each is a state of its own.  Called only for files without different times, some of which may be
         damaged.  FormatError if they are neither.
         """
         return False
 
     @classmethod
     def times(cls, paths: Sequence[Path]) -> Sequence[float]:
-        """The times of the steps in files that it opens, by the numbers of its option ``step``; or of their only step.
+        """The times of the steps in its files, by the numbers of its option ``step``; or the time of their only step.
 
-        Those of steps that are missing are nan.  None where the files tell no times, or only a whole reading would;
-        FormatError where they are damaged.
+        Missing steps have the time nan.  None if the files contain no times, or need a complete reading; FormatError if
+        they are damaged.
         """
         return ()
 
     @abstractmethod
     def __init__(self, paths: Sequence[Path], **options: Any) -> None:
-        """Read the files; FormatError where they are not what they should be."""
+        """Read the files; FormatError for invalid files."""
 
     @abstractmethod
     def positions(self, block: Elements, points: Floats) -> Floats:

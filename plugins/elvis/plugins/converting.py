@@ -1,4 +1,4 @@
-"""Conversion: from a converter's samples to a dataset of the native format, with a report of what it cost."""
+"""Conversion: from a converter's samples to a dataset of the native format, with a report of the errors."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Settings:
 
     @property
     def raises_fields(self) -> bool:
-        """Whether the user leaves the orders of fields to what they need."""
+        """Whether the orders of fields are chosen automatically."""
         return self.order is None and self.tolerance is None and self.pyramids != "native"
 
 
@@ -101,9 +101,9 @@ class _Attempt:
 
     dataset   mesh and fields
     fitted    the fields on the native blocks
-    maps      the coordinates as fields, where the mesh file can't hold them
-    straight  what was found of the map of the mesh file alone
-    findings  what was found of the data
+    maps      the coordinates as fields, if the mesh file can't represent them
+    straight  findings on the map of the mesh file without these fields
+    findings  findings on the data
     """
 
     orders: ChosenOrders
@@ -144,7 +144,7 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
 
 
 def _best_attempt(source: Converter, settings: Settings) -> _Attempt:
-    """The data at orders that few elements need, or at those that the elements with the largest errors need."""
+    """The data at orders that a few elements need, or that the elements with the largest errors need."""
     orders = ChosenOrders.of(source, _choose_fields(source, settings.fields), settings.pyramids == "native")
     raises_map = source.mesh is None and settings.geometry != "curves"
     if raises_map:
@@ -160,12 +160,12 @@ def _best_attempt(source: Converter, settings: Settings) -> _Attempt:
 
 
 def convert_again(source: Converter, before: Conversion, quantities: Sequence[str] = ()) -> Dataset:
-    """The dataset of a source whose fields alone are others than they were when it was converted.
+    """The dataset of a converted source in which only the fields have changed.
 
-    quantities  for which fields are needed, the empty one for the first field: others are left out; none: all are there
+    quantities  for which fields are needed, the empty one for the first field: others are skipped; none: all are needed
 
-    Mesh and blocks are those of then, as is what the metadata say of errors: the error is not measured again.
-    ElvisError where the fields can't be represented.
+    Mesh, blocks and the errors in the metadata are the previous ones: the error is not measured again.  ElvisError if
+    the fields can't be represented.
     """
     orders = {field.name: field for field in before.fields}
     fields = [_at_order_of(field, orders.get(field.name)) for field in _choose_fields(source, None)]
@@ -185,13 +185,13 @@ def _at_order_of(field: SourceField, before: SourceField | None) -> SourceField:
 
 
 def converted_object(source: Converter, name: str, settings: Settings | None = None) -> Dataset:
-    """The dataset of a source that is no file; a remark calls it ``name`` and tells with what error it arrived."""
+    """The dataset of a source that is not a file; a remark calls it ``name`` and states the error."""
     conversion = convert(source, settings, files=(name,))
     return replace(conversion.dataset, remarks=conversion.report.remarks())
 
 
 def _attempt(orders: ChosenOrders, settings: Settings, before: _Attempt | None = None) -> _Attempt:
-    """The data at chosen orders, measured; what is as it was ``before`` is taken over."""
+    """The data at chosen orders, measured; unchanged results of ``before`` are reused."""
     if before is not None and before.orders is orders:
         return before
     source, sampler = orders.source, Sampler(orders.source)
@@ -225,7 +225,7 @@ def _mesh(orders: ChosenOrders, before: _Attempt | None) -> Mesh:
 def _needed(
     source: Converter, before: Conversion, fields: Sequence[SourceField], quantities: Sequence[str]
 ) -> list[SourceField]:
-    """Those of the fields that quantities are made of."""
+    """The fields on which quantities depend."""
     known = before.dataset
     named = (
         *(Field(name, ()) for name in dict.fromkeys(each.name for each in fields)),
@@ -244,9 +244,9 @@ def _dataset(
     fitted: Sequence[FieldFit],
     has_map: bool,
 ) -> Dataset:
-    """Mesh and fields, all with as many modes on each block as the richest of them: one section a shape in files.
+    """Mesh and fields, all with the maximum number of modes on each block: one section per shape in files.
 
-    fields  all that the source has, of which some may not be fitted
+    fields  all fields of the source, some of which may not be fitted
     """
     modes = [_modes(block, fields, [(each, i) for each in fitted]) for i, block in enumerate(blocks)]
     metadata = dict(source.metadata)
@@ -260,10 +260,10 @@ def _dataset(
 def _modes(
     block: NativeBlock, fields: Sequence[SourceField], fitted: Sequence[tuple[FieldFit, int]]
 ) -> tuple[int, ...]:
-    """Numbers of modes of a block in files, in each direction, given its number among those of each field.
+    """Numbers of modes of a block in files, in each direction, given its number among the blocks of each field.
 
-    They are those of the source where it tells them and nothing that they lack is more than rounding.  Elsewhere values
-    have no part in them: all steps of a solver have the same, whichever of its fields are there.
+    The source's numbers are used if it states them and if nothing that they lack exceeds rounding.  Otherwise they do
+    not depend on values: all steps of a solver have the same, for every choice of fields.
     """
     dimension = block.shape.dimension
     wide = max([2, *(field_modes(block, each) for each in fields), *(each.modes[i] for each, i in fitted)])

@@ -41,7 +41,7 @@ _FIELDS = "fields"
 
 
 def _named_fields(dataset: Dataset, wanted: str) -> tuple[str, ...]:
-    """Fields by name and those that hold the map; FormatError for names of none."""
+    """Fields by name and the fields of the map; FormatError for unknown names."""
     from elvis.core.arguments import field_names
 
     try:
@@ -62,20 +62,20 @@ def _with_displacement(dataset: Dataset, chosen: Choice | None, own: Deformation
 
 @dataclass(frozen=True)
 class Reading:
-    """How files become data.
+    """Options for reading files.
 
     plugin   a runtime plugin by name, or a Python file that defines one, or that defines a converter
     options  of the converter, by name; ``from`` is the name of the converter itself, ``fields`` are the names of the
-             fields to read, commas between them, also of native files
-    is_kept  whether a conversion is kept for the next time, and one that was kept is taken
-    moment   which step of a series, or which time
-    others   datasets that expressions may name, each as NAME=FILE,FILE
-    quantities  that alone will be asked for, the empty one for the first field: of the native format only the fields
-                that these need are read; none where that is not known
-    is_of_map   whether nothing but the map of elements is asked for: of one native state no other fields are read
+             fields to read, separated by commas, also of native files
+    is_kept  whether conversions are cached
+    moment   step or time of a series
+    others   datasets for use in expressions, each as NAME=FILE,FILE
+    quantities  the only ones that will be requested, the empty one for the first field: of the native format only the
+                fields that these need are read; none if they are not known
+    is_of_map   whether only the map of elements is requested: of one native state no other fields are read
     ranks    that read the same, each its part
-    reference  values of the flow by name, which outdo those of the files
-    deformation  how the geometry is deformed
+    reference  values of the flow by name, which override the files' values
+    deformation  deformation of the geometry
     """
 
     plugin: str | None = None
@@ -90,7 +90,7 @@ class Reading:
     deformation: Deformation | None = None
 
     def choice(self) -> Choice | None:
-        """Which fields of native files are needed; None for all, where it isn't known what is asked for."""
+        """The fields of native files that are needed; None for all, if the requests aren't known."""
         from elvis.core.quantities.needed import needed_fields
 
         if self.deformation is not None:
@@ -113,17 +113,17 @@ def read(
     cache: bool = True,
     reference: Mapping[str, float] | None = None,
 ) -> Dataset:
-    """The dataset in files of any format, in any order: of a mesh and, where given, of its fields.
+    """The dataset in files of any format, in any order: of a mesh and, if given, of its fields.
 
-    What isn't native is converted in memory; the remarks of the dataset tell with what error.
+    Other formats are converted in memory; the remarks of the dataset state the error.
 
     reader  options of the converter, as ``{"step": "3"}`` or ``["step=3"]``; ``from`` names the converter itself,
-            ``fields`` the fields to read, commas between them
-    cache   whether a conversion is kept for the next time, and one that was kept is taken
-    reference  values of the flow by name, as ``{"mu": 2e-4}``, which outdo those of the files
+            ``fields`` the fields to read, separated by commas
+    cache   whether conversions are cached
+    reference  values of the flow by name, as ``{"mu": 2e-4}``, which override the files' values
 
-    Raises FormatError where a file can't be read or contradicts itself or another, ElvisError where nothing reads the
-    files, or a library is missing.
+    Raises FormatError if a file can't be read or contradicts itself or another, ElvisError if nothing reads the files,
+    or a library is missing.
     """
     if not paths:
         raise ElvisError("expected files to read, found none")
@@ -144,9 +144,9 @@ def pairs(texts: Sequence[str]) -> dict[str, str]:
 def open_data(
     paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
 ) -> Dataset | PluginData:
-    """What a runtime plugin opens, else the dataset in the files.
+    """The data that a runtime plugin opens, else the dataset in the files.
 
-    report  called with one line for each plugin that fails when it is asked
+    report  called with one line for each plugin that fails
 
     Raises as `read`, and PluginError for plugins that don't exist or don't work.
     """
@@ -156,10 +156,10 @@ def open_data(
 def open_part(
     paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
 ) -> Dataset | PluginData | Portion:
-    """The part that a rank of those of ``reading`` has of what `open_data` opens; the whole of what a plugin opens.
+    """A rank's part of the result of `open_data`, with the ranks of ``reading``; the complete data of a plugin.
 
-    What isn't native the first rank converts, and all read.  Of other datasets, which expressions may name, each has
-    its part, too.
+    The first rank converts other formats, and all read the result.  Each also has its part of other datasets that
+    expressions may name.
     """
     return _open(paths, reading, report, part_of)
 
@@ -167,7 +167,7 @@ def open_part(
 def open_parts(
     paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
 ) -> Dataset | PluginData | DatasetParts:
-    """What `open_data` opens, to be read part by part if the files are native and one state; else the whole."""
+    """The result of `open_data`, for reading part by part if the files are native and one state; else complete."""
     return _open(paths, reading, report, _parts_of)
 
 
@@ -177,7 +177,7 @@ def _open(
     report: Callable[[str], object],
     read_files: Callable[[Sequence[Path], Reading], T],
 ) -> T | Dataset | PluginData:
-    """See `open_data`; what no plugin opens is read by ``read_files``."""
+    """The data of a plugin as in `open_data`, else the result of ``read_files``."""
     paths = expanded(paths)
     own = _converters_in(reading.plugin)
     if own:
@@ -186,21 +186,21 @@ def _open(
     if opened is None:
         return read_files(paths, reading)
     if reading.moment.step is not None:
-        raise ElvisError(f"expected data of several steps, found what the plugin {opened.name} opens as one")
+        raise ElvisError(f"expected data of several steps, found data opened by the plugin {opened.name} as one")
     if reading.options:
-        raise ElvisError(f"--fields: expected fields of files, found what the plugin {opened.name} opens: use --field")
+        raise ElvisError(f"--fields: expected fields of files, found data of the plugin {opened.name}: use --field")
     if reading.others:
-        raise ElvisError(f"--other: expected elements of a known map, found what the plugin {opened.name} opens")
+        raise ElvisError(f"--other: expected elements with a known map, found data of the plugin {opened.name}")
     if reading.deformation is not None:
-        raise ElvisError(f"--deform: expected polynomial maps, found what the plugin {opened.name} opens")
+        raise ElvisError(f"--deform: expected polynomial maps, found data of the plugin {opened.name}")
     values = {**reference_beside(paths), **reading.reference}
     return replace(opened, time=reading.moment.time, reference=values)
 
 
 def dataset_of(paths: Sequence[Path], reading: Reading) -> Dataset:
-    """The dataset in native files, and in others by way of a converter; the plugin of ``reading`` is not asked.
+    """The dataset in native files, and in others through a converter; ignores the plugin of ``reading``.
 
-    Of a series it is the moment of ``reading``.
+    A series gives the moment of ``reading``.
     """
     return _whole_of(*_series_of(paths, reading), reading)
 
@@ -213,7 +213,7 @@ def _whole_of(paths: Sequence[Path], series: Series | None, reading: Reading) ->
 
 
 def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
-    """The same of a part, that of one of the ranks of ``reading``."""
+    """The part of one of the ranks of ``reading`` in the result of `dataset_of`."""
     paths, series = _series_of(paths, reading)
     if series is not None:
         return series.part_at(reading.moment)
@@ -238,7 +238,7 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
 
 
 def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
-    """As `dataset_of`, of native files that are one state what gives one part after another."""
+    """The result of `dataset_of`, or for native files that are one state an object that reads part by part."""
     paths, series = _series_of(paths, reading)
     if series is not None or reading.others or reading.deformation is not None or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
@@ -247,7 +247,7 @@ def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts
 
 
 def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path], Series | None]:
-    """All files, each of which is plain, and the series that they are, None where they are one state."""
+    """All files, each of which is plain, and their series, None if they are one state."""
     from elvis.plugins.series.series import series_of
 
     paths = expanded(paths)
@@ -257,8 +257,10 @@ def _series_of(paths: Sequence[Path], reading: Reading) -> tuple[Sequence[Path],
 
 
 def check_readable(paths: Sequence[Path], reading: Reading) -> None:
-    """Errors of `dataset_of` for files that are missing, of no known format, or without a whole mesh: of HDF5, and of
-    what is converted, no values are read."""
+    """Raise the errors of `dataset_of` for missing files, unknown formats and incomplete meshes.
+
+    Values in HDF5, and in files to be converted, are not read.
+    """
     paths = expanded(paths)
     if _is_native(paths, reading):
         with mapped():
@@ -268,7 +270,7 @@ def check_readable(paths: Sequence[Path], reading: Reading) -> None:
 
 
 def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
-    """As `state_of`, in which expressions may name other datasets."""
+    """The result of `state_of`, in which expressions may name other datasets."""
     return Others(reading, paths).beside(state_of(paths, reading))
 
 
@@ -295,7 +297,7 @@ def with_warnings(dataset: Dataset, ranks: Ranks = ALONE) -> Dataset:
 
 
 def _is_native(paths: Sequence[Path], reading: Reading) -> bool:
-    """Whether files are read as they are."""
+    """Whether files are read directly."""
     return reading.has_plain_options and all(map(is_native, paths))
 
 
@@ -316,7 +318,7 @@ def _convert(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Re
 
 
 def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Work:
-    """What a conversion is made of, by the converter that recognises the files."""
+    """Inputs of a conversion, with the converter that recognises the files."""
     from elvis.plugins.kept_conversions import Work
 
     options = dict(reading.options)
@@ -329,5 +331,5 @@ def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Readi
 
 
 def _stage_of(work: Work) -> AbstractContextManager[None]:
-    """A word on the terminal while files are converted."""
+    """A stage on the terminal while files are converted."""
     return stage(f"converting {', '.join(path.name for path in work.paths)}")

@@ -1,4 +1,4 @@
-"""What the files of a source declare to hold, compared with what its converter hands on."""
+"""Declared contents of the files of a source, compared with the output of its converter."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Declared:
 
     elements  of the mesh, without those that only mark boundaries; None if the files state no number
     sides     of each boundary, by its name
-    omitted   numbers of elements that the converter leaves out on purpose, by what they are
+    omitted   numbers of elements that the converter skips on purpose, by kind
     """
 
     elements: int | None = None
@@ -28,9 +28,9 @@ class Declared:
     omitted: Mapping[str, int] = field(default_factory=dict)
 
     def check(self, source: Converter) -> list[str]:
-        """Sentences on what was left out.
+        """Sentences on skipped contents.
 
-        Raises FormatError if elements are missing, or are there twice, without a reason.
+        Raises FormatError if elements are missing or duplicated without a reason.
         """
         self._check_elements(source)
         return [*self._omissions(), *self._missing_sides(source)]
@@ -44,7 +44,7 @@ class Declared:
     def _omissions(self) -> Iterator[str]:
         for kind, count in self.omitted.items():
             if count:
-                yield f"{count} {kind} were left out"
+                yield f"{count} {kind} were skipped"
 
     def _missing_sides(self, source: Converter) -> Iterator[str]:
         arrived: dict[str, int] = {}
@@ -53,7 +53,7 @@ class Declared:
         for name, count in self.sides.items():
             missing = count - arrived.get(name, 0)
             if missing:
-                yield f"{missing} of the {count} sides of the boundary {name!r} were left out"
+                yield f"{missing} of the {count} sides of the boundary {name!r} were skipped"
 
 
 def _entries(boundary: Boundary) -> int:

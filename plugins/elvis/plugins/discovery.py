@@ -37,7 +37,7 @@ class Candidate:
 
 
 def installed_converters() -> list[Candidate]:
-    """All converters that distributions offer, by name; those that don't load with the reason."""
+    """All converters of installed distributions, by name; broken ones with the reason."""
     found = []
     for name, plugin in plugins(GROUP).items():
         try:
@@ -59,7 +59,7 @@ def in_file(path: Path) -> list[Candidate]:
 
 
 def converters_of(path: Path) -> list[Candidate]:
-    """As `in_file`, but a file may also define none."""
+    """The converters of a file, like `in_file`, but possibly none."""
     own = [value for value in defined_in(path) if issubclass(value, Converter)]
     return [Candidate(converter.__name__, converter) for converter in own]
 
@@ -91,7 +91,7 @@ def choose_converter(candidates: Sequence[Candidate], paths: Sequence[Path], nam
         raise ElvisError(_unopened(candidates, paths))
     if len(opening) > 1:
         several = " and ".join(c.name for c in opening)
-        raise ElvisError(f"{files}: {several} open them all; choose one with --from NAME (--reader from=NAME)")
+        raise ElvisError(f"{files}: {several} can open them; choose one with --from NAME (--reader from=NAME)")
     return _usable(opening[0], paths)
 
 
@@ -100,7 +100,7 @@ def _opening(candidates: Sequence[Candidate], paths: Sequence[Path]) -> list[Can
 
 
 def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
-    """A sentence about files that no converter opens: which of them, what it is, what to do."""
+    """Message about files that no converter opens: their names, kind and advice."""
     alone = {path: [each.name for each in _opening(candidates, [path])] for path in paths}
     strange = [path for path, names in alone.items() if not names]
     if strange:
@@ -116,7 +116,7 @@ def _unopened(candidates: Sequence[Candidate], paths: Sequence[Path]) -> str:
 
 
 def _not_there(packages: Sequence[str]) -> tuple[str, ...]:
-    """Those packages that are not installed."""
+    """The packages that are not installed."""
     return tuple(name for name in packages if not is_there(name))
 
 
@@ -140,7 +140,7 @@ def installing(extra: str) -> str:
 
 
 def with_defaults(converter: type[Converter], given: Mapping[str, str | bool]) -> dict[str, Any]:
-    """Keywords for the constructor: what was given, checked against the options, and their defaults."""
+    """Keywords for the constructor: given options, checked, and their defaults."""
     options = {option.name: option for option in converter.options}
     for name in given:
         if name not in options:

@@ -1,9 +1,9 @@
-"""L2 projections on the elements of a mesh, of functions that are polynomials on those of another mesh.
+"""L2 projections on the elements of a mesh, of functions that are polynomials on the elements of another mesh.
 
-On an element K of the target the projection u_h of u fulfils int_K u_h phi = int_K u phi for all functions phi of its
-space; with constants among these, integrals over K stay.  The moments on the right are sums of Gauss rules on boxes of
-collapsed coordinates.  A box inside one affine element of the source has an exact rule; others are halved as long as
-the halves disagree with the whole, which finds the borders of the source's elements.
+On an element K of the target the projection u_h of u satisfies int_K u_h phi = int_K u phi for all functions phi of its
+space; as these contain constants, integrals over K are preserved.  The moments on the right are sums of Gauss rules on
+boxes of collapsed coordinates.  A box inside one affine element of the source has an exact rule; others are subdivided
+while the halves disagree with the whole, which finds the borders of the source's elements.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _Boxes:
         return _Boxes(self.element[chosen], self.low[chosen], self.high[chosen])
 
     def halved(self) -> _Boxes:
-        """The halves in all directions, those of one box far apart: half k of box i is number k n + i."""
+        """The halves in all directions, far apart for one box: half k of box i is number k n + i."""
         low, high = all_half_boxes(self.low, self.high)
         return _Boxes(np.tile(self.element, 2 ** self.low.shape[1]), low, high)
 
@@ -84,7 +84,7 @@ class ElementProjection:
         return 1 - self._missed / self._measure if self._measure else 0.0
 
     def fitted(self) -> list[FieldFit]:
-        """The projections; fields of other orders take the functions of theirs alone."""
+        """The projections; fields of lower order use only the functions of their order."""
         orders = [field.order_on(0) or 0 for field in self._source.fields]
         modes = [max(2, order + 1) for order in orders]
         found: list[list[Floats]] = [[] for _ in modes]
@@ -129,7 +129,7 @@ class ElementProjection:
         self.residual = max(self.residual, float(residual[residual > 64 * _ROUNDING].max(initial=0.0)))
 
     def _rule(self, block: NativeBlock) -> tuple[Floats, Floats]:
-        """Points (q, d) and weights (q,) on [-1, 1]^d, exact on affine elements for what is a polynomial there."""
+        """Points (q, d) and weights (q,) on [-1, 1]^d, exact on affine elements for polynomials."""
         own = max((field.order_on(0) or 0) for field in self._source.fields)
         bend = block.shape.dimension * (block.source.order - 1)
         degree = self._source.degree + max(2, own + 1) + bend
@@ -237,7 +237,7 @@ class _Moments:
         found += [
             np.abs(value - other.functions[own]) / measure[:, None, None] for own, value in self.functions.items()
         ]
-        # of a box that the source covers in part, this much of what is missed is in doubt
+        # in a box that the source covers in part, this share of the missed part is in doubt
         found.append(np.minimum(self.missed, self.measure - self.missed) / measure)
         # values that are not numbers stay so, however often boxes are halved
         every = [np.nan_to_num(own.reshape(len(own), -1), nan=0.0).max(axis=1, initial=0.0) for own in found]
@@ -259,7 +259,7 @@ class _Totals:
         return _Totals(fields, {own: np.zeros((count, size, size)) for own, size in sizes.items()})
 
     def add(self, found: _Moments, element: Ints, chosen: Bools) -> None:
-        """Add the moments of chosen boxes to those of their elements (boxes,)."""
+        """Add the moments of chosen boxes to the moments of their elements (boxes,)."""
         rows = np.flatnonzero(chosen)
         self.missed += float(found.missed[rows].sum())
         for own in self.fields:
@@ -270,7 +270,7 @@ class _Totals:
 def _moments_of(
     spaces: dict[Expansion, Floats], points: Floats, measure: Floats, values: Floats, is_missed: Bools
 ) -> _Moments:
-    """Moments from weights (n, q) and values (fields, n, q) at reference points (n q, d), of which some are outside."""
+    """Moments from weights (n, q) and values (fields, n, q) at reference points (n q, d), some of which are outside."""
     fields, functions = dict[Expansion, Floats](), dict[Expansion, Floats]()
     for own, matrix in spaces.items():
         table = (mode_values(own, points) @ matrix).reshape(*measure.shape, -1)

@@ -1,4 +1,4 @@
-"""What this area needs of a device: samples in elements, the elements that hold points, a preview."""
+"""Requirements of this area on a device: samples in elements, the elements that contain points, a preview."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from elvis.plugins.volume_checks import Samples, check_samples, notes, probes
 
 
 class Location(Protocol):
-    """Where n points are.
+    """Locations of n points.
 
     owner      (n,)    index of the element in the volume, through all parts
-    element    (n,)    its id in the file, -1 where no element holds the point
+    element    (n,)    its id in the file, -1 if no element contains the point
     reference  (n, 3)  reference coordinates
     status     (n,)    0 outside, 1 inside, 2 on a border, 3 not known
     """
@@ -68,7 +68,7 @@ class EvaluationService(Protocol):
         ...
 
     def probe(self, points: Floats) -> Location:
-        """Where world points (n, 3) are."""
+        """Locations of world points (n, 3)."""
         ...
 
     def preview(self, point: tuple[float, float, float]) -> Preview:

@@ -72,11 +72,11 @@ class Exporter(Protocol):
         path: Path,
         report: Callable[[Sequence[Loss]], object],
     ) -> Sequence[str]:
-        """Write the dataset to ``path``; sentences on names and other data that the file can't hold.
+        """Write the dataset to ``path``; returns sentences on names and other data that the file can't represent.
 
-        names   of the fields to be written, None for all
-        order   of all cells, None for the lowest that holds map and fields
-        report  called with what is lost, of the coordinates and of each field, before anything is written; it may raise
+        names   of the fields to write, None for all
+        order   of all cells, None for the lowest that contains map and fields
+        report  called with the errors of the coordinates and of each field, before anything is written; it may raise
         """
 
 

@@ -41,7 +41,8 @@ _FUNCTIONS: Mapping[str, str] = {
     "middle_eigenvalue": "middle_eigenvalue",
 }
 
-#: functions that are continuous everywhere, analytic but for kinks; and those that are so where they are finite
+#: functions that are continuous everywhere, analytic except at kinks; and functions with this property where they are
+#: finite
 _CONTINUOUS = ("+", "-", "*", "exp", "sin", "cos", "sinh", "cosh", "atan", "tanh", "abs", "min", "max")
 _WHERE_FINITE = ("/", "^", "sqrt", "log", "tan", "asin", "acos")
 _WITH_DISCS = (*LEAVES, *_CONTINUOUS, *_WHERE_FINITE, "sign", "step", "atan2")
@@ -86,11 +87,11 @@ struct Given : IFormula
 
 @dataclass(frozen=True)
 class _Kind:
-    """What the parts of an expression are in a kernel: numbers, or discs that hold all of their values.
+    """Representation of the parts of an expression in a kernel: numbers, or discs that contain all of their values.
 
     type   in Slang
-    exact  makes it of the text of a number
-    leaf   the text of a leaf that is no number
+    exact  converts the text of a number
+    leaf   the text of a leaf that is not a number
     """
 
     type: str
@@ -102,12 +103,13 @@ class _Kind:
 class Formula:
     """An expression as Slang.
 
-    fields  names of the fields that one element after the other holds in V: number m of M is that of V(e M + m)
+    fields  names of the fields that each element has in V: number m of M belongs to V(e M + m)
     ideal   (3, 3) from the reference to the ideal element, for the quality
-    facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none where the shape isn't known
-    spurious  optional: what is positive where the expression's level isn't to be shown (`elvis.core.quantities.levels`)
-    matrix    optional: entries that tell the same, more closely (`elvis.core.quantities.levels`)
-    is_finite  whether the expression is known to have neither poles nor places where it isn't defined
+    facets  (k, 4) of the reference shape, as coefficients of x, y, z and 1; none if the shape isn't known
+    spurious  optional: an expression that is positive where the level isn't to be shown
+              (`elvis.core.quantities.levels`)
+    matrix    optional: entries for a closer bound of the same (`elvis.core.quantities.levels`)
+    is_finite  whether the expression is known to have neither poles nor points where it isn't defined
     """
 
     expression: Expression
@@ -126,7 +128,7 @@ class Formula:
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """What distances in it are measured to, in the order of the surfaces on a device."""
+        """Targets of its distances, in the order of the surfaces on a device."""
         return tuple(target for name in self.expression.attributes if (target := target_of(name)) is not None)
 
     @property
@@ -154,10 +156,11 @@ class Formula:
 
     @property
     def is_enclosed(self) -> bool:
-        """Whether discs of its values follow from those of fields, first derivatives, coordinates and constants.
+        """Whether discs of its values follow from discs of fields, first derivatives, coordinates and constants.
 
-        Only where it has no jumps and poles: sub-elements that hold one would be halved on and on.  At kinks only those
-        are that hold the level, too: curves of them.  With distances, slopes of its values follow likewise.
+        Only without jumps and poles: sub-elements with one would be subdivided endlessly.  At kinks only sub-elements
+        that also contain the level are subdivided: curves of them.  With distances, slopes of its values follow in the
+        same way.
         """
         if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
             return False
@@ -165,20 +168,20 @@ class Formula:
 
     @property
     def is_bounded(self) -> bool:
-        """Whether discs of its values follow likewise, poles and jumps included."""
+        """Whether discs of its values follow in the same way, including poles and jumps."""
         if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
             return False
         return all(map(self._is_known, self._leaves)) and all(n.op in _WITH_DISCS for n in ordered(*self._enclosed))
 
     def _is_known(self, leaf: Node) -> bool:
-        """Whether there are discs of a leaf; where there are distances, too, of its gradient."""
+        """Whether discs of a leaf are available; with distances, also of its gradient."""
         if leaf.op == "attribute":
             return is_constant(leaf.name) or target_of(leaf.name) is not None
         return leaf.op == "coordinate" or len(leaf.axes) <= (0 if self.targets else 1)
 
     @property
     def _enclosed(self) -> tuple[Node, ...]:
-        """What discs are asked of."""
+        """Expressions of which discs are requested."""
         others = self.matrix or ([] if self.spurious is None else [self.spurious])
         return (self.expression.root, *others)
 
@@ -188,7 +191,7 @@ class Formula:
 
     @property
     def kinds(self) -> Mapping[str, bool]:
-        """What an Enclosure says of it: whether it has distances, jumps or poles, and derivatives of fields."""
+        """Properties for an Enclosure: whether it has distances, jumps or poles, and derivatives of fields."""
         slopes = any(leaf.op == "field" and leaf.axes for leaf in self._leaves)
         return {"distances": bool(self.targets), "continuous": self.is_enclosed, "slopes": bool(slopes)}
 
@@ -224,7 +227,7 @@ class Formula:
         yield f"return {names[self.expression.root]};"
 
     def _gradient_discs(self, fields: Iterable[Node]) -> Iterator[str]:
-        """Those in the world: in a loop, as in _gather."""
+        """Gradient discs in the world: in a loop, as in _gather."""
         rows = self._rows([leaf.name for leaf in fields])
         if rows:
             numbers = f"static const int rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
@@ -282,7 +285,7 @@ class Formula:
         yield f"return {' + '.join(terms) or 'double3(0.0lf, 0.0lf, 0.0lf)'};"
 
     def _ingredients(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
-        """What the leaves are made of: the frame, values and gradients (in the world too) of fields."""
+        """Ingredients of the leaves: the frame, values and gradients of fields (also in the world)."""
         placed = any(leaf.op == "coordinate" or target_of(leaf.name) is not None for leaf in (*used, *varying))
         framed = placed or any(leaf.axes for leaf in used)
         if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
@@ -307,7 +310,7 @@ class Formula:
             yield f"Hessian hessian{m} = Hessian(V({row}), V(element), r);"
 
     def _gather(self, name: str, type: str, asked: str, fields: Sequence[str]) -> Iterator[str]:
-        """What is asked of fields, in one loop: drivers take long to compile many copies of an element's code."""
+        """Requested data of fields, in one loop: drivers compile many copies of an element's code slowly."""
         rows = self._rows(fields)
         if len(rows) > 1:
             numbers = f"static const uint {name}_rows[{len(rows)}] = {{ {', '.join(map(str, rows))} }};"
@@ -339,7 +342,7 @@ class Formula:
         return _Kind("Disc", "Disc({})".format, self._disc)
 
     def _statements(self, kind: _Kind, *roots: Node) -> Generator[str, None, Mapping[Node, str]]:
-        """One for each part of the expressions, after those of its operands; the names of all parts are returned."""
+        """One statement per part of the expressions, after the statements of its operands; returns the parts' names."""
         names: dict[Node, str] = {}
         for number, node in enumerate(ordered(*roots)):
             if node.op == "number":

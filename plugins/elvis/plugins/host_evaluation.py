@@ -1,8 +1,8 @@
 """Host evaluation: the elements of a runtime plugin in NumPy.
 
-Where a part says its shape and gives `Part.evaluate`, all else follows.
+If a part states its shape and provides `Part.evaluate`, everything else follows.
 
-Points are those of the shape in `elvis.core.shapes`, whatever coordinates the plugin takes.
+Points belong to the shape in `elvis.core.shapes`, for all coordinates that the plugin uses.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from elvis.plugins.volume import Part, Volume
 
 #: attributes of elements that need nothing but the map
 POINTWISE = ("element", "jacobian", "scaled_jacobian")
-#: distance of the points that derivatives are made of: the error is some 1e-11 of what is smooth over an element
+#: spacing of the points for derivatives: the error is about 1e-11 for functions that are smooth over an element
 _STEP = 0.02
 #: monomials of a polynomial through seven points, from its values there
 _THROUGH = np.linalg.inv(np.vander(np.arange(-3.0, 4.0), increasing=True))
@@ -70,9 +70,9 @@ class HostEvaluation:
 
 
 def numerical_derivatives(function: Callable[[Ints, Floats], Floats], rows: Ints, points: Floats) -> Floats:
-    """(n, …, d) derivatives of a function of elements (n,) and points (n, d), which gives (n, …).
+    """Derivatives (n, …, d) of a function of elements (n,) and points (n, d), with values (n, …).
 
-    They are those of polynomials of degree 6 through points nearby, in [-1, 1]^d.
+    They are derivatives of polynomials of degree 6 through points nearby, in [-1, 1]^d.
     """
     found = []
     for axis in range(points.shape[1]):
@@ -168,7 +168,7 @@ def _surface(target: str) -> Surface:
 
 
 def _attribute(name: str, host: HostEvaluation, rows: Ints, jacobians: Callable[[], Floats]) -> Floats | float:
-    """What is known of elements by themselves (`elvis.core.quantities.attributes`)."""
+    """Attributes of single elements (`elvis.core.quantities.attributes`)."""
     if name == "element":
         return host.part.element_ids[rows].astype(np.float64)
     if name == "shape":

@@ -1,7 +1,7 @@
 """Lines through the elements of a runtime plugin, by its host evaluation.
 
-Elements whose corners lie at the same places are neighbours.  Where their reference coordinates don't agree on the side
-that they share, and where nobody shares a side, as next to smaller elements, the point is looked for.
+Elements with coinciding corners are neighbours.  If their reference coordinates don't agree on the shared side, or if
+there is no shared side, as next to smaller elements, the point is searched for.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class HostFlow(FlowData):
         return HostVelocity(self.patches, hosts, expressions, others)
 
     def neighbours(self, velocity: Velocity) -> Neighbours:
-        """By corners at the same places, with the boundaries that the plugin names."""
+        """Neighbours by coinciding corners, with the boundaries that the plugin names."""
         vertices = vertex_numbers([patch.host for patch in self.patches])
         sides = _side_numbers([patch.shape for patch in self.patches], vertices)
         give = getattr(self.volume, "faces", None)
@@ -77,7 +77,7 @@ class HostFlow(FlowData):
         return Neighbours(self.patches, vertices, sides, tuple(faces.boundaries), boundary)
 
     def locator(self, velocity: Velocity) -> Locator:
-        """By Newton's method from places nearby."""
+        """Locator by Newton's method from nearby points."""
         return HostLocator(self.patches)
 
     def seed_places(self, velocity: Velocity, locator: Locator) -> SeedPlaces:
@@ -92,7 +92,7 @@ class HostFlow(FlowData):
 
         def on_curve(name: str, count: int) -> Floats:
             raise ElvisError(
-                f"seeds: expected data of a known map, found what the plugin {self.opened.name} opens: {name}"
+                f"seeds: expected data with a known map, found data opened by the plugin {self.opened.name}: {name}"
             )
 
         return SeedPlaces(self.names.dimension, locator, velocity.positions, on_boundary, on_curve)
@@ -101,14 +101,14 @@ class HostFlow(FlowData):
         self, wall: str, texts: Sequence[str] | None, others: Sequence[Expression]
     ) -> tuple[Velocity, Neighbours]:
         """None: ElvisError."""
-        found = f"what the plugin {self.opened.name} opens"
+        found = f"data opened by the plugin {self.opened.name}"
         raise ElvisError(f"lines on the wall {wall}: expected a dataset, found {found}")
 
 
 class HostVelocity(Velocity):
-    """As `Velocity`, of a plugin's elements.
+    """Velocity on a plugin's elements.
 
-    hosts  for each of ``patches`` its elements by field, one at least
+    hosts  for each of ``patches`` its elements by field, at least one
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class HostVelocity(Velocity):
         self.expressions, self.others = tuple(expressions), tuple(others)
 
     def is_straight(self, number: int) -> bool:
-        """As if no element were: nothing is known of the map but its values."""
+        """Always false: nothing is known of the map but its values."""
         return False
 
     def component_fields(self, number: int) -> None:
@@ -170,7 +170,7 @@ class HostVelocity(Velocity):
 
 
 class HostLocator(Locator):
-    """As `Locator`, of a plugin's elements."""
+    """Locator for a plugin's elements."""
 
     patches: tuple[HostPatch, ...]
 
@@ -183,7 +183,7 @@ class HostLocator(Locator):
         self._dimension = max(patch.shape.dimension for patch in patches)
 
     def invert(self, number: int, rows: Ints, points: Floats) -> Roots:
-        """Where world points (n, 3) are in elements (n,) of a patch."""
+        """Positions of world points (n, 3) in elements (n,) of a patch."""
         reference, status = self.patches[number].invert(rows, points)
         return Roots(reference, margins(self.patches[number].shape, reference), status)
 

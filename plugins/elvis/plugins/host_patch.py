@@ -1,4 +1,4 @@
-"""Elements that a runtime plugin describes in NumPy (`elvis.plugins.host_evaluation`), met like those of datasets."""
+"""Elements of a runtime plugin in NumPy (`elvis.plugins.host_evaluation`), with the interface of datasets."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _SLACK = 0.05
 _NEAR = 1e-4
 #: steps so short that they only lead along the border
 _STUCK = 1e-3
-#: residual of a root, in parts of the greatest coordinate
+#: residual of a root, relative to the largest coordinate
 _RESIDUAL = 4e-15
 #: how far rounding of coordinates may move margins at most
 _MOST = 0.25
-#: modes that stand for functions of which no degree is known
+#: number of modes of functions without a known degree
 _MODES = 9
 
 
@@ -82,7 +82,7 @@ class HostPatch(Patch):
             start = self.cells[cell[here]].mean(axis=1)
             found, is_root = self._newton(rows[here], start, points[here])
 
-            # inside is what rounding may have moved out, too
+            # inside includes points that rounding may have moved out
             margin = margins(self.shape, found) + self._blur(rows[here], found)
             is_inside = is_root & (margin >= -TOLERANCE)
             inside = here[is_inside]
@@ -109,7 +109,7 @@ class HostPatch(Patch):
         return self.invert(rows, points)
 
     def _newton(self, rows: Ints, start: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Where damped steps lead (n, d), a little beyond the shape at most, and whether that is a root (n,)."""
+        """End points (n, d) of damped steps, at most a little beyond the shape, and whether they are roots (n,)."""
         precision = _RESIDUAL * float(np.abs(self.host.part.boxes).max(initial=0.0))
         found = start.copy()
         is_root = np.zeros(len(rows), bool)
@@ -131,7 +131,7 @@ class HostPatch(Patch):
             moved = drawn_in(self.shape, place + damped, _SLACK)
             found[active] = moved
 
-            # what is drawn back to where it was leads beyond the element
+            # points that are drawn back to the same position lead beyond the element
             is_stuck = (np.abs(moved - place).max(axis=1) < _STUCK) & (length > 2 * _STUCK)
             active = active[is_finite & ~is_root[active] & ~is_stuck]
             if not len(active):
@@ -139,9 +139,9 @@ class HostPatch(Patch):
         return found, is_root
 
     def _blur(self, rows: Ints, points: Floats) -> Floats:
-        """(n,) how much rounding of coordinates may move margins at reference points (n, d).
+        """Maximum changes (n,) of margins at reference points (n, d) through rounding of coordinates.
 
-        As a margin changes by at most half the sum of the changes of the reference coordinates.
+        A margin changes by at most half the sum of the changes of the reference coordinates.
         """
         magnitudes = np.abs(self.host.part.boxes[rows]).max(axis=1, initial=0.0).astype(np.float64)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

@@ -1,10 +1,10 @@
-"""Elements with several of a plugin's fields: its module stands once for each, with buffers of its own.
+"""Elements with several of a plugin's fields: one copy of its module per field, with buffers of its own.
 
-The text of the module is changed by regular expressions, since generics can't do it: an element type is given the
-index of its element alone, and reads buffers that are globals of its module, one set for a program.  A generic
-parameter chooses types and constants, not globals; Slang has no modules with parameters; and two copies of a module
-under different names have globals of equal names, which are bound by name.  Pointers make no difference as long as they
-are globals too.  It would take element types that are handed their buffers, another interface for all plugins.
+The text of the module is changed by regular expressions, since generics can't do it: an element type receives only the
+index of its element, and reads buffers that are globals of its module, one set for a program.  A generic parameter
+chooses types and constants, not globals; Slang has no modules with parameters; and two copies of a module under
+different names have globals of equal names, which are bound by name.  Pointers make no difference as long as they are
+globals as well.  The alternative is element types that receive their buffers, another interface for all plugins.
 """
 
 from __future__ import annotations
@@ -75,6 +75,6 @@ def join_fields(parts: Sequence[Part], folder: Path) -> tuple[str, str, Mapping[
 
 
 def _cases(count: int, asked: str) -> str:
-    """Labels of a switch, each of which asks the element of one field; the last one stands for all else."""
+    """Labels of a switch, each of which evaluates the element of one field; the last one is the default."""
     labels = [f"case {m}:" for m in range(count - 1)] + ["default:"]
     return "\n        ".join(f"{label} return field{m}::Element(element).{asked}(r);" for m, label in enumerate(labels))

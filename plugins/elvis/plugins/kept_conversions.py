@@ -1,8 +1,8 @@
-"""Conversions in memory, kept in the user's cache until the files, the options or the code that made them change.
+"""Conversions in memory, cached until the files, the options or the code that made them change.
 
-What is kept are the native files that `elvis convert --format hdf5` would write, which are read and written sooner than
-packed ones, and what comes out is always what these hold: so a picture is the same whether the data were converted now,
-once, or by hand.
+The cache contains the native files that `elvis convert --format hdf5` would write, which are read and written faster
+than packed ones, and results always come from these files: so a picture is the same whether the data were converted
+now, earlier, or by hand.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
 from elvis.plugins.converting import Settings, convert
 
-#: most bytes of conversions that are kept: those that were not used for longest go
+#: maximum size of cached conversions in bytes: the least recently used ones are removed
 MOST_BYTES = 2 << 30
 #: packages that every conversion goes through
 _PACKAGES = ("elvis.core", "elvis.formats", "elvis.plugins")
@@ -43,7 +43,7 @@ _MESH, _LENGTH = "converted.xml", 8
 
 @dataclass(frozen=True)
 class Work:
-    """What a conversion is made of: a converter, its files, the keywords of its constructor, and names of fields.
+    """Inputs of a conversion: a converter, its files, the keywords of its constructor, and names of fields.
 
     fields  to convert, None for all
     """
@@ -57,12 +57,12 @@ class Work:
 
 @dataclass(frozen=True)
 class _Result:
-    """A conversion as it is kept.
+    """A conversion in the cache.
 
     files   native files by name
     keys    of the metadata, in their order
-    beside  digests of what was read though it was not given, by paths from the folder of the first file that was
-    remarks  on the errors, and on what was left out
+    beside  digests of further files that were read, by paths relative to the folder of the first given file
+    remarks  on the errors, and on skipped contents
     """
 
     files: Mapping[str, bytes | memoryview]
@@ -97,11 +97,11 @@ class _Result:
 
 
 def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
-    """The dataset of a conversion, which is looked for among those that were kept, and kept.
+    """The dataset of a conversion, from the cache if it is there, else converted and cached.
 
-    is_kept  False does neither
+    is_kept  False disables the cache
 
-    The remarks of the dataset tell of its errors, and of what went wrong with the cache, which never stops the work.
+    The remarks of the dataset report its errors, and faults of the cache, which never stop the work.
     """
     folder = cache_folder("conversions") if is_kept else None
     if folder is None:
@@ -119,9 +119,9 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
 
 
 def part_of_conversion(work: Work, is_kept: bool, ranks: Ranks) -> Portion:
-    """The part of a conversion that one of several ranks has, which the first one makes or finds, and all read.
+    """A rank's part of a conversion, which the first rank makes or finds, and all read.
 
-    Where its native files don't reach all ranks, or hold no such data, each converts.
+    If its native files don't reach all ranks, or can't represent the data, each converts.
     """
     task = f"converting {', '.join(str(path) for path in work.paths)}"
     with TemporaryDirectory(prefix="elvis-") as folder:
@@ -149,7 +149,7 @@ class _Written:
 
 
 def _written(work: Work, is_kept: bool, folder: Path) -> _Written | None:
-    """A conversion as files in a folder; None where there is no room for them, or the format can't hold the data."""
+    """A conversion as files in a folder; None without room for them, or the format can't represent the data."""
     dataset = load_or_convert(work, is_kept)
     try:
         paths = _write(dataset, folder / _MESH)
@@ -159,14 +159,14 @@ def _written(work: Work, is_kept: bool, folder: Path) -> _Written | None:
 
 
 def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
-    """The dataset that was kept, if it is sound and nothing that it was made of has changed."""
+    """The cached dataset, if it is valid and none of its inputs has changed."""
     path = store.place(key)
     try:
         entry = store.read(path)
     except OSError:
         return None
     if entry is None:
-        remarks.append(f"a conversion that was kept in {store.folder} is damaged: it was set aside and made again")
+        remarks.append(f"a cached conversion in {store.folder} is damaged: it was set aside and repeated")
         return None
     if entry[0] != key:
         return None
@@ -182,7 +182,7 @@ def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -
 
 
 def _convert(work: Work) -> tuple[_Result | None, Dataset]:
-    """What is to be kept, None where nothing can be, and the dataset."""
+    """The data to cache, None if caching is impossible, and the dataset."""
     source = work.converter(work.paths, **work.keywords)
     conversion = convert(source, Settings(fields=work.fields), work.paths)
     remarks = conversion.report.remarks()
@@ -194,7 +194,7 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
             dataset = _read(written, keys, remarks)
             result = _Result({path.name: path.read_bytes() for path in written}, keys, {}, remarks)
     except (OSError, ElvisError):
-        # there is no room for files, or the format can't hold the data: they are here nonetheless
+        # no room for files, or the format can't represent the data: they are available nonetheless
         return None, replace(conversion.dataset, remarks=remarks)
     digests = None if others is None else _digests(others)
     if others is None or digests is None:
@@ -217,7 +217,7 @@ def _read(paths: Sequence[Path], keys: Sequence[str], remarks: Sequence[str]) ->
 
 
 def _ordered(dataset: Dataset, keys: Sequence[str]) -> Dataset:
-    """The dataset with its shapes in the order of packed files, and its metadata in that of ``keys``."""
+    """The dataset with its shapes in the order of packed files, and its metadata in the order of ``keys``."""
     entities = dict(sorted(dataset.mesh.entities.items(), key=lambda item: place(item[0])))
     names = [*(key for key in keys if key in dataset.metadata), *dataset.metadata]
     metadata = {key: dataset.metadata[key] for key in dict.fromkeys(names)}
@@ -232,13 +232,13 @@ def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None
     try:
         store.write(key, *content)
     except OSError as error:
-        remarks.append(f"conversions can't be kept in {store.folder}: {error.strerror or error}")
+        remarks.append(f"conversions can't be cached in {store.folder}: {error.strerror or error}")
         return
     store.files()
 
 
 def _key(work: Work, digests: Sequence[str]) -> bytes | None:
-    """What a conversion depends on, as a digest; None where its code can't be read."""
+    """Digest of everything on which a conversion depends; None if its code can't be read."""
     kind = work.converter
     # a converter in a package may use all of that
     package, _, module = kind.__module__.rpartition(".")

@@ -1,4 +1,4 @@
-"""``elvis plugins``: what is installed, where it comes from, and what does not load."""
+"""``elvis plugins``: installed plugins, their origin, and faults in loading."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """One command for many files: ``elvis render 'case_*.fld' mesh.xml -o '{stem}.png'``.
 
-A pattern among the files of a command stands for one case after another where outputs name ``{stem}``, the name of its
-file without the suffix; other files belong to each case.  Of several patterns those files form a case in which marks
-stand for the same texts.
+A pattern among the files of a command stands for one case after another if outputs name ``{stem}``, the name of its
+file without the suffix; other files belong to each case.  With several patterns, files with the same texts for the
+marks form a case.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def for_many_files(command: click.Command) -> click.Command:
         try:
             given, *_ = command.make_parser(own).parse_args(list(words))
         except click.UsageError:
-            # the command may know more of what is wrong
+            # the command may report further faults
             command.make_context(context.info_name, list(words), context.parent)
             raise
 
@@ -64,10 +64,10 @@ def cases(words: Sequence[str], given: Mapping[str, object], context: click.Cont
     """The runs that words stand for.
 
     words    of a command line in which ``{stem}`` occurs
-    given    what they mean, by the names of the command's parameters
+    given    their values, by the names of the command's parameters
 
-    UsageError where no file is a pattern, or an output would be written again and again; ElvisError where no files
-    match, or two of one stem do.
+    UsageError if no file is a pattern, or if an output would be overwritten repeatedly; ElvisError if no files match,
+    or two have the same stem.
     """
     files = next((value for name in _FILES if isinstance(value := given.get(name), (tuple, list))), ())
     patterns = [str(file) for file in files if _WILD.search(str(file)) and not Path(str(file)).exists()]
@@ -81,7 +81,9 @@ def cases(words: Sequence[str], given: Mapping[str, object], context: click.Cont
     for file in matches[0].values():
         stem = _stem(file)
         if stem in stems:
-            raise ElvisError(f"{stems[stem]} and {file} have one stem, so that {STEM} would name one output for both")
+            raise ElvisError(
+                f"{stems[stem]} and {file} have the same stem, so {STEM} would name the same output for both"
+            )
         stems[stem] = file
     return [_case(words, patterns, matches, key) for key in matches[0]]
 

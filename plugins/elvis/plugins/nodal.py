@@ -155,7 +155,7 @@ class NodalBasis(ShapeFunctions):
 
 
 class TensorBasis(ShapeFunctions):
-    """The functions of a product of nodes on lines, of which each direction has its own; the first is the fastest.
+    """The functions of a product of nodes on lines, one set per direction; the first is the fastest.
 
     lines  (m,) nodes on [-1, 1] of each direction of a segment, quadrilateral or hexahedron
     """
@@ -215,14 +215,14 @@ class NodalValues:
         return np.stack(components, axis=2)
 
     def _of(self, values: Floats, rows: slice | Ints) -> Floats:
-        """(r, k) those of elements ``rows``."""
+        """Values (r, k) of the elements ``rows``."""
         chosen = rows if self.nodes is None else self.nodes[rows]
         return np.ascontiguousarray(values[chosen], np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class NodalBlock:
-    """What a `NodalConverter` knows of a block of elements: the places of their nodes, and fields by name."""
+    """Data of a `NodalConverter` for a block of elements: the positions of their nodes, and fields by name."""
 
     geometry: NodalValues
     fields: dict[Any, NodalValues] = field(default_factory=dict)
@@ -261,11 +261,11 @@ class NodalConverter(Converter):
         is_polynomial: bool = True,
         orders: Sequence[int | None] | None = None,
     ) -> None:
-        """A field for each of the components that ``labels`` name.
+        """Add a field for each of the components that ``labels`` name.
 
-        key     by which the values are known, one of its own for each call
-        values  on each block, None where it lacks them
-        orders  on each block, where they are not those of the values
+        key     of the values, unique for each call
+        values  on each block, None for blocks without
+        orders  on each block, if they differ from the values'
         """
         for block, own in zip(self.blocks, values, strict=True):
             if own is not None:

@@ -64,12 +64,12 @@ def onto_mesh(
 ) -> Transfer:
     """The fields of a dataset, projected in L2 onto the elements of another one's mesh.
 
-    order    polynomial degree of the projections, 1 to 30; by default that of each field
+    order    polynomial degree of the projections, 1 to 30; by default each field's own
     outside  ``error``, ``nan``, ``nearest`` (the value at the nearest point of the source's boundary) or a number,
-             for places that the source doesn't cover
+             for points that the source doesn't cover
     fields   names; None for all
 
-    ElvisError for data of different dimensions, with Fourier directions, and for places outside where that is asked.
+    ElvisError for data of different dimensions or with Fourier directions, and for points outside with ``error``.
     """
     if source.mesh.dimension != target.mesh.dimension:
         found = f"{source.mesh.dimension}D and {target.mesh.dimension}D"

@@ -39,7 +39,7 @@ class PluginData:
         return call_plugin(self.name, "its fields", lambda: tuple(self.source.fields))
 
     def volume(self, field: str) -> Volume:
-        """The elements with one field, after a check of all that can be told without a device."""
+        """The elements with one field, after all checks that need no device."""
         volume = call_plugin(self.name, f"the volume of {field!r}", lambda: self.source.volume(field))
         check_volume(self.name, volume)
         return volume
@@ -48,11 +48,11 @@ class PluginData:
 def open_files(
     paths: Sequence[Path], plugin: str | None = None, report: Callable[[str], object] = str
 ) -> PluginData | None:
-    """The files, opened by the one plugin that says so; None where there is none.
+    """The data of the one plugin that opens the files; None if there is none.
 
-    plugin  the name of an installed plugin, or a Python file that defines one, to be used and no other
-    report  called with one line for each of the plugins that fail when they are asked
-    FormatError for what is neither a plain file nor a folder
+    plugin  the name of an installed plugin, or a Python file that defines one; no other plugin is used
+    report  called with one line for each plugin that fails
+    FormatError for paths that are neither a plain file nor a folder
     """
     for path in paths:
         check_plain_or_folder(path)
@@ -61,7 +61,7 @@ def open_files(
         candidates = {name: source for name, source in candidates.items() if _opens(name, source, paths, report)}
     if len(candidates) > 1:
         files = ", ".join(map(str, paths))
-        raise ElvisError(f"{files}: {' and '.join(candidates)} open them all; choose one with --plugin")
+        raise ElvisError(f"{files}: {' and '.join(candidates)} can open them; choose one with --plugin")
     if not candidates:
         return None
     ((name, source),) = candidates.items()
@@ -69,7 +69,7 @@ def open_files(
 
 
 def installed_plugins() -> dict[str, type[VolumeSource]]:
-    """All runtime plugins that open files, by name, without those that don't load (see ``elvis plugins``)."""
+    """All runtime plugins that open files, by name, without broken ones (see ``elvis plugins``)."""
     found = {}
     for name, plugin in plugins(GROUP).items():
         try:
@@ -107,7 +107,7 @@ def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report:
 
 
 def call_plugin(name: str, what: str, work: Callable[[], T]) -> T:
-    """The result of a plugin's own code; what it raises becomes a PluginError with its name, but for our own errors."""
+    """The result of a plugin's own code; its exceptions become a PluginError with its name, except ElvisErrors."""
     try:
         return work()
     except (ElvisError, MemoryError):

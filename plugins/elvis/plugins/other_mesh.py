@@ -18,7 +18,7 @@ from elvis.core.patch import patches
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.plugins.conversion import Converter, Elements, SourceField
 
-#: what is done where the source has nothing, next to a number
+#: treatments of points outside the source, apart from a number
 OUTSIDE = ("error", "nan", "nearest")
 #: by how much of an element points on its border are moved inwards
 _OFF_BORDERS = 1e-12
@@ -93,11 +93,11 @@ class OtherMesh(Converter):
         return ElementPoints(patch, rows, np.tile(points, (len(block), 1))).positions
 
     def locate(self, places: Floats) -> Location:
-        """Where world points (n, 3) are in the source."""
+        """Locations of world points (n, 3) in the source."""
         return self._locator.locate(places)
 
     def at(self, places: Floats) -> tuple[Location, Floats]:
-        """Where world points (n, 3) are in the source, and the values (fields, n) there."""
+        """Locations of world points (n, 3) in the source, and the values (fields, n) there."""
         if self._last is None or not np.array_equal(self._last[0], places):
             location = self._locator.locate(places)
             self._last = places, location, self._values(places, location)
@@ -112,7 +112,7 @@ class OtherMesh(Converter):
             x, y, z = places[missing][0]
             raise ElvisError(
                 f"--onto: the data don't cover the target, as at {x:.6g}, {y:.6g}, {z:.6g}: "
-                "say --outside nearest, nan or a value"
+                "use --outside nearest, nan or a value"
             )
         if self._outside == "nearest":
             found[:, missing] = self._nearest(places[missing])

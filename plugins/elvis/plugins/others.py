@@ -34,11 +34,11 @@ def files_of_others(texts: Iterable[str]) -> dict[str, tuple[Path, ...]]:
 
 
 class Others:
-    """Those that a reading names, read when data are first put beside them; of several ranks each has its part.
+    """Other datasets of a reading, read when they are first needed; each of several ranks has its part.
 
-    paths  of the data, beside which there may be files of reference values
+    paths  of the data, next to which there may be files of reference values
 
-    Raises as `elvis.plugins.data.read`, and ElvisError for no NAME=FILE.
+    Raises as `elvis.plugins.data.read`, and ElvisError for an invalid NAME=FILE.
     """
 
     def __init__(self, reading: Reading, paths: Sequence[Path] = ()) -> None:
@@ -48,10 +48,10 @@ class Others:
         self._datasets: dict[str, Dataset] | None = None
 
     def beside(self, dataset: Dataset) -> Dataset:
-        """A dataset, or a rank's part of one, in which expressions may name them, whose remarks it has, too, and which
-        has the reference values of the reading and of files beside the data, on the geometry that it asks for.
+        """A dataset, or a rank's part of one, in which expressions may name the others, with their remarks.
 
-        To be called by each rank.  Elements of a part are in others where those of all parts are.
+        It has the reference values of the reading and of files next to the data, and the geometry that the reading
+        requests.  Called by each rank.  Elements of a part lie in the others if all parts' elements do.
         """
         if self._values:
             dataset = replace(dataset, reference=over(dataset.reference, self._values))
@@ -67,7 +67,7 @@ class Others:
         return self._agreed(found) if self._parts else found
 
     def beside_part(self, part: Portion) -> Portion:
-        """A rank's part of a dataset that is beside them, with its parts of them."""
+        """A rank's part of a dataset that has the others, with its parts of them."""
         if not self._parts:
             return part
         even = all(self._reading.ranks.exchange(part.is_even and self._is_even(part.dataset), "elements of other data"))
@@ -92,7 +92,7 @@ class Others:
         is_empty, ranks = not len(dataset.mesh.domain_ids()), self._reading.ranks
         own = set(dataset.others) if is_empty else set(dataset.shared)
         common = set.intersection(*ranks.exchange(own, f"other data: {', '.join(self._reading.others)}"))
-        # what holds nothing is of the same kind as what others hold
+        # parts without elements are of the same kind as the others' parts
         shared = {
             name: dataset.shared.get(name) or common_elements(dataset, other)
             for name, other in dataset.others.items()
@@ -101,7 +101,7 @@ class Others:
         return replace(dataset, shared=shared)
 
     def _is_even(self, dataset: Dataset) -> bool:
-        """Whether all fields of others that share the elements of a part are on those that have its first field."""
+        """Whether all fields of others that share the elements of a part are on elements with its first field."""
         carried = carriers(dataset)
         ours = dataset.mesh.domain_ids() if carried is None else carried
         for name, common in dataset.shared.items():

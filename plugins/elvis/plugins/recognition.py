@@ -1,6 +1,6 @@
-"""What files are that nobody opens, and what to do: for messages.
+"""Descriptions of files that no converter opens, with advice, for messages.
 
-Converters know the relatives of their own formats (`Converter.hint`); here is what no converter claims.
+Converters know files related to their own formats (`Converter.hint`); this module covers the others.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from elvis.core.errors import FormatError
 from elvis.plugins.conversion import Converter
 
 _HEAD = 4096
-#: files of a folder that are looked at
+#: maximum number of files of a folder that are examined
 _MANY = 200
 
-#: how files begin -> what they are, and what to do where there is something
+#: beginnings of files, with their kind and advice
 _BEGINNINGS: Sequence[tuple[bytes, str]] = (
     (rb"\x1f\x8b|BZh|\xfd7zXZ|PK\x03\x04(?!.{26}[^\0]*\.npy)|\x28\xb5\x2f\xfd", "a compressed file: unpack it"),
     (rb"PK\x03\x04", "an archive of NumPy arrays of unknown names"),
     (rb"\x93NUMPY", "a NumPy array"),
-    (rb"\x80[\x02-\x05]", "a Python pickle, which would run what it holds: export from the program that wrote it"),
+    (rb"\x80[\x02-\x05]", "a Python pickle, which could run any code: export from the program that wrote it"),
     (rb"\x89PNG|\xff\xd8\xff|GIF8|RIFF|%PDF", "a picture"),
     (rb"solid |ply\r?\n|glTF", "a surface of triangles, without a volume: it may be the target of distances"),
     (rb"#!TDV|(?i:\s*(title|variables)\s*=)", "a Tecplot file, whose values lie at points: export from the solver"),
@@ -39,7 +39,7 @@ _BEGINNINGS: Sequence[tuple[bytes, str]] = (
 
 
 def found_instead(path: Path, converters: Sequence[type[Converter]] = ()) -> str:
-    """What a file is, in words that follow ``found``."""
+    """The kind of a file, in words that follow ``found``."""
     if path.is_dir():
         return _folder(path, converters)
     try:
@@ -81,14 +81,14 @@ def _describe(path: Path, head: bytes) -> Iterator[str]:
 
 
 def _hdf5(path: Path) -> str:
-    """An HDF5 file by what is in it."""
+    """The kind of an HDF5 file by its contents."""
     import h5py  # type: ignore[import-untyped]
 
     from elvis.formats.nektar.hdf5 import format_errors
 
     try:
         with format_errors(), h5py.File(path) as file:
-            # a name that is no UTF-8 comes as bytes
+            # a name that is not valid UTF-8 comes as bytes
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
     except FormatError:
         return "a damaged HDF5 file"

@@ -1,4 +1,4 @@
-"""Reference values in a file beside the data: NAME.elvis.toml for NAME.xml, NAME.fld, NAME_3.chk."""
+"""Reference values in a file next to the data: NAME.elvis.toml for NAME.xml, NAME.fld, NAME_3.chk."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _MOST = 1 << 16
 
 
 def reference_beside(paths: Sequence[Path]) -> dict[str, float]:
-    """The values in the files beside data; FormatError for one that can't be read, ElvisError for wrong values.
+    """The values in the files next to data; FormatError for one that can't be read, ElvisError for wrong values.
 
-    Of several files, that beside the first data file outdoes others.
+    The file next to the first data file overrides the others.
     """
     found: dict[str, float] = {}
     for path in _files_beside(paths):

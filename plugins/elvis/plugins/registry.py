@@ -31,7 +31,7 @@ GROUPS = {
 _HEADER = re.compile(r"^(Name|Version):[ \t]*(.*?)[ \t]*$", re.MULTILINE)
 #: our own plugins come first, so that no other distribution can take their names away
 _OWN = "elvis-viz"
-#: where distributions are looked for, and when each place was changed last, in ns; None where it is absent
+#: folders of distributions, and when each was last changed, in ns; None if it is absent
 Places: TypeAlias = tuple[tuple[str, int | None], ...]
 
 
@@ -64,7 +64,7 @@ class Plugin:
 
 
 def plugins(group: str) -> dict[str, Plugin]:
-    """The plugins of a group by name, sorted; of several under one name, ours, else that of the first distribution."""
+    """The plugins of a group by name, sorted; of several with one name, ours, else that of the first distribution."""
     chosen: dict[str, Plugin] = {}
     for plugin in every_plugin(group):
         chosen.setdefault(plugin.name, plugin)
@@ -72,15 +72,15 @@ def plugins(group: str) -> dict[str, Plugin]:
 
 
 def every_plugin(group: str) -> list[Plugin]:
-    """All plugins of a group, also those that share a name; the one that counts comes first.
+    """All plugins of a group, including several with one name, of which the first one counts.
 
-    They are looked for again where a distribution has come or gone since the last time.
+    The search is repeated after changes of the installed distributions.
     """
     return list(_found(group, _places()))
 
 
 def _places() -> Places:
-    """Where distributions are looked for, as it is now."""
+    """The current folders of distributions."""
     return tuple((path, _changed(path)) for path in sys.path)
 
 
@@ -108,7 +108,7 @@ def _found(group: str, places: Places) -> tuple[Plugin, ...]:
 def load(group: str, name: str) -> object:
     """The object that plugin ``name`` of ``group`` names.
 
-    Raises PluginError where there is none, naming those that exist, and where it does not load.
+    Raises PluginError if there is none, listing the existing ones, and if it does not load.
     """
     known = plugins(group)
     if name not in known:
@@ -117,7 +117,7 @@ def load(group: str, name: str) -> object:
 
 
 def _owner(distribution: Distribution) -> str:
-    """Name and version of a distribution: the first ones that its metadata tell, which are a message with headers."""
+    """Name and version of a distribution: the first ones in its metadata, which have the form of message headers."""
     text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
     found = dict(_HEADER.findall(text.partition("\n\n")[0])[::-1])
     return f"{found.get('Name')} {found.get('Version')}"

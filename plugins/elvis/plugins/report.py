@@ -1,4 +1,4 @@
-"""The report of a conversion: what arrived exactly, what with which error, and what was found on the way."""
+"""The report of a conversion: exact results, errors, and remarks."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from elvis.core.relative import error_limit, scale
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
 
-#: keys of the metadata of what was converted, and with which errors
+#: keys of the metadata for the origin of converted data and the errors
 CONVERTED = "ConvertedFrom"
 REPORT = conversion_errors.REPORT
 #: what may be the matter with elements
 LISTED = ("inverted", "degenerate", "detached", "not finite")
-#: ids of elements in a sentence
+#: number of ids in a sentence
 _MANY = 8
 
 
@@ -73,7 +73,7 @@ class Measure:
         return f"{self.name}: projected at order {self.order}, off by up to {self.relative:.2g} of its range"
 
     def facts(self) -> dict[str, Any]:
-        """For JSON; None for a number beyond those of 64 bits."""
+        """Facts for JSON; None for a number beyond the range of 64 bits."""
         facts = {
             "state": self.state,
             "exact": self.is_exact,
@@ -105,16 +105,16 @@ def rounding(spread: float, magnitude: float, precision: float) -> float:
 
 @dataclass(frozen=True)
 class Report:
-    """What there is to say about a conversion.
+    """The report of a conversion.
 
     converter, files  names
     elements      number of each shape in the converted mesh
     geometry      error of the map
-    deviation     largest distance between the map of the mesh file alone and the source's, as a share of the element's
-                  size, and that element
-    has_map       whether the map travels as fields
+    deviation     largest distance between the map of the mesh file by its own and the source's, as a share of the
+                  element's size, and that element
+    has_map       whether the map is written as fields
     fields        errors of the fields
-    listed        ids of elements by what is the matter with them: inverted, degenerate, ...
+    listed        ids of elements by fault: inverted, degenerate, ...
     notes         sentences
     warnings      sentences that every command prints
     transfer      facts of a projection onto another mesh; empty for others
@@ -156,7 +156,7 @@ class Report:
         }
 
     def remarks(self) -> tuple[str, ...]:
-        """What every command prints: `remark`, and the warnings."""
+        """Remarks that every command prints: `remark`, and the warnings."""
         files = ", ".join(self.files)
         return (self.remark(), *(f"{files}: {warning}" for warning in self.warnings))
 
@@ -166,10 +166,10 @@ class Report:
         lost = [measure for measure in (self.geometry, *self.fields) if not measure.is_exact]
         if lost:
             told = " and ".join(f"{measure.relative:.2g} in {measure.name}" for measure in _some_of(lost))
-            found = f"with errors of up to {told}, in parts of its range"
+            found = f"with errors of up to {told}, relative to its range"
         else:
             found = f"exact to the rounding of its numbers (up to {worst.relative:.1g} of a range)"
-        more = "; elvis info tells more" if len(self.sentences()) > len(self.warnings) else ""
+        more = "; see elvis info" if len(self.sentences()) > len(self.warnings) else ""
         return f"{', '.join(self.files)}: converted in memory, {found}{more}"
 
     def metadata(self) -> dict[str, str]:
@@ -184,30 +184,28 @@ class Report:
         return [_row(self.geometry), *(_row(measure) for measure in self.fields)]
 
     def sentences(self) -> list[str]:
-        """What the table doesn't show."""
+        """Sentences with information that the table doesn't contain."""
         said = []
         if self.has_map:
             share, element = self.deviation
             said.append(
-                f"the map travels as fields: the curves of the mesh file alone are off by up to {share:.2g} of an "
+                f"the map is written as fields: the curves of the mesh file alone are off by up to {share:.2g} of an "
                 f"element's size, in element {element}"
             )
         if self.fields and not self.geometry.is_exact:
-            said.append("the map is projected: errors of fields are those at places in space, to which its error adds")
-        said += [
-            f"{len(ids)} {name} elements, kept as they are: {_some(ids)}" for name, ids in self.listed.items() if ids
-        ]
+            said.append("the map is projected: errors of fields are measured at points in space and include its error")
+        said += [f"{len(ids)} {name} elements, unchanged: {_some(ids)}" for name, ids in self.listed.items() if ids]
         return [*said, *self.notes, *self.warnings]
 
 
 @dataclass(frozen=True)
 class RecordedReport:
-    """The report of a conversion as the metadata of a dataset hold it.
+    """The report of a conversion in the metadata of a dataset.
 
     facts      as for ``--json``
-    heading    what was converted
+    heading    origin of the data
     rows       one for the coordinates and one for each field: the cells of `HEADERS`
-    sentences  what the table doesn't show
+    sentences  information that the table doesn't contain
     """
 
     facts: Mapping[str, Any]
@@ -224,11 +222,11 @@ class RecordedReport:
             rows += [_row_of(name, own) for name, own in facts.get("fields", {}).items()]
             files = ", ".join(map(str, facts["files"]))
             heading = f"converted from {files} ({facts['converter']})" if files else f"projected: {facts['converter']}"
-            listed = [f"{name} elements, kept as they are: {facts[name]}" for name in LISTED if name in facts]
+            listed = [f"{name} elements, unchanged: {facts[name]}" for name in LISTED if name in facts]
             notes = [str(note) for name in ("notes", "warnings") for note in facts.get(name, [])]
         except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
             return None
-        map_note = ["the map travels as fields"] if facts["geometry"].get("map") == "fields" else []
+        map_note = ["the map is written as fields"] if facts["geometry"].get("map") == "fields" else []
         return cls(facts, heading, rows, [*map_note, *listed, *notes])
 
 

@@ -1,4 +1,4 @@
-"""The report of a conversion, from what was found of it: how far off map and fields are, and what is to be said."""
+"""The report of a conversion, from its findings: errors of map and fields, and remarks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def report_of(
     has_map: bool,
     files: Sequence[str],
 ) -> Report:
-    """The report of findings on the finished data; ``straight`` those on the mesh file alone."""
+    """The report of findings on the finished data, and of ``straight`` findings on the bare mesh file."""
     counts = {shape.label.lower(): len(entities) for shape, entities in plan.mesh.elements.items()}
     listed = {
         "inverted": _ids(findings.inverted),
@@ -80,7 +80,7 @@ def _measure(
     source: Converter,
     continuous: bool | None = None,
 ) -> Measure:
-    """The error of coordinates or a field; that of the source itself adds to what was found."""
+    """The error of coordinates or a field, including the error of the source itself."""
     before, before_slope = source.errors.get(name if continuous is not None else "", (0.0, 0.0))
     exact = is_rounding(tally.worst + before, spread, magnitude, source.precision)
     return Measure(
@@ -103,8 +103,8 @@ def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> lis
     hexahedra = sum(len(block) for block in plan.blocks if block.is_collapsed)
     if hexahedra:
         notes.append(
-            f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which hold their functions exactly; "
-            "their sides count as non-conforming next to triangles"
+            f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which represent their functions "
+            "exactly; their sides count as non-conforming next to triangles"
         )
     for each in fitted:
         if each.field.is_continuous and not each.is_continuous and source.is_conforming:

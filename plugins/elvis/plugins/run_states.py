@@ -19,32 +19,33 @@ from elvis.plugins.series.between import on_mesh_of
 
 
 class States(Protocol):
-    """What `Session` asks for a dataset at each step."""
+    """Interface through which `Session` requests a dataset at each step."""
 
     def at(self, time: float, fields: Any, quantities: Sequence[str] = ()) -> Dataset:
-        """The state at a time; ElvisError where the fields are not what they should be.
+        """The state at a time; ElvisError for invalid fields.
 
-        quantities  that alone will be asked of it, the empty one for the first field: fields that these don't need may
-                    be missing; none where that is not known
+        quantities  the only ones that will be requested, the empty one for the first field: fields that these don't
+                    need may be
+                    missing; none if they are not known
         """
 
 
 class ValuedSource(Protocol):
-    """A converter whose elements stay, and whose fields are given to it; these tell no modes of their own."""
+    """A converter with fixed elements, whose fields are given to it; they state no modes of their own."""
 
     time: float | None
 
     def take(self, fields: Any) -> None:
-        """Take these fields in place of all that there are."""
+        """Replace all fields with these."""
 
 
 class NodalStates:
     """States given by values at nodes of elements.
 
-    source  a converter with a method `take`, as `ValuedSource` tells
-    name    by which remarks call it
+    source  a converter with a method `take`, as in `ValuedSource`
+    name    of the source in remarks
 
-    The first state is converted whole, with its error measured; of others only the fields that are needed are.
+    The first state is converted completely, with its error measured; for others only the needed fields are.
     """
 
     def __init__(self, source: Any, name: str) -> None:
@@ -68,12 +69,12 @@ class NodalStates:
 
 
 class ModalStates:
-    """States given by coefficients of the expansions that the fields of a dataset have.
+    """States given by coefficients of the expansions of a dataset's fields.
 
-    dataset  whose mesh, and fields that are not given anew, are those of all states
+    dataset  its mesh, and fields that are not replaced, belong to all states
 
-    Coefficients are (n, m), as in `Block`: an array where the field has one block, a list of one a block, or arrays by
-    shape.  A name that the dataset has not gets the expansions of its first field.
+    Coefficients are (n, m), as in `Block`: an array if the field has one block, a list with one per block, or arrays by
+    shape.  A new name gets the expansions of the dataset's first field.
     """
 
     def __init__(self, dataset: Dataset) -> None:
@@ -105,16 +106,16 @@ class ModalStates:
 
 
 def states_of(mesh: Any, reference: Mapping[str, Any] | None = None) -> States:
-    """The states of a mesh that `Session` is given.
+    """The states of a mesh for `Session`.
 
-    mesh       a dataset, whose fields are then coefficients, or places of nodes by shape as of `from_arrays`
+    mesh       a dataset, whose fields are then coefficients, or positions of nodes by shape as in `from_arrays`
     reference  as of `from_arrays`
 
-    What has a method ``at`` is taken as it is.  ElvisError for anything else.
+    Objects with a method ``at`` are used unchanged.  ElvisError for anything else.
     """
     if isinstance(mesh, Dataset):
         if reference is not None:
-            raise ElvisError("expected no argument reference beside a dataset, whose fields are coefficients")
+            raise ElvisError("expected no argument reference with a dataset, whose fields are coefficients")
         return ModalStates(mesh)
     if isinstance(mesh, Mapping):
         return NodalStates(Arrays(mesh, {}, reference or {}), "arrays of a running solver")
@@ -125,7 +126,7 @@ def states_of(mesh: Any, reference: Mapping[str, Any] | None = None) -> States:
 
 
 def _by_block(name: str, blocks: Sequence[Block], values: Any) -> list[Any]:
-    """The arrays of a field, one for each of its blocks; ElvisError where there are not as many."""
+    """The arrays of a field, one for each of its blocks; ElvisError for another number of arrays."""
     labels = [block.expansion.shape.label.lower() for block in blocks]
     if isinstance(values, Mapping):
         for shape in values:

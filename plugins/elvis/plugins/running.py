@@ -24,15 +24,15 @@ from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.many_files import STEM, for_many_files
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
-#: variables of the environment of which one is set where a browser can open, but for macOS and Windows
+#: environment variables, one of which is set if a browser can open, except on macOS and Windows
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
-#: the command that is no plugin
+#: the command that is not a plugin
 HELP = "help"
 
 
 @dataclass
 class Settings:
-    """What holds for the whole run.
+    """Settings of the whole run.
 
     debug  whether the traceback of a failure is shown
     ranks  the processes that run the same command
@@ -43,7 +43,7 @@ class Settings:
 
 
 def run(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
-    """Run ``elvis`` with ``arguments``, those of the process by default; the exit status."""
+    """Run ``elvis`` with ``arguments``, by default the process's own; returns the exit status."""
     settings = Settings(debug=os.environ.get("ELVIS_DEBUG", "0") not in ("", "0"))
     with warnings.catch_warnings():
         if not sys.warnoptions:
@@ -85,20 +85,20 @@ def _outcome(arguments: Sequence[str] | None, settings: Settings, interrupts: In
 
 
 def sentence_of(error: Exception) -> str:
-    """What went wrong, for a user."""
+    """Message for a user about an error."""
     if isinstance(error, ElvisError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, MemoryError):
-        return f"there is not enough memory: {error}" if str(error) else "there is not enough memory"
+        return f"not enough memory: {error}" if str(error) else "not enough memory"
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-        return f"{error.object}: expected a name in UTF-8, as the library that takes it knows no others"
+        return f"{error.object}: expected a name in UTF-8, as the library requires"
     return f"{fault_sentence(error)}, --debug shows where"
 
 
 def _usage_sentence(error: click.ClickException) -> str:
-    """What was wrong with the command line, and where help is."""
+    """The error in the command line, and where to find help."""
     message = error.format_message().rstrip(".")
     context = getattr(error, "ctx", None)
     return f"{message} (see {context.command_path} --help)" if context else message
@@ -126,7 +126,7 @@ def shared(command: Callable[..., None]) -> Callable[..., None]:
     return with_ranks
 
 
-#: attribute of what is shared
+#: attribute of shared commands
 _SHARED = "is_shared"
 
 
@@ -170,7 +170,7 @@ class PluginGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but files alone are shown; an unknown name is reported with those that are near it.
+        """Resolve as click does, but open bare files; an unknown name is reported with similar ones.
 
         A command whose outputs name {stem} runs for one file of a pattern after another.
         """
@@ -205,7 +205,7 @@ def has_screen() -> bool:
 
 
 def _showing_command(context: click.Context) -> str:
-    """What shows files that no command is given for: ``view``, or ``render`` where no browser can open."""
+    """The command for files without one: ``view``, or ``render`` if no browser can open."""
     settings = context.find_object(Settings)
     is_alone = settings is None or settings.ranks.size == 1
     if is_alone and has_screen():
@@ -231,7 +231,7 @@ def _loaded(plugin: Plugin) -> click.Command:
 
 
 def _broken(name: str, error: PluginError) -> click.Command:
-    """A command that takes any arguments and only tells what is wrong with it."""
+    """A command that accepts any arguments and only reports its fault."""
 
     def fail(**ignored: object) -> None:
         raise error

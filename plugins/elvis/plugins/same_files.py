@@ -17,9 +17,9 @@ _MAX_FILES = 10_000
 
 
 def check_same_files(paths: Sequence[Path], ranks: Ranks) -> None:
-    """Raise FormatError at every rank if a file has another size or content at one of them; times may differ.
+    """Raise FormatError on every rank if a file differs in size or content on one of them; times may differ.
 
-    Of long files blocks are compared, which hold all of a header and samples of the rest.
+    For long files blocks are compared, which cover the whole header and samples of the rest.
     """
     if ranks.size == 1:
         return
@@ -49,7 +49,7 @@ def _files_in(folder: Path) -> Iterator[Path]:
 
 
 def _checksum(path: Path) -> bytes:
-    """Of the blocks of a file."""
+    """Checksum of the blocks of a file."""
     size = path.stat().st_size
     total = sha256()
     with path.open("rb") as file:

@@ -1,8 +1,8 @@
 """Sample data: a swept, tapered wing between two planes, on curved elements of order 4.
 
-Each section is an ellipse.  The map of Joukowski, z = zeta + c²/zeta, takes the plane outside of the unit circle to the
-plane outside of it.  The velocity is that of the plane potential flow past the section, with lift, and the pressure
-follows from Bernoulli's equation: an analytic field, with what one looks for on a wing, and not a solution in space.
+Each section is an ellipse.  The map of Joukowski, z = zeta + c²/zeta, takes the plane outside the unit circle to the
+plane outside the ellipse.  The velocity belongs to the plane potential flow past the section, with lift, and the
+pressure follows from Bernoulli's equation: an analytic field with the features of a wing, not a solution in space.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ SQUARE = 0.8
 #: radius of the far field in the circle's plane
 FAR = 8.0
 SPAN = 3.0
-#: tangent of the sweep, and what is left of the chord at the tip
+#: tangent of the sweep, and taper ratio at the tip
 SWEEP, TIP = 0.5, 0.5
-#: angle of attack in radians, and circulation in parts of 4 pi sin(angle), which is that of a sharp trailing edge
+#: angle of attack in radians, and circulation relative to 4 pi sin(angle), the value for a sharp trailing edge
 ANGLE, LIFT = np.radians(4.0), 0.9
 
 

@@ -33,10 +33,11 @@ from elvis.plugins.volume import Part, PartsVolume, Quantity, Solution, Volume
 def volume_of(data: Dataset | PluginData, quantities: Sequence[str | Expression]) -> Volume:
     """The elements that have the first quantity, each with all of them.
 
-    quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`), texts or what was read of
-                them; every part has them by these texts in ``Part.quantities``, and the first as its own field
+    quantities  fields, expressions or predefined quantities (see `elvis.core.quantities`), as texts or parsed; every
+                part
+                has them by these texts in ``Part.quantities``, and the first as its own field
 
-    ElvisError for what names no quantity.
+    ElvisError for an invalid quantity.
     """
     if isinstance(data, Dataset):
         return NativeVolume.of(data, quantities)
@@ -44,7 +45,7 @@ def volume_of(data: Dataset | PluginData, quantities: Sequence[str | Expression]
 
 
 def names_of(data: Dataset | PluginData) -> Names:
-    """What names in expressions can stand for."""
+    """Meaning of the names in expressions."""
     if isinstance(data, Dataset):
         return Names.of(data)
     own = call_plugin(data.name, "its time", lambda: float(data.source.time))
@@ -52,7 +53,7 @@ def names_of(data: Dataset | PluginData) -> Names:
 
 
 def _open(opened: PluginData, texts: Sequence[str]) -> Volume:
-    """A plugin's volume; expressions are made of the values and gradients of its fields."""
+    """A plugin's volume; expressions use the values and gradients of its fields."""
     names = names_of(opened)
     expressions = [Expression.parse(text, names) for text in texts]
     volumes = volumes_of(opened, expressions)
@@ -67,28 +68,28 @@ def _open(opened: PluginData, texts: Sequence[str]) -> Volume:
 
 
 def volumes_of(opened: PluginData, expressions: Sequence[Expression]) -> dict[str, Volume]:
-    """A plugin's volumes by those fields that expressions have, its first one where they have none.
+    """A plugin's volumes by the fields of expressions, its first one if they have none.
 
-    ElvisError where there is no field, and for fields on different elements.
+    ElvisError if there is no field, and for fields on different elements.
     """
     used = tuple(dict.fromkeys(name for each in expressions for name in each.fields)) or opened.fields[:1]
     if not used:
-        raise ElvisError(f"the plugin {opened.name} has opened a mesh but no field: give the field file too")
+        raise ElvisError(f"the plugin {opened.name} has opened a mesh but no field: also give the field file")
     volumes = {name: opened.volume(name) for name in used}
     for name, other in volumes.items():
         if list(map(_kind, other.parts)) != list(map(_kind, volumes[used[0]].parts)):
-            raise ElvisError(f"the plugin {opened.name} has {used[0]} and {name} on different elements: take one")
+            raise ElvisError(f"the plugin {opened.name} has {used[0]} and {name} on different elements: choose one")
     return volumes
 
 
 def _kind(part: Part) -> tuple[str, bytes]:
-    """What parts of several fields must have in common."""
+    """Key of the properties that parts of several fields must share."""
     return part.module, np.asarray(part.element_ids).tobytes()
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The same elements with each of some fields; the first is that of the part that they become."""
+    """The same elements with each of some fields; the first is the field of the resulting part."""
 
     parts: Mapping[str, Part]
     folder: Path
@@ -106,7 +107,7 @@ class Fields:
 
 
 def _express(fields: Fields, expressions: Sequence[Expression]) -> Part:
-    """A plugin's part with quantities, of which the first is its own."""
+    """A plugin's part with quantities; the first becomes its own."""
     part = fields.part
     quantities = {expression.text: _quantity(fields, expression) for expression in expressions}
     own = quantities[expressions[0].text]

@@ -37,19 +37,20 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """What a quantity that is no polynomial is made of, so that what is drawn of it is proved (``enclosures.slang``).
+    """Composition of a quantity that is not a polynomial, so that its rendering is proved (``enclosures.slang``).
 
     type        the type that implements ILeaves
     fields      number of fields among the leaves
-    degree      greatest degree of the leaves, the map among them, in any one coordinate that ``Part.degree`` speaks of
+    degree      maximum degree of the leaves, including the map, in any one coordinate to which ``Part.degree`` refers
     base_degree as Part.base_degree, of the leaves
     map_degree  of the map
-    is_total    whether ``degree`` is that of all coordinates together
-    errors      (n, 3 + fields) how far computed values of the leaves may be from the true ones in each element
+    is_total    whether ``degree`` is the total degree
+    errors      (n, 3 + fields) error bounds of computed leaves in each element
     distances   whether there are distances among the leaves
-    continuous  whether it has neither jumps nor poles; isosurfaces are proved of those that have none
-    slopes      whether it is made of derivatives of fields, too
-    boxes       optional: boxes with series that stand for it near one level, in which ``degree`` is that of the series
+    continuous  whether it has neither jumps nor poles; isosurfaces are proved only without them
+    slopes      whether it also depends on derivatives of fields
+    boxes       optional: boxes with series that approximate it near one level, in which ``degree`` belongs to the
+                series
     """
 
     type: str
@@ -81,13 +82,13 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class SlopeBounds:
-    """How steep a quantity is that is no polynomial, so that its contours are proved.
+    """Slopes of a quantity that is not a polynomial, so that its contours are proved.
 
     map_degree  of the map, as ``Part.degree``
-    of          elements (n,), and how many times as large as an element its neighbourhood is, to their slopes; infinite
-                where the ``Part`` is ``collapsed``
-    in_boxes    there: elements (n,), and middles and half sides (n, 3) of boxes in collapsed coordinates, to slopes in
-                these boxes, in reference coordinates
+    of          elements (n,), and the size of their neighbourhoods relative to them, to their slopes; infinite if the
+                ``Part`` is ``collapsed``
+    in_boxes    for these: elements (n,), and middles and half sides (n, 3) of boxes in collapsed coordinates, to slopes
+                in these boxes, in reference coordinates
     """
 
     map_degree: int
@@ -100,21 +101,21 @@ class Quantity:
     """Another field on the elements of a part: the same map and the same numbers, other values and gradients.
 
     type     the type that implements IVolume
-    source   Slang text that stands before the type is used, in place of the part's
+    source   Slang text to insert before the type is used, instead of the part's
     buffers  the module's global buffers that differ from the part's, or that the part doesn't have
     degree   as Part.degree, of the part's map and the quantity's values
-    bounds   optional: certified least and greatest value of each element, (n,) each, NaN where it is not a number
+    bounds   optional: certified minimum and maximum of each element, (n,) each, NaN where it is not a number
     is_distance  whether its value is the distance to the first of the surfaces in its buffers (`distances`)
-    level    optional, where degree is 0: for a value, a quantity with a degree, and its value that is in the same
-             places, but for poles; None where none is known
-    rounding optional: how far computed values may be from the true ones anywhere in each element, (n,), 0 where the
-             field is constant; by default 1e-13 of the greatest value
-    enclosure optional, where degree is 0: what it is made of
-    condition optional, of straight tetrahedra with a degree: what is positive where its level 0 isn't to be shown; with
-             the same map and numbers, bounds and rounding
+    level    optional, where degree is 0: for a value, a quantity with a degree, and its value with the same level set,
+             except at poles; None if none is known
+    rounding optional: error bounds of computed values in each element, (n,), 0 where the field is constant; by default
+             1e-13 of the maximum value
+    enclosure optional, where degree is 0: its composition
+    condition optional, of straight tetrahedra with a degree: a function that is positive where its level 0 isn't to be
+             shown; with the same map and numbers, bounds and rounding
     slopes   optional, where degree is 0: bounds of its derivatives
-    base_degree as Part.base_degree
-    level_boxes optional, with an enclosure: for a value, boxes of elements that may have it, with series that stand for
+    base_degree as Part.base_degree level_boxes optional, with an enclosure: for a value, boxes of elements that may
+    have it, with series that approximate
              map and quantity
     """
 
@@ -140,29 +141,30 @@ class Part:
     module       name of the Slang module (a file in the volume's shader folder)
     type         the type in it that implements IVolume, e.g. ``Hexahedron<2, 3>``
     element_ids  (n,) ids in the file
-    boxes        (n, 6) low and high corner of a box that holds each element, float32 rounded outwards
+    boxes        (n, 6) low and high corner of a box that contains each element, float32 rounded outwards
     buffers      the module's global buffers by name: arrays of float64, float32 or uint32
     solve        optional last resort on the host: elements (n,) and world points (n, 3) to a Solution, for the few
                  points that the kernels could not decide
-    bends        optional: whether elements (n,) bend so strongly that straight-line steps of Newton's method may end at
-                 a root outside although there is one inside; then `solve` also decides the pixels next to them
-    source       Slang text that stands before the type is used: imports, or declarations made for this part alone
+    bends        optional: whether elements (n,) are curved so strongly that straight-line steps of Newton's method may
+                 end
+                 at a root outside although there is one inside; then `solve` also decides the pixels next to them
+    source       Slang text to insert before the type is used: imports, or declarations made only for this part
     evaluate     optional host evaluation of the type in NumPy: elements (n,) of this part and reference points (n, 3)
                  to world positions (n, 3) and values (n,)
     quantities   other fields of the same elements, by name
-    degree       greatest degree of map and field in any one reference coordinate, where they are polynomials on
-                 [-1, 1]^3; 0 where they aren't: isosurfaces are then found without proof
-    collapsed    the coordinates that ``degree`` speaks of are those of a collapsed cube, (a, b, c) with
-                 r = ((1 + a) (1 - c) / 2 - 1, (1 + b) (1 - c) / 2 - 1, c), in place of the reference coordinates
+    degree       maximum degree of map and field in any one reference coordinate, if they are polynomials on
+                 [-1, 1]^3; 0 otherwise: isosurfaces are then found without proof
+    collapsed    ``degree`` refers to the coordinates of a collapsed cube, (a, b, c) with
+                 r = ((1 + a) (1 - c) / 2 - 1, (1 + b) (1 - c) / 2 - 1, c), instead of the reference coordinates
     bounds       optional, as Quantity.bounds, of the part's own field
     affine       the elements are straight tetrahedra, (-1, -1, -1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1) in reference
                  coordinates; their hull points are these corners
-    shape        the reference shape, where it is one of these; with ``evaluate`` the rest follows in NumPy
+    shape        the reference shape, if it is a known one; with ``evaluate`` the rest follows in NumPy
                  (`host_evaluation`)
-    is_distance  as Quantity.is_distance, of the part's own field; likewise ``level``, ``rounding``, ``enclosure``,
-                 ``slopes`` and ``level_boxes``
-    base_degree  optional, where they are collapsed: the same as ``degree`` in the first two coordinates alone
-    unit         the shape is scaled to coordinates from 0 to 1, in place of -1 to 1
+    is_distance  as Quantity.is_distance, of the part's own field; the same applies to ``level``, ``rounding``,
+                 ``enclosure``, ``slopes`` and ``level_boxes``
+    base_degree  optional, if they are collapsed: as ``degree``, in the first two coordinates only
+    unit         the shape is scaled to coordinates from 0 to 1, instead of -1 to 1
     """
 
     module: str
@@ -217,9 +219,9 @@ def basis_part(
 
 
 def boxes_between(low: Floats, high: Floats, margin: float = 1e-9) -> NDArray[np.float32]:
-    """(n, 6) boxes for a Part that hold what lies between the corners ``low`` and ``high`` (n, 3).
+    """Boxes (n, 6) for a Part that contain everything between the corners ``low`` and ``high`` (n, 3).
 
-    margin  part of its diagonal by which a box is larger all round; rounding of the coordinates adds to it
+    margin  share of the diagonal by which a box is enlarged on all sides; rounding of the coordinates adds to it
     """
     return outward(low, high, margin)
 
@@ -249,7 +251,7 @@ class Volume(Protocol):
 
     @property
     def shader_folder(self) -> Path:
-        """Where the Slang modules of the parts stand."""
+        """Folder of the Slang modules of the parts."""
         ...
 
     @property

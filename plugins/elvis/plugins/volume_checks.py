@@ -1,4 +1,4 @@
-"""What a runtime plugin hands over, checked before and after a device has seen it; every fault names the plugin."""
+"""Checks of a runtime plugin's output, before and after a device has used it; every fault names the plugin."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POINTS, ELEMENTS = 16, 64
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What a device finds at n reference points.
+    """Results of a device at n reference points.
 
     position  (n, 3)     in the world
     jacobian  (n, 3, 3)  derivative of position[i] with respect to coordinate j of the reference point

@@ -32,7 +32,7 @@ _CONFIGURATION = {
 }
 #: held by the thread of a worker that works
 _ONE_AT_ONCE = Lock()
-#: of the scheduler: its page of status is for this machine alone, at a port that is free
+#: the scheduler's status page is only for this machine, on a free port
 _STATUS = {"dashboard_address": "localhost:0"}
 
 
@@ -40,8 +40,8 @@ _STATUS = {"dashboard_address": "localhost:0"}
 class Workers:
     """Processes that work for this one.
 
-    count      of them on this machine
-    scheduler  address of a Dask scheduler, whose workers work in place of these; they see the same files
+    count      on this machine
+    scheduler  address of a Dask scheduler, whose workers are used instead; they see the same files
     """
 
     count: int = 2
@@ -49,7 +49,7 @@ class Workers:
 
     @staticmethod
     def of(count: int, scheduler: str) -> Workers | None:
-        """What the options say, None for this process alone; MissingPackageError where a package is missing."""
+        """The workers for the options, None for this process; MissingPackageError if a package is missing."""
         if count < 2 and not scheduler:
             return None
         for module in ("distributed", *(() if scheduler else ("cryptography",))):
@@ -57,7 +57,7 @@ class Workers:
         return Workers(count, scheduler)
 
     def prepare(self, module: str) -> None:
-        """Begin to load the modules that all workers of this machine need, once, while the data are looked at."""
+        """Start to load the modules that all workers of this machine need, once, while the data are read."""
         if self.scheduler or _METHOD != "forkserver":
             return
         from multiprocessing.forkserver import ensure_running
@@ -70,7 +70,7 @@ class Workers:
         """A client of the scheduler, or of workers of its own."""
         distributed = require_module("distributed", "--workers", "parallel")
         if self.scheduler:
-            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is told in sentences
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are reported in sentences
             try:
                 own = distributed.Client(self.scheduler)
             except (OSError, ValueError) as error:
@@ -79,7 +79,7 @@ class Workers:
                 yield client
             return
         dask = require_module("dask", "--workers", "parallel")
-        # whoever may talk to a scheduler may run code: its own certificates keep other users out
+        # access to a scheduler allows running code: its own certificates keep other users out
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         threads = os.environ.get("LP_NUM_THREADS", str(max(1, cores // self.count)))
         with dask.config.set(_CONFIGURATION), ExitStack() as until_end:
@@ -103,7 +103,7 @@ class Workers:
 
 
 def _close(cluster: Any) -> None:
-    """End workers; those that are busy for longer than Dask waits end with this process, and hide no other error."""
+    """End workers; workers that are busy for longer than Dask waits end with this process, and hide no other error."""
     with suppress(TimeoutError):
         cluster.close()
 
@@ -114,22 +114,22 @@ def begun(client: Any, work: Callable[..., T], pieces: Iterable[tuple[Any, ...]]
 
 
 def results(client: Any, futures: Sequence[Any], kept: str) -> list[Any]:
-    """What each work gave; raises what work raises, and ElvisError where a worker was ended.
+    """The results of all work; raises its exceptions, and ElvisError if a worker was killed.
 
-    kept  what then stays, and how to go on
+    kept  results that remain, and how to continue
     """
     scheduling = require_module("distributed.scheduler", "--workers", "parallel")
     try:
         found: list[Any] = client.gather(futures)
     except scheduling.KilledWorker as error:
-        raise ElvisError(f"a worker was ended from outside, or for want of memory: {kept}") from error
+        raise ElvisError(f"a worker was killed, possibly for lack of memory: {kept}") from error
     except CancelledError as error:
         raise ElvisError(f"the Dask scheduler is gone: {kept}") from error
     return found
 
 
 def at_rest(work: Callable[[], object]) -> None:
-    """Do something in a worker that is at no other work, as that of another command."""
+    """Do something in a worker that has no other work, such as another command's."""
     if _ONE_AT_ONCE.acquire(blocking=False):
         try:
             work()

@@ -1,4 +1,4 @@
-"""Who gives the faces of which data."""
+"""Choice of the faces for given data."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from elvis.plugins.volume import Volume
 def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
     """The faces of a volume's elements.
 
-    dataset  what the volume was made of; None where it is a runtime plugin's own, which then gives its faces itself
-    ElvisError where it gives none.
+    dataset  from which the volume was made; None for a runtime plugin's own, which then provides its faces itself
+    ElvisError if it provides none.
     """
     if dataset is not None:
         extruded = dataset.mesh.dimension == 2 and volume.dimension == 3
@@ -32,7 +32,7 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
         hosts = host_evaluations(volume)
         if hosts is None:
             wanted = "or the shape and `evaluate` of its parts"
-            raise ElvisError(f"the plugin gives no element faces, {wanted}, so that none can be drawn")
+            raise ElvisError(f"the plugin provides no element faces, {wanted}, so none can be drawn")
         return derived_faces(hosts)
     faces: Faces = give()
     return faces

@@ -147,7 +147,7 @@ def _images(block: GeometryBlock | Assembly, length: float | None) -> Images:
 
 
 def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]]:
-    """Composites by id and name: those of faces as numbers of faces, those of elements as ids."""
+    """Composites by id and name: composites of faces as numbers of faces, composites of elements as ids."""
     face_tags = ("E", "S") if extruded else ("F", "T", "Q")
     element_tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
     if mesh.dimension == 2:

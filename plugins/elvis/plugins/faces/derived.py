@@ -1,6 +1,6 @@
-"""Faces of elements that a runtime plugin describes in NumPy: whose they are, and polynomials in place of their maps.
+"""Faces of elements that a runtime plugin describes in NumPy: their owners, and polynomials that replace their maps.
 
-The stand-ins say where on the screen to look; what is seen there is decided on the plugin's own map.
+The polynomials give the positions on the screen; the plugin's own map decides what is visible there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from elvis.plugins.projection.vertices import clusters, merging_tolerance
 
 #: degrees that are tried for the maps of faces
 _DEGREES = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12)
-#: how far polynomials may be from the maps, in parts of the faces' size
+#: tolerance for polynomials against the maps, relative to the faces' size
 _DEVIATION = 1e-10
 
 
@@ -64,7 +64,7 @@ def vertex_numbers(hosts: Sequence[HostEvaluation]) -> list[Ints]:
 
 
 def _block(host: HostEvaluation, part: int, kind: Shape, faces: list[int], entity: Ints) -> FaceBlock:
-    """The faces of one kind of a part's elements; their maps are those of the least degree that is near enough."""
+    """The faces of one kind of a part's elements; their maps have the lowest degree that is accurate enough."""
     element, local = np.indices((len(host), len(faces))).reshape(2, -1)
     places = frames(host.shape)[faces]
 
@@ -89,9 +89,9 @@ def _block(host: HostEvaluation, part: int, kind: Shape, faces: list[int], entit
 def _deviation(
     space: FaceSpace, nets: Floats, rows: Ints, local: Ints, places: Floats, positions: Callable[[Ints, Floats], Floats]
 ) -> float:
-    """How far stand-ins are from the maps at points that they weren't made of, in parts of the greatest face.
+    """Deviation of polynomials from the maps at other points, relative to the largest face.
 
-    It is nought where rounding of the coordinates explains it.
+    It is zero if rounding of the coordinates explains it.
     """
     points = face_space(space.shape, space.degree + 1).points
     found = bernstein_values(space.space, points) @ nets

@@ -60,9 +60,9 @@ class Faces:
     def select(self, words: Sequence[str]) -> tuple[Ints, ...]:
         """For each block the rows of the faces that any of the words names, ascending.
 
-        A word is ``all`` (outer faces), ``inner`` (faces between elements, both sides), the name or id of a boundary,
-        or ``element:ID``, ``shape:NAME`` or ``region:NAME`` for every face of these elements.  ElvisError where a word
-        names nothing.
+        Words are ``all`` (outer faces), ``inner`` (faces between elements, both sides), the name or id of a boundary,
+        or ``element:ID``, ``shape:NAME`` or ``region:NAME`` for every face of these elements.  ElvisError for a word
+        without a match.
         """
         chosen = [np.zeros(len(block), bool) for block in self.blocks]
         for word in words:
@@ -86,7 +86,7 @@ class Faces:
         return tuple(np.split(result, np.cumsum([len(block) for block in self.blocks])[:-1]))
 
     def _faces_of_word(self, word: str) -> list[Bools]:
-        """For each block which faces (n,) a word names."""
+        """For each block the flags (n,) of the faces with a name."""
         kind, colon, name = word.partition(":")
         if word in ("all", "inner"):
             return [(self._sides[block.entity] > 1) == (word == "inner") for block in self.blocks]
@@ -115,7 +115,7 @@ class Faces:
 
     @cached_property
     def _sides(self) -> Ints:
-        """(entities,) how many faces of elements each face of the mesh has, those that aren't here counted."""
+        """Number (entities,) of element faces on each face of the mesh, including faces that are not here."""
         counts = np.bincount(np.concatenate([block.entity for block in self.blocks]))
         counts[self.inner[self.inner < len(counts)]] = 2
         return counts

@@ -75,7 +75,7 @@ class FaceSpace:
 
     @cached_property
     def cuts(self) -> Floats:
-        """(k, 2, count, count) matrices from the net of a face to those of its `halves`."""
+        """Matrices (k, 2, count, count) from the net of a face to the nets of its `halves`."""
         origin, axes = self.halves[:, :, :1], self.halves[:, :, 1:]
         images = origin + self.points @ axes
         basis = bernstein_values(self.space, images.reshape(-1, 2)).reshape(*images.shape[:3], self.count)
@@ -83,7 +83,7 @@ class FaceSpace:
 
     @cached_property
     def derivatives(self) -> Floats:
-        """(2, count', count) matrices from a net to those of its derivatives along the two coordinates."""
+        """Matrices (2, count', count) from a net to the nets of its derivatives along the two coordinates."""
         return frozen_floats([matrix.T for _, matrix in gradient_nets(self.space)])
 
 

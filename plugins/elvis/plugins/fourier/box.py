@@ -2,8 +2,8 @@
 
 A file is a NumPy archive (.npz): ``low`` and ``high`` (3,) corners, ``bases`` (3,) names ``fourier`` or ``legendre`` of
 the three directions, ``time``, and for each field ``field_NAME`` (n_x, n_y, n_z).  The functions of a Fourier direction
-are 1, cos t, sin t, cos 2t, sin 2t, … with t = 2 pi (x - low) / (high - low); those of the other kind are the Legendre
-polynomials of 2 (x - low) / (high - low) - 1.
+are 1, cos t, sin t, cos 2t, sin 2t, … with t = 2 pi (x - low) / (high - low); the others are the Legendre polynomials
+of 2 (x - low) / (high - low) - 1.
 """
 
 from __future__ import annotations

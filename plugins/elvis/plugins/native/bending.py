@@ -1,13 +1,13 @@
-"""How strongly the maps of elements bend, and whether Newton's method can be trusted with them.
+"""Curvature of the maps of elements: whether Newton's method can be trusted with them.
 
-Let J be the Jacobian in parts of the one at the centre, b the greatest change of J over the element and m the greatest
-change by unit of length (maximum norms).  A step of Newton's method misses the root, d away, by at most k d with
-k = m d / (2 (1 - b)), so from a step of length l < 1/4 the root is at most k l / (1 - k) away from where it ends.  The
-kernels call a point outside for good once it is outside by 2 l (classify, invert.slang); facets of simplices are
-three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.  The Jacobian
-of a pyramid depends on the direction at the apex, however little it changes, unless the map is affine.
+Let J be the Jacobian relative to the one at the centre, b the maximum change of J over the element and m the maximum
+change per unit of length (maximum norms).  A step of Newton's method misses the root, d away, by at most k d with
+k = m d / (2 (1 - b)), so from a step of length l < 1/4 the root is at most k l / (1 - k) away from the end of the step.
+The kernels classify a point as outside for good once it is outside by 2 l (classify, invert.slang); facets of simplices
+are three times as steep as coordinates.  Both hold together for k <= 0.4, that is for b + m / 2 <= 1, nearly.  The
+Jacobian of a pyramid depends on the direction at the apex, however little it changes, unless the map is affine.
 
-Both b and m are bounded by Bernstein coefficients of first and second derivatives, on an element a little larger.
+Both b and m are bounded by Bernstein coefficients of first and second derivatives, on a slightly larger element.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from elvis.core.shapes import Shape
 
 #: greatest b of a map that counts as affine
 _AFFINE = 1e-9
-#: the element is looked at a little beyond its border
+#: the bounds hold a little beyond the border of the element
 BEYOND = 1.25
 #: elements at once
 _CHUNK = 256
 
 
 def bends(patch: Patch, rows: Ints) -> Bools:
-    """(n,) whether elements may bend so strongly that Newton's method misses a root; true where J is singular.
+    """Flags (n,) of elements whose curvature may make Newton's method miss a root; true if J is singular.
 
-    That they don't is proved, up to rounding.
+    A false flag is proved, up to rounding.
     """
     result, space = np.empty(len(rows), bool), bernstein_space(patch.geometry)
     centre = patch.shape.vertices.mean(axis=0, keepdims=True)
@@ -59,10 +59,10 @@ def bends(patch: Patch, rows: Ints) -> Bools:
 def bent(
     space: BernsteinSpace, nets: Floats, jacobians: Floats, weights: Floats | None = None, unit: float = 1.0
 ) -> Bools:
-    """(n,) as `bends`, of maps with nets (n, 3, count) over weights (n, count), which are 1 unless they are given.
+    """Flags (n,) as `bends`, for maps with nets (n, 3, count) over weights (n, count), 1 by default.
 
     jacobians  (n, 3, d)  at the centre, or nearby
-    unit       length of a kernel's unit of reference coordinates in those of xi
+    unit       length of a kernel's unit of reference coordinates in units of xi
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         parts = np.einsum("nci,ncm->nim", duals(jacobians), nets)
@@ -73,9 +73,9 @@ def bent(
 
 
 def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tuple[Floats, Floats]:
-    """Bounds of b and m (n,) of maps with nets (n, d, count) in parts of the Jacobian at the centre.
+    """Bounds of b and m (n,) of maps with nets (n, d, count) relative to the Jacobian at the centre.
 
-    beyond  how many times as large as the element its neighbourhood is in which they hold
+    beyond  size, relative to the element, of the neighbourhood in which they hold
     """
     change, derivative = derivative_sums(space, parts - net_of_xi(space).T, beyond)
     return change.max(axis=(1, 2)), derivative.max(axis=(1, 2))
@@ -84,7 +84,7 @@ def changes(space: BernsteinSpace, parts: Floats, beyond: float = BEYOND) -> tup
 def rational_changes(
     space: BernsteinSpace, parts: Floats, weights: Floats, beyond: float = BEYOND
 ) -> tuple[Floats, Floats]:
-    """As `changes`, of maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
+    """Bounds as `changes`, for maps y = Y / w: w dy = dY - y dw, and w ddy = ddY - dy dw - dw dy - y ddw."""
     axes = range(space.shape.dimension)
     middle = parts[..., parts.shape[-1] // 2] / weights[:, weights.shape[-1] // 2, None]
     parts, weights = parts - middle[..., None] * weights[:, None], weights[:, None]
@@ -108,9 +108,9 @@ def rational_changes(
 
 
 def _pyramid_change(space: BernsteinSpace, parts: Floats) -> Floats:
-    """A bound of b (n,) on pyramids themselves: derivatives in xi are those in eta, two of them over c = (1 - eta3)/2.
+    """A bound of b (n,) on pyramids: derivatives in xi are those in eta, two of them over c = (1 - eta3)/2.
 
-    At the apex the format's functions do not depend on eta1 and eta2.  With the rest, b_k^r = c r/(r - k) b_k^(r-1).
+    The format's functions do not depend on eta1 and eta2 at the apex.  For the others, b_k^r = c r/(r - k) b_k^(r-1).
     """
     parts, top = parts - net_of_xi(space).T, space.degrees[2]
     scale = top / (top - np.arange(top))
@@ -144,7 +144,7 @@ def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...], be
 
 @bounded_cache
 def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -> Floats:
-    """(count, count) from the right, from a net on the element to that of a derivative on the larger one."""
+    """Matrix (count, count), applied from the right: from a net on the element to a derivative's on the larger one."""
     centre, places = space.shape.vertices.mean(axis=0), net_of_xi(space)
     to_net = np.linalg.inv(bernstein_values(space, places))
     larger = (to_net @ bernstein_values(space, centre + beyond * (places - centre))).T

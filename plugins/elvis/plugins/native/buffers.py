@@ -37,7 +37,7 @@ class NativeVolume:
 
     @property
     def shader_folder(self) -> Path:
-        """Where the Slang modules of the shapes stand."""
+        """Folder of the Slang modules of the shapes."""
         return Path(__file__).parent
 
     @staticmethod
@@ -94,7 +94,7 @@ def _dimension(dataset: Dataset, found: Sequence[Patch]) -> int:
 
 
 def _in_space(part: Part) -> Part:
-    """The part, its elements those of a surface in space (see in_space in native_data.slang)."""
+    """The part with elements of a surface in space (see in_space in native_data.slang)."""
     says = " export static const bool in_space = true;"
     quantities = {name: replace(own, source=own.source + says) for name, own in part.quantities.items()}
     return replace(part, source=part.source + says, quantities=quantities)

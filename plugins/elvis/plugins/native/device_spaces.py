@@ -32,7 +32,7 @@ def even_space(space: BernsteinSpace, least: int) -> BernsteinSpace:
 
 
 def type_arguments(space: BernsteinSpace) -> list[int]:
-    """Those of the Slang type of polynomials in a space of one degree, or of pyramids with two."""
+    """Arguments of the Slang type of polynomials in a space of one degree, or on pyramids with two."""
     return [space.degrees[0], space.degrees[2]] if space.shape is Shape.PYRAMID else [space.degrees[0]]
 
 

@@ -38,13 +38,14 @@ from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
 from elvis.plugins.volume import Enclosure, Part, Quantity, SlopeBounds
 
-#: highest degree of expressions whose isosurfaces are found as those of polynomials
+#: highest degree of expressions whose isosurfaces are found as isosurfaces of polynomials
 HIGHEST = 8
-#: the same of those that only isosurfaces ask for, in straight tetrahedra
+#: the same limit in straight tetrahedra, for expressions that only isosurfaces use
 HIGHEST_STRAIGHT = 16
-#: rounding of the level of another expression, in parts of it
+#: relative rounding of the level of another expression
 LEVEL_ROUNDING = 1e-15
-#: of expressions that are expanded: degree, on straight tetrahedra too; coefficients, and in parts of their fields'
+#: limits of expanded expressions: degree, degree on straight tetrahedra, coefficients, coefficients relative to the
+#: fields'
 _MOST_DEGREES, _MOST_STRAIGHT, _MOST_NUMBERS, _MOST_TIMES = 16, 24, 1 << 25, 2
 #: elements whose bounds are found together
 _CELLS = 4096
@@ -57,7 +58,7 @@ class Elements:
 
     names        of the patches' fields
     expressions  the quantities; the first becomes the part's own field
-    keep         gives what follows from the mesh alone: what was made before, by a key, or what it makes
+    keep         caches results that depend only on the mesh: the earlier result of a key, or a new one
     in_all       elements of all data, of which these may be a part
     """
 
@@ -77,7 +78,7 @@ class Elements:
         self._surface_buffers: dict[tuple[str, ...], Mapping[str, NDArray[Any]]] = {}
 
     def part(self) -> Part:
-        """The part: fields are evaluated as they are, what several fields make by one stack of them all."""
+        """The part: fields are evaluated directly, quantities of several fields from one stack of them all."""
         shape, ids = self.geometry.shape, np.concatenate([p.element_ids for p in self.patches])
         lengths = self.series.lengths if self.series else ()
         key = "maps", self.geometry, lengths, ids.tobytes()
@@ -117,7 +118,7 @@ class Elements:
     def stack(self, names: tuple[str, ...]) -> Part:
         """The elements with several fields: number e M + m of the type has field m of M on the map of element e.
 
-        Of the part's numbers and functions there are none but ids, boxes and buffers.
+        The part has ids, boxes and buffers only.
         """
         space, net = self._net(names)
         type, source = self._type(space)
@@ -180,13 +181,13 @@ class Elements:
     def _boxes(
         self, expression: Expression, space: BernsteinSpace, ends: Callable[[], tuple[Floats, Floats]]
     ) -> Callable[[float], SeriesBoxes] | None:
-        """As Quantity.boxes, of an expression whose fields lie in a space."""
+        """Boxes as in Quantity.boxes, for an expression whose fields lie in a space."""
         errors = partial(self._leaf_errors, expression.fields)
         models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors)
         return models.boxes if models.is_known else None
 
     def _type(self, space: BernsteinSpace) -> tuple[str, str]:
-        """The Slang type of elements with this map and fields in a space, and what is to be imported for it."""
+        """The Slang type of elements with this map and fields in a space, and the imports that it needs."""
         shape, arguments = self.geometry.shape, self._all_arguments(space)
         type = f"{shape.label}<{arguments}>"
         if not self.series:
@@ -205,7 +206,7 @@ class Elements:
         return bool(np.isfinite(certify()).all())
 
     def _enclosure(self, formula: Formula, type: str, space: BernsteinSpace) -> Enclosure | None:
-        """What a formula is made of, on solid elements."""
+        """Enclosures of the leaves of a formula, on solid elements."""
         shape, names = self.geometry.shape, tuple(formula.fields)
         if shape.dimension < 3 or not formula.is_bounded:
             return None
@@ -242,7 +243,7 @@ class Elements:
         return frozen_floats(np.concatenate(found))
 
     def _leaf_error(self, patch: Patch, number: int, space: BernsteinSpace) -> Floats:
-        """(n,) that of one of a patch's fields; not a number where its elements lack it."""
+        """Rounding (n,) of one of a patch's fields; NaN on elements that lack it."""
         expansion, modal = patch.fields[number], patch.coefficients[number]
         if expansion is None or modal is None:
             return np.full(len(patch), np.nan)
@@ -281,7 +282,7 @@ class Elements:
         return replace(shown, condition=unless)
 
     def _all_arguments(self, space: BernsteinSpace) -> str:
-        """Those of the Slang type of elements with this map and a field in a space."""
+        """Arguments of the Slang type of elements with this map and a field in a space."""
         return ", ".join(map(str, type_arguments(self.geometry) + type_arguments(space)))
 
     def _expand(self, expression: Expression) -> Net | None:
@@ -315,7 +316,7 @@ class Elements:
         return expanded(expression.root, leaves.net)
 
     def _level(self, expression: Expression, value: float) -> tuple[Quantity, float] | None:
-        """As Quantity.level, of an expression."""
+        """Level as in Quantity.level, for an expression."""
         found = same_level(expression.root, value)
         if found is None:
             return None
@@ -367,7 +368,7 @@ class Elements:
         return found
 
     def _degree(self, leaf: Node, space: BernsteinSpace) -> int | None:
-        """The degree of what an expression is made of, where that is a polynomial.
+        """The degree of a leaf of an expression, None if it is not a polynomial.
 
         Derivatives in the world are polynomials on straight simplices.
         """
@@ -388,7 +389,7 @@ class Elements:
 
     @cached_property
     def _several(self) -> tuple[str, ...]:
-        """All fields of expressions that are made of more than one."""
+        """All fields of expressions that depend on more than one."""
         every = (each.fields for each in self.expressions if len(each.fields) > 1)
         return tuple(dict.fromkeys(name for names in every for name in names))
 
@@ -413,7 +414,7 @@ class Elements:
         return self._nets[names]
 
     def _constants(self, names: Sequence[str]) -> Floats:
-        """(n, attributes) what is one number throughout each element."""
+        """Values (n, attributes) that are constant on each element."""
         columns = [[self.attributes.constant(name, p.shape, p.element_ids) for p in self.patches] for name in names]
         return np.stack([np.concatenate(column) for column in columns], axis=1) if columns else np.zeros((1, 1))
 
@@ -450,9 +451,9 @@ def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) 
 
 
 def _fill(net: Floats, patch: Patch, number: int, space: BernsteinSpace) -> None:
-    """Scaled Bernstein coefficients of one of the patch's fields into (n, waves, count); NaN where it lacks the field.
+    """Fill scaled Bernstein coefficients of a field into (n, waves, count); NaN where the patch lacks the field.
 
-    Some elements at a time: what is made on the way then stays in the processor's cache.
+    Elements are processed in chunks, so that intermediate results stay in the processor's cache.
     """
     expansion, modal = patch.fields[number], patch.coefficients[number]
     if expansion is None or modal is None:

@@ -37,14 +37,14 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, eq=False)
 class LevelModels:
-    """What boxes of the elements of a part are made of.
+    """Data from which boxes of the elements of a part are computed.
 
     patches   the elements, all of one shape
     geometry  the space of their maps
     fields    the space of the fields
     names     of the patches' fields
-    ends      certified least and greatest value of each element, (n,) each
-    errors    (n, 3 + fields of the expression) how far computed values of leaves may be from the true ones
+    ends      certified minimum and maximum of each element, (n,) each
+    errors    (n, 3 + fields of the expression) bounds of the errors of computed leaves
     """
 
     patches: Sequence[Patch]

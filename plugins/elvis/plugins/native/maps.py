@@ -1,4 +1,4 @@
-"""What a part has of its elements' maps alone, which the steps of a series share."""
+"""Data of a part that depend only on its elements' maps, shared by the steps of a series."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Maps:
 
     @staticmethod
     def of(patches: Sequence[Patch], space: BernsteinSpace) -> Maps:
-        """Those of all elements of some patches, in one space."""
+        """The maps of all elements of some patches, in one space."""
         boxes = np.concatenate([element_boxes(patch) for patch in patches])
         return Maps(*_control_points(patches, space), boxes)
 
 
-#: gives what was made before for a key, or what the function makes
+#: function that returns the cached value of a key, or the one that its argument computes
 Keep: TypeAlias = Callable[[Hashable, Callable[[], Once[Maps]]], Once[Maps]]
 
 
@@ -47,10 +47,10 @@ def keep_nothing(_: Hashable, make: Callable[[], Once[Maps]]) -> Once[Maps]:
 
 
 def _control_points(patches: Sequence[Patch], space: BernsteinSpace) -> tuple[Floats, NDArray[np.uint32]]:
-    """Scaled Bernstein control points (m, 3) of the maps of patches, and which of them each element has, (n * count,).
+    """Scaled Bernstein control points (m, 3) of the maps of patches, and the points of each element, (n * count,).
 
-    Where all are straight, the points are the vertices of the mesh: the same array for all its parts.  In spaces of
-    higher degree each element has its own, one after the other, and no list tells so.
+    If all maps are straight, the points are the vertices of the mesh: the same array for all its parts.  In spaces of
+    higher degree each element has its own points, in order, and no list is needed.
     """
     corners = patches[0].corners
     found = (_vertex_rows(patch, space) for patch in patches)

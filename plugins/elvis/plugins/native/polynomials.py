@@ -1,12 +1,12 @@
-"""Expressions that are polynomials on their elements, expanded: one net of coefficients in place of a formula.
+"""Expressions that are polynomials on their elements, expanded into one net of coefficients instead of a formula.
 
 Sums, products and whole powers of fields, coordinates and constants are polynomials; derivatives in the world are
-where the map is affine.  In scaled Bernstein form, coefficients times the weights of their functions, a product is
-that of polynomials in the barycentric coordinates: powers add, coefficients convolve (Farouki and Rajan 1988,
-Algorithms for polynomials in Bernstein form, section 5).
+polynomials if the map is affine.  In scaled Bernstein form, coefficients times the weights of their functions, a
+product is a product of polynomials in the barycentric coordinates: powers add, coefficients convolve (Farouki and
+Rajan 1988, Algorithms for polynomials in Bernstein form, section 5).
 
-Nets carry how far their computed coefficients may be from the true ones.  Coefficients of a product are means of
-products of coefficients, so that the errors of its factors grow by their greatest coefficients alone.
+Nets contain error bounds of their computed coefficients.  Coefficients of a product are means of products of
+coefficients, so the errors of its factors grow only by their maximum coefficients.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from elvis.plugins.native.weights import weights
 MOST_COEFFICIENTS = 5000
 #: roundings of each term: two weights, two factors, their product, the weight of the result
 _ROUNDINGS = 6
-#: how far Jacobians of affine maps may be from their mean, in parts of their greatest entry: rounding of coordinates
+#: tolerance for Jacobians of affine maps about their mean, relative to their maximum entry: rounding of coordinates
 _STRAIGHT = 1e-12
 
 
@@ -86,7 +86,7 @@ class Net:
 
 
 class Leaves:
-    """The nets of what expressions are made of, on the elements ``rows`` (n,) of a patch.
+    """The nets of the leaves of expressions, on the elements ``rows`` (n,) of a patch.
 
     names  of the patch's fields
     """
@@ -96,7 +96,7 @@ class Leaves:
         self._known: dict[Node, Net | None] = {}
 
     def net(self, leaf: Node) -> Net | None:
-        """That of a leaf; None for what is no polynomial, or not known in these elements."""
+        """The net of a leaf; None for a leaf that is not a polynomial, or not known in these elements."""
         if leaf not in self._known:
             self._known[leaf] = self._compute(leaf)
         return self._known[leaf]
@@ -123,7 +123,7 @@ class Leaves:
         return Net(space, np.ascontiguousarray(plain.T), error)
 
     def _constant(self, name: str) -> Net | None:
-        """The net of what is one number throughout each element."""
+        """The net of an attribute that is constant on each element."""
         if not is_constant(name):
             return None
         values = self.attributes.constant(name, self.patch.shape, self.patch.element_ids[self.rows])
@@ -184,9 +184,9 @@ def mean_jacobians(patch: Patch, rows: Ints) -> tuple[Floats, Floats]:
 
 
 def expanded(root: Node, leaf: Callable[[Node], Net | None]) -> Net | None:
-    """The net of an expression, from those of its leaves that are no numbers; None where it is no polynomial of them.
+    """The net of an expression, from the nets of its leaves, except numbers; None if it is not a polynomial of them.
 
-    leaf  gives all nets on the same elements, or None for what is no polynomial
+    leaf  gives all nets on the same elements, or None for a leaf that is not a polynomial
     """
 
     def outer(node: Node) -> Net | float | None:
@@ -207,7 +207,7 @@ def expanded(root: Node, leaf: Callable[[Node], Net | None]) -> Net | None:
 
 
 def _of_two(op: str, first: Net, last: Net) -> Net | None:
-    """What an operator makes of two polynomials; None where that is none."""
+    """The result of an operator on two polynomials; None if it is not a polynomial."""
     match op:
         case "+":
             return _sum(first, last)
@@ -219,7 +219,7 @@ def _of_two(op: str, first: Net, last: Net) -> Net | None:
 
 
 def _with_number(op: str, net: Net, value: float) -> Net | None:
-    """What an operator makes of a polynomial and a number after it."""
+    """The result of an operator on a polynomial and a number."""
     if not np.isfinite(value):
         return None
     match op:
@@ -237,7 +237,7 @@ def _with_number(op: str, net: Net, value: float) -> Net | None:
 
 
 def _after_number(op: str, value: float, net: Net) -> Net | None:
-    """What an operator makes of a number and a polynomial after it."""
+    """The result of an operator on a number and a polynomial."""
     if op == "-":
         return _with_number("+", net.negative(), value)
     return _with_number(op, net, value) if op in ("+", "*") else None
@@ -295,13 +295,13 @@ def _places(first: BernsteinSpace, second: BernsteinSpace) -> Ints:
 
 
 def world_gradient(net: Net, jacobians: Floats, bent: Floats, axis: int) -> Net:
-    """The derivative along x, y or z, where the map is affine.
+    """The derivative along x, y or z, if the map is affine.
 
     jacobians  (n, d, d) derivatives of world coordinates (rows) with respect to reference coordinates
-    bent       (n,) how far any of them is from that anywhere in the element
+    bent       (n,) maximum deviation of any derivative from that in the element
 
-    By the inverse of the Jacobian, whose error grows as its determinant is small beside the lengths of its columns.
-    Coefficients of derivatives are differences, times half the degree.
+    Uses the inverse of the Jacobian, whose error grows as its determinant is small relative to the lengths of its
+    columns.  Coefficients of derivatives are differences, times half the degree.
     """
     dimension = net.space.shape.dimension
     lengths = np.linalg.norm(jacobians, axis=1).prod(axis=1)

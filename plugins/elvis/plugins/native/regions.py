@@ -1,13 +1,14 @@
-"""Where derivatives of polynomials are bounded: around an element, or in a box of a pyramid's collapsed coordinates.
+"""Regions for bounds of derivatives: around an element, or boxes of a pyramid's collapsed coordinates.
 
-On a pyramid functions are polynomials of (a, b, c), which reference coordinates (x, y, z) make by z = c and, with the
-share s = (1 - c) / 2, x = (1 + a) s - 1 and y = (1 + b) s - 1.  So with a polynomial P
+On a pyramid functions are polynomials of (a, b, c), which define reference coordinates (x, y, z) by z = c and, with the
+share s = (1 - c) / 2, x = (1 + a) s - 1 and y = (1 + b) s - 1.  With a polynomial P this gives
 
     d/dx (P / s^k) = P_a / s^(k + 1)
     d/dz (P / s^k) = (s P_c + (1 + a) P_a / 2 + (1 + b) P_b / 2 + k P / 2) / s^(k + 1)
 
-where no degree grows: derivatives of every order are polynomials over powers of s, which is positive but at the apex.
-Such a quotient lies between those of Bernstein coefficients (Farin 2002, Curves and Surfaces for CAGD, section 13.3).
+in which no degree grows: derivatives of every order are polynomials over powers of s, which is positive except at the
+apex.  Such a quotient lies between quotients of Bernstein coefficients (Farin 2002, Curves and Surfaces for CAGD,
+section 13.3).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Region(Protocol):
 
 @dataclass(frozen=True)
 class Neighbourhood:
-    """Elements that are some times as large as those of a space."""
+    """Elements that are larger by a factor than the elements of a space."""
 
     space: BernsteinSpace
     beyond: float
@@ -66,7 +67,7 @@ class PyramidBoxes:
         self._is_regular = middle[:, 2] + half[:, 2] < 1
 
     def ends(self, nets: Floats, directions: tuple[int, ...], less: float = 0.0) -> Interval:
-        """As `Region.ends`, of what is P / s^k."""
+        """Bounds as `Region.ends`, for P / s^k."""
         values = nets.reshape(len(nets), -1, *(degree + 1 for degree in self._given[::-1]))
         for direction, matrix in enumerate(self._from_net):
             values = _applied(matrix, values, direction)
@@ -77,7 +78,7 @@ class PyramidBoxes:
         for direction, degree in enumerate(self._degrees):
             values = _applied(_line(degree)[2], values, direction)
 
-        # quotients with the coefficients of s^k, all of which are positive
+        # quotients with the coefficients of s^k, which are all positive
         power = _applied(_line(self._degrees[2])[2], self._share ** len(directions), 2)
         flat = (values / power).reshape(*values.shape[:2], -1)
         low, high = flat.min(axis=2), flat.max(axis=2)
@@ -86,7 +87,7 @@ class PyramidBoxes:
         return np.where(is_known, low, -np.inf).reshape(shape), np.where(is_known, high, np.inf).reshape(shape)
 
     def _derivative(self, values: Floats, direction: int, power: int) -> Floats:
-        """Values of the next P, from those of one over a power of the share."""
+        """Values of the next P, from values of one over a power of the share."""
         if direction < 2:
             return self._collapsed(values, direction)
         found = self._share * self._collapsed(values, 2) + 0.5 * power * values
@@ -111,7 +112,7 @@ def _applied(matrix: Floats, grid: Floats, direction: int) -> Floats:
 
 @bounded_cache
 def _line(degree: int) -> tuple[Floats, Floats, Floats]:
-    """Nodes of a line, and matrices from values there to those of the derivative, and to Bernstein coefficients."""
+    """Nodes of a line, and matrices from values there to values of the derivative, and to Bernstein coefficients."""
     line = BernsteinSpace(Shape.SEGMENT, (degree,))
     nodes = net_of_xi(line)
     to_net = np.linalg.inv(bernstein_values(line, nodes))

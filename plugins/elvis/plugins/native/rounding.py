@@ -83,11 +83,11 @@ class _ComputedValues:
 
 
 def expression_rounding(root: Node, cells: Cells, field_errors: Callable[[str], Floats], degree: int) -> Floats:
-    """(c,) bounds for an expression on boxes: each operation adds its rounding to what its operands bring along.
+    """Bounds (c,) for an expression on boxes: each operation adds its rounding to the errors of its operands.
 
-    field_errors  those of the fields by name, (c,)
+    field_errors  errors of the fields by name, (c,)
     degree        of map and fields
-    Infinite where an operation is none of polynomials.
+    Infinite for operations that do not yield polynomials.
     """
     gradients = _Gradients(cells, degree)
     collapsed = cells.patch.shape is Shape.PYRAMID
@@ -123,7 +123,7 @@ def _rounded(node: Node) -> int:
 
 
 def _carried(node: Node, parts: list[_ComputedValues]) -> Any:
-    """What the errors of its operands make of the error of an operation."""
+    """Error of an operation that results from the errors of its operands."""
     first, last = parts[0], parts[-1]
     if node.op in "+-":
         return first.error + last.error
@@ -146,7 +146,7 @@ class _Gradients:
     degree: int
 
     def error(self, node: Node, field_error: Floats) -> Floats:
-        """(c,) that of a leaf: infinite for what is no first derivative, or not known.
+        """Error (c,) of a leaf: infinite for leaves that are not first derivatives, or not known.
 
         Coefficients of derivatives are differences times the degree; the inverse Jacobian, by cofactors, has a relative
         error that grows as its determinant is small compared with the lengths of its columns.

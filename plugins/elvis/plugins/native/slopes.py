@@ -1,17 +1,17 @@
-"""Bounds of the derivatives of expressions in reference coordinates, over neighbourhoods of elements; of rounding, too.
+"""Bounds of the derivatives of expressions in reference coordinates, over neighbourhoods of elements, and of rounding.
 
 With leaves l_k (coordinates, fields, derivatives of fields in the world) and their own derivatives, by the chain rule
 
     f_i = sum_k f_k l_k,i        f_ij = sum_k f_k l_k,ij + sum_km f_km l_k,i l_m,j
 
 where f_k and f_km, graphs again, are enclosed by interval arithmetic.  The gradient g of a field with the derivatives s
-comes from J^T g = s, and its derivatives from those of this equation:
+follows from J^T g = s, and its derivatives from the derivatives of this equation:
 
     J^T g_i = s_i - J_i^T g        J^T g_ij = s_ij - J_i^T g_j - J_j^T g_i - J_ij^T g
 
-in coordinates in which J is nearly the identity 1 + R: |(1 + R)^-T y| <= (1 - |R|)^-1 |y| wherever the norm of |R| is
-less than 1 (Neumaier 1990, Interval methods for systems of equations, section 4.1).  Bernstein coefficients bound R, s
-and all derivatives.
+in coordinates in which J is nearly the identity 1 + R: |(1 + R)^-T y| <= (1 - |R|)^-1 |y| if the norm of |R| is less
+than 1 (Neumaier 1990, Interval methods for systems of equations, section 4.1).  Bernstein coefficients bound R, s and
+all derivatives.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ _Regions = Callable[[BernsteinSpace], Region]
 #: operators and functions that are analytic wherever the intervals of their derivatives are finite
 _OPERATORS, _ROOTS = frozenset("+-*/"), frozenset(("sqrt", "log", "asin", "acos"))
 _SMOOTH = _OPERATORS | _ROOTS | {"exp", "sin", "cos", "tan", "atan", "sinh", "cosh", "tanh"}
-#: those that have a kink where their operands are equal, or zero: first derivatives alone are bounded there
+#: operations with a kink at equal or zero operands: only first derivatives are bounded there
 _KINKED = frozenset(("abs", "min", "max"))
 #: leaves of expressions whose second derivatives are bounded
 _MOST_LEAVES = 24
-#: roundings of an operation, and as many times as large errors beside the elements are as in them
+#: roundings of an operation; factor by which errors next to the elements exceed those inside
 _ROUNDINGS, _BESIDE = 8, 4.0
 
 
@@ -61,11 +61,11 @@ class Polynomials:
 
 @dataclass(frozen=True, eq=False)
 class ElementSlopes:
-    """Slopes of an expression of which `has_slopes`, on the elements of a part, one patch after the other.
+    """Slopes of an expression with `has_slopes`, on the elements of a part, patch by patch.
 
     geometry, names  space of the map; names of the patches' fields
     space            of the expression's fields
-    errors           (n, 3 + fields) how far computed coordinates and fields may be off in each element
+    errors           (n, 3 + fields) error bounds of computed coordinates and fields in each element
     """
 
     patches: Sequence[Patch]
@@ -76,17 +76,17 @@ class ElementSlopes:
     errors: Callable[[], Floats]
 
     def of(self, elements: Ints, beyond: float) -> Slopes:
-        """Those of elements (n,), see `SlopeBounds`."""
+        """Slopes of elements (n,), see `SlopeBounds`."""
         if self.geometry.shape is Shape.PYRAMID:
             return Slopes(*np.full((3, len(elements)), np.inf))
         return self._of(elements, lambda rows: partial(Neighbourhood, beyond=beyond))
 
     def in_boxes(self, elements: Ints, middle: Floats, half: Floats) -> Slopes:
-        """Those in boxes of pyramids (n,), see `SlopeBounds`."""
+        """Slopes in boxes of pyramids (n,), see `SlopeBounds`."""
         return self._of(elements, lambda rows: partial(PyramidBoxes, middle=middle[rows], half=half[rows]))
 
     def _of(self, elements: Ints, regions: Callable[[Ints], _Regions]) -> Slopes:
-        """Those of elements (n,) in the regions of rows of these."""
+        """Slopes of elements (n,) in the regions of their rows."""
         found, first = np.full((3, len(elements)), np.inf), 0
         for patch in self.patches:
             mine = np.flatnonzero((elements >= first) & (elements < first + len(patch)))
@@ -97,7 +97,7 @@ class ElementSlopes:
         return Slopes(*found)
 
     def _in(self, patch: Patch, rows: Ints, error: Floats, regions: _Regions) -> Slopes:
-        """Those of some of a patch's elements."""
+        """Slopes of some of a patch's elements."""
         controls = bernstein_coefficients(patch.geometry, patch.geometry_coefficients[rows], self.geometry)
         fields = {}
         for column, name in enumerate(self.expression.fields):
@@ -131,10 +131,10 @@ def has_slopes(root: Node) -> bool:
 
 
 def slopes(root: Node, place: Polynomials, fields: Mapping[str, Polynomials], regions: _Regions) -> Slopes:
-    """Bounds of an expression of which `has_slopes`.
+    """Bounds of an expression with `has_slopes`.
 
     place    of the coordinates: nets (n, 3, count), errors (n, 3)
-    regions  where, for polynomials of a space
+    regions  domains of the bounds, for polynomials of a space
     """
     used = leaves(root)
     with np.errstate(all="ignore"):
@@ -179,7 +179,7 @@ def _times(a: Floats, b: Floats) -> Floats:
 
 
 class _Bounds:
-    """Intervals of expressions of some leaves; what is known once is kept."""
+    """Intervals of expressions of some leaves, cached."""
 
     def __init__(self, about: Mapping[Node, _Leaf]) -> None:
         self._known: dict[Node, Interval] = {leaf: own.ends for leaf, own in about.items()}
@@ -202,7 +202,7 @@ class _Bounds:
 
 
 def _noise(root: Node, about: Mapping[Node, _Leaf], bounds: _Bounds) -> Floats:
-    """How far computed values may be off: each operation adds its rounding to what it makes of its operands' errors."""
+    """Error bounds of computed values: each operation adds its rounding to the propagated errors of its operands."""
     found: dict[Node, Floats] = {}
     for node in ordered(root):
         if node.op in LEAVES:
@@ -225,7 +225,7 @@ def _exponent(node: Node) -> float:
 def _leaf(
     leaf: Node, place: Polynomials, fields: Mapping[str, Polynomials], gradients: _Gradients, regions: _Regions
 ) -> _Leaf:
-    """What is known of one leaf."""
+    """Bounds of one leaf."""
     if leaf.op == "coordinate":
         axis = leaf.axes[0]
         return _polynomial(Polynomials(place.space, place.nets[:, axis], place.error[:, axis]), regions)
@@ -299,7 +299,7 @@ class _Gradients:
         low, high = (np.stack([end[k] for end in ends], axis=1) for k in range(2))
         sizes = [_magnitudes(region, d, nets, order)[..., 0] for order in (1, 2, 3)]
 
-        # h in parts of the inverse A, its first derivatives (n, i, c) and its second (n, i, j, c)
+        # h relative to the inverse A, its first derivatives (n, i, c) and its second (n, i, j, c)
         size = np.einsum("nac,nc->na", self._solve, sizes[0])
         off = np.einsum("nac,nc->na", self._rest, size)
         low, high = low - off, high + off

@@ -1,6 +1,6 @@
 """The last resort for points that kernels could not decide: w(r) (x(r) - p) = 0 is polynomial, and solved with proof.
 
-Weights are positive, so that the roots are those of the rational map.
+Weights are positive, so its roots equal the rational map's.
 """
 
 from __future__ import annotations

@@ -214,9 +214,9 @@ def _patch_knots(
 
 
 class Sections:
-    """A text file of headings and numbers; comments are left out, every surprise is a FormatError.
+    """A text file of headings and numbers, without comments; unexpected contents raise FormatError.
 
-    words  what follows a heading with a colon, as ``VDim: 3``
+    words  text after a heading with a colon, such as ``VDim: 3``
     """
 
     def __init__(self, path: Path) -> None:

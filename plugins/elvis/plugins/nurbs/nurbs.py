@@ -30,7 +30,7 @@ Group: TypeAlias = tuple[list[int], Floats, Floats, Ints]
 
 _COLLECTION = re.compile(r"(H1|H1Pos|L2|L2_T1|L2_T2)_3D_P(\d+)")
 
-#: nodes in [0, 1] of a family of elements, None where its coefficients are those of Bernstein polynomials
+#: nodes in [0, 1] of a family of elements, None if it has Bernstein coefficients
 _NODES: dict[str, Callable[[int], Floats] | None] = {
     "H1": lambda p: (gll(p + 1)[0] + 1) / 2,
     "H1Pos": None,
@@ -82,7 +82,7 @@ class Nurbs(VolumeSource):
             self._functions[own] = path, function, number
 
     def volume(self, field: str) -> PartsVolume:
-        """The elements with one field; those of equal degrees make a part."""
+        """The elements with one field; elements of equal degrees form a part."""
         nets, is_rational = self._nets(field)
         groups = _groups(weighted(self.mesh), nets)
         parts = [_part(*group, is_rational) for group in groups]
@@ -163,7 +163,7 @@ def _groups(maps: list[Floats], fields: list[Floats]) -> list[Group]:
 
 
 def _faces(mesh: Mesh, groups: list[Group]) -> Faces:
-    """The faces of all elements; those that share their vertices are one.  Boundaries are named by their attributes."""
+    """The faces of all elements; faces with the same vertices are one.  Boundaries are named by their attributes."""
     corners = np.empty((sum(len(ids) for *_, ids in groups), 8, 3))
     for _, nets, _, ids in groups:
         x, y, z = (CORNERS * (np.array(nets.shape[1:4]) - 1)).T

@@ -1,4 +1,4 @@
-"""NURBS volumes as JSON, a form of our own.
+"""NURBS volumes as JSON, in a format of this project.
 
     {"format": "elvis-nurbs", "version": 1, "time": 0.5,
      "patches": [{"degrees": [2, 2, 1],
@@ -7,9 +7,9 @@
                   "fields": {"p": [0.25, …]}}],
      "boundaries": {"wall": [[0, "z-"], [0, "x+"]]}}
 
-Points, weights and the control values of fields run along x first, then y, then z.  Weights are 1 where they are left
-out; fields are rational with the weights of their patch.  Every patch has the same fields.  Boundaries are lists of
-patches, numbered from 0, and sides.  Patches meet where corners of their elements lie at the same places.
+Points, weights and the control values of fields run along x first, then y, then z.  Missing weights are 1; fields are
+rational with the weights of their patch.  Every patch has the same fields.  Boundaries are lists of patches, numbered
+from 0, and sides.  Patches meet where corners of their elements coincide.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def read_own(path: Path) -> OwnMesh:
 
 
 class _Reader:
-    """From a table to a mesh; every surprise is a FormatError at a place."""
+    """Reader from a table to a mesh; unexpected contents raise FormatError with their place."""
 
     def mesh(self, table: dict[str, Any]) -> OwnMesh:
         if table.get("format") != FORMAT or table.get("version") != _VERSION:

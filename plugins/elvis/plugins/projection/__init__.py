@@ -1,1 +1,1 @@
-"""From samples to the native format: numbering, projection, traces, curves, errors."""
+"""Conversion of samples to the native format: numbering, projection, traces, curves, errors."""

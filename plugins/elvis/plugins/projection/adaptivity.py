@@ -24,7 +24,7 @@ _INSIDE = 24
 #: share of the tolerance that an element may use up: taking over a neighbour's trace may cost as much again
 _SHARE = 0.4
 
-#: orders tried beyond those of the source, for fields that no order holds
+#: further orders tried beyond the source's, for fields that no order represents exactly
 ORDERS_BEYOND = 6
 
 

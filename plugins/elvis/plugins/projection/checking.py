@@ -1,4 +1,4 @@
-"""Where a conversion is checked: random reference points that no fit has seen, inside and on the border."""
+"""Points at which a conversion is checked: random reference points not used by any fit, inside and on the border."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from elvis.core.shapes import Shape
 #: points inside, in all and at least and at most an element
 _IN_ALL, _LEAST, _MOST = 1 << 15, 12, 1000
 
-#: how near to a vertex, as a share of the way to a point inside, the field is looked at
+#: distance from a vertex, as a share of the way to a point inside, at which the field is checked
 _NEAR_VERTEX = (1e-3, 3e-2)
 
-#: how far below the apex of a pyramid its field is looked at
+#: distance below the apex of a pyramid at which its field is checked
 _BELOW_APEX = 1e-2
 
 

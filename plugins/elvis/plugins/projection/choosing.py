@@ -1,7 +1,7 @@
-"""What is converted, and at which orders: those of the source, or higher ones where these are not exact.
+"""Choice of fields and orders: the source's orders, or higher ones if these are not exact.
 
-A few elements tell in advance which orders are needed, so that most sources are projected once.  Elements that are
-found to be worse afterwards raise the orders again; then only what has changed is projected again.
+A few elements predict which orders are needed, so that most sources are projected once.  Elements that turn out to be
+worse raise the orders again; then only the changed parts are projected again.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from elvis.plugins.projection.spaces import needs_hexahedra
 from elvis.plugins.projection.topology import Topology, given_topology, topology
 from elvis.plugins.projection.verification import Tally
 
-#: elements that tell in advance which orders are needed
+#: number of elements that predict the orders
 _FEW = 64
 
 #: how much larger than wanted errors are that raise orders again
 _SLACK = 4.0
 
-#: the name of the map among those of fields
+#: name of the map among the names of fields
 _MAP = ""
 
 
@@ -46,10 +46,10 @@ _MAP = ""
 class ChosenOrders:
     """A source with the orders of its map and fields.
 
-    fields  those that are converted
-    plan    the mesh, its curves still to come unless the source has it whole, and the blocks with their expansions
-    has_native_pyramids  whether pyramids are projected onto those of Nektar++, whatever these can hold
-    final   names of fields to which no more orders are added, and of the map
+    fields  the fields to convert
+    plan    the mesh, without curves unless the source has them, and the blocks with their expansions
+    has_native_pyramids  whether pyramids are projected onto the form of Nektar++, whatever these can represent
+    final   names of fields, and of the map, whose orders are no longer raised
     """
 
     source: Converter
@@ -60,11 +60,11 @@ class ChosenOrders:
 
     @classmethod
     def of(cls, source: Converter, fields: Sequence[SourceField], has_native_pyramids: bool) -> ChosenOrders:
-        """The orders that the source tells."""
+        """The orders of the source."""
         return cls(source, tuple(fields), _plan(source, fields, has_native_pyramids), has_native_pyramids)
 
     def with_map(self, added: int) -> ChosenOrders:
-        """With so many orders more of the map."""
+        """The orders, with the map's order raised by ``added``."""
         if not added:
             return self
         source = copy(self.source)
@@ -111,7 +111,7 @@ def with_foreseen_fields(orders: ChosenOrders) -> ChosenOrders:
     few, precision = _few(blocks), orders.source.precision
     raises: dict[str, Raise] = {}
     for field in orders.fields:
-        # the range of a few elements is part of that of all, which is only needed for fields that are not exact
+        # the range of a few elements lies within the whole range, which is only needed for fields that are not exact
         (known,) = ranges(sampler, few, [field])
         if field_error(sampler, few, field) <= goal_of(*known, precision):
             continue
@@ -138,7 +138,7 @@ def _include(raises: dict[str, Raise], name: str, more: Raise) -> None:
 
 
 def _closed(orders: ChosenOrders, raises: Mapping[str, Raise]) -> ChosenOrders:
-    """No more orders are added where no number of them was enough for a few elements."""
+    """Stop raising orders if no number of them was enough for a few elements."""
     failed = {name for name, more in raises.items() if not more.is_enough}
     return replace(orders, final=orders.final | failed)
 

@@ -50,7 +50,7 @@ def with_curves(mesh: Mesh, skins: Skins, own: Sequence[tuple[Ints, Floats]] = (
 
 
 def _edges_of(mesh: Mesh, skins: Skins, own: Sequence[tuple[Ints, Floats]]) -> Floats:
-    """(n, 3, modes - 2) coefficients of all edges but those of their ends."""
+    """Coefficients (n, 3, modes - 2) of all edges, without their ends."""
     if mesh.dimension > 1:
         return skins.edges
     most = max((coefficients.shape[2] for _, coefficients in own), default=2)

@@ -24,7 +24,7 @@ class Entities:
 
     vertices  (n_vertices,)  in the order of the shape
     edges     for each edge of the shape, its modes 2, 3, ...
-    faces     for each face of a solid, those of its inside; for a 2D shape none
+    faces     for each face of a solid, its interior modes; for a 2D shape none
     inside    the rest
     """
 
@@ -80,7 +80,7 @@ def _flat_edges(shape: Shape, modes: int) -> list[Ints]:
 
 
 def _solid_edges(shape: Shape, modes: int) -> list[Ints]:
-    """From the first face that each edge is part of."""
+    """Edge modes, taken from the first face that contains each edge."""
     found = []
     for ends in shape.edges:
         face = next(i for i, local in enumerate(shape.faces) if set(ends) <= set(local))

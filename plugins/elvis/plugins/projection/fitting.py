@@ -1,4 +1,4 @@
-"""Coefficients from samples: of the coordinates and of fields, block by block, with one trace on what is shared."""
+"""Coefficients from samples of coordinates and fields, block by block, with one trace on shared entities."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _EXTRA = 1
 class FieldFit:
     """A field on native blocks.
 
-    modes         number of modes each way on each block, 0 on those that lack the field
-    coefficients  (n, m) on each block, (n, 0) on those
-    jump          largest difference of coefficients between elements that share an entity, 0 where none was sought
-    is_continuous whether elements that share an entity hold the same coefficients
+    modes         number of modes in each direction on each block, 0 on blocks without the field
+    coefficients  (n, m) on each block, (n, 0) on blocks without the field
+    jump          largest difference of coefficients between elements that share an entity, 0 if not measured
+    is_continuous whether elements that share an entity have the same coefficients
     """
 
     field: SourceField
@@ -68,7 +68,7 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
     for number, rows, points, group in track(list(_work(sampler, blocks, fields)), "projecting"):
         for i, which in group:
             samples = sampler.values(blocks[number], rows, fields[i], points)
-            with np.errstate(invalid="ignore"):  # what is not finite stays so
+            with np.errstate(invalid="ignore"):  # values that are not finite remain so
                 found[i][number][rows] = samples @ which.matrix
     return [FieldFit(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
 
@@ -130,7 +130,7 @@ def join_traces(fitted: FieldFit, traces: Traces) -> FieldFit:
 
 
 def padded(coefficients: Floats, few: Expansion, many: Expansion) -> Floats:
-    """Coefficients (..., m) in another expansion of the same family: new ones are zero, what it lacks is left out."""
+    """Coefficients (..., m) in another expansion of the same family: new ones are zero, missing ones are dropped."""
     if few == many:
         return coefficients
     result = np.zeros((*coefficients.shape[:-1], len(mode_indices(many))))
@@ -146,6 +146,6 @@ def beyond(coefficients: Floats, few: Expansion, many: Expansion) -> float:
 
 @bounded_cache
 def _places(few: Expansion, many: Expansion) -> Ints:
-    """(m,) the number in ``many`` of each function of ``few``; -1 for those that it lacks."""
+    """Positions (m,) in ``many`` of the functions of ``few``; -1 for missing ones."""
     known = {tuple(index): number for number, index in enumerate(mode_indices(many).tolist())}
     return frozen_ints(np.array([known.get(tuple(index), -1) for index in mode_indices(few).tolist()], np.int64))

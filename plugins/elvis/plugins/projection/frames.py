@@ -1,4 +1,4 @@
-"""Reference frames: from points in the frame of a native element to those of the source's element.
+"""Reference frames: from points in the frame of a native element to points of the source's element.
 
 A native element is the source's element with its vertices in another order, so that shared triangles collapse alike
 (format notes 2.3), or a hexahedron whose upper vertices coincide in the apex of a pyramid.
@@ -23,7 +23,7 @@ def _is_even(order: tuple[int, ...]) -> bool:
 
 
 #: vertex orders in which an element may be written; native local vertex j is vertex order[j] of the source's element.
-#: the first is the source's own, those of `PROPER` keep right-handed elements right-handed
+#: The first is the source's own, orders in `PROPER` keep right-handed elements right-handed
 PROPER: Mapping[Shape, tuple[tuple[int, ...], ...]] = {
     Shape.SEGMENT: ((0, 1),),
     Shape.TRIANGLE: ((0, 1, 2),),
@@ -56,7 +56,7 @@ def orders(shape: Shape, is_mirrored: bool) -> tuple[tuple[int, ...], ...]:
 
 @bounded_cache
 def affine(shape: Shape, order: tuple[int, ...]) -> tuple[Floats, Floats]:
-    """Matrix (d, d) and offset (d,) that take native reference points to those of the source's element."""
+    """Matrix (d, d) and offset (d,) that map native reference points to points of the source's element."""
     return affine_between(shape.vertices, shape.vertices[list(order)])
 
 

@@ -1,7 +1,7 @@
-"""The error of converted data: one measurement for files, objects in memory, and whatever else is converted.
+"""The error of converted data: one measurement for files, objects in memory, and every other conversion.
 
-Errors are differences to the source's own functions at points that no fit has used.  Where these are more than
-rounding, the elements with the largest ones are looked at in many more points, so that the largest is hardly missed.
+Errors are differences to the source's own functions at points not used by any fit.  If these exceed rounding, the
+elements with the largest errors are checked at many more points, so that the largest error is hardly missed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ T = TypeVar("T")
 #: points inside each element with one of the largest errors, and those at which derivatives of errors are taken
 _DENSE, _AT_SLOPES = 2000, 200
 
-#: the step of central differences in reference coordinates, whose errors are shares of its square of what they find
+#: step of central differences in reference coordinates, whose relative errors scale with its square
 _STEP = 1e-4
 
 
@@ -39,12 +39,12 @@ def measure(
     fitted: Sequence[FieldFit],
     first: Findings | None = None,
 ) -> Findings:
-    """Errors of a map and of fields on blocks against the source that ``sampler`` asks.
+    """Errors of a map and of fields on blocks, against the source behind ``sampler``.
 
-    first  what `check` found before; None where it is still to look
+    first  result of an earlier `check`; None if there was none
 
-    Where the map is not exact, errors of fields are the greater of those at reference coordinates and those at places
-    in space.
+    If the map is not exact, errors of fields are the larger of those at reference coordinates and those at points in
+    space.
     """
     precision = sampler.source.precision
 
@@ -75,7 +75,7 @@ def is_exact_map(findings: Findings, precision: float) -> bool:
 def _sharpen(
     found: T, look: Callable[[Ints, int], T], tallies_of: Callable[[T], Sequence[Tally]], precision: float
 ) -> Ints:
-    """Look at many more points of the elements with the largest errors beyond rounding, and take in what is there.
+    """Check many more points of the elements with the largest errors beyond rounding, and include the results.
 
     Returns the ids (n,) of these elements.
     """

@@ -31,10 +31,10 @@ class Naming:
     """The composites of a mesh.
 
     composites  parts of the domain, then boundaries
-    domain      ids of those that make the domain
-    notes       sentences on names that fit nothing
-    outline     name of the last composite where it holds the sides that the source doesn't name, else None
-    mortars     (n,) rows of the sides that the source calls non-conforming
+    domain      ids of the composites that form the domain
+    notes       sentences on names that match nothing
+    outline     name of the last composite if it contains the sides that the source doesn't name, else None
+    mortars     (n,) rows of the sides that the source declares non-conforming
     """
 
     composites: tuple[Composite, ...]
@@ -49,10 +49,10 @@ def composites(
 ) -> Naming:
     """All composites.
 
-    vertices  of each block's elements as the source has them, (n, v) in its local order, to tell which sides are outer
+    vertices  of each block's elements in the source, (n, v) in its local order, to determine outer sides
     numbers   (n_vertices,) the source's number of each vertex of the mesh
     """
-    # the source's own numbers of boundaries are the ids of their composites, all others get what is left
+    # the source's own numbers of boundaries are the ids of their composites; all others get the remaining ids
     own = _own_numbers(source.boundaries)
     free = (number for number in count() if number not in own.values())
     domain = [Composite(next(free), ((shape.tag, frozen_ints(ids)),), name) for shape, name, ids in _regions(blocks)]
@@ -115,7 +115,7 @@ def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]
 
 
 def _other_regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]:
-    """As `_regions`, what elements belong to in addition: parts of one name together are that region."""
+    """Further regions as in `_regions`: parts of one name together form that region."""
     parts: dict[tuple[Shape, str], list[Ints]] = {}
     for block in blocks:
         for name in block.source.other_regions if len(block) else ():

@@ -19,7 +19,7 @@ from elvis.plugins.projection.vertices import connected_labels
 #: edges between the two triangles of a prism
 _UPRIGHT = ((0, 3), (1, 2), (4, 5))
 
-#: rounds after which pyramids that stand on one another in circles are left as they are
+#: rounds after which pyramids stacked in circles remain unchanged
 _ROUNDS = 64
 
 #: local faces that are triangles, each collapsed at its last vertex
@@ -38,7 +38,7 @@ class Corners:
 
 
 def ranks(blocks: Sequence[Corners], count: int) -> Ints:
-    """(count,) place of each vertex in the order: that of the vertices themselves wherever nothing forbids it."""
+    """Rank (count,) of each vertex in the order, which equals the numbering unless a rule forbids it."""
     lines = np.arange(count)
     for block in blocks:
         if block.shape is Shape.PRISM:
@@ -51,7 +51,7 @@ def ranks(blocks: Sequence[Corners], count: int) -> Ints:
 
 
 def _heights(blocks: Sequence[Corners], lines: Ints) -> Ints:
-    """Of each line, at least one more than those of every base below an apex on it."""
+    """Height of each line: at least one more than the heights of every base below an apex on it."""
     heights = np.zeros(len(lines), np.int64)
     pyramids = [lines[block.vertices] for block in blocks if block.shape is Shape.PYRAMID and len(block.vertices)]
     if not pyramids:
@@ -91,9 +91,9 @@ def _ascending(own: Ints, table: Ints) -> Ints:
 
 
 def conflicting_elements(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
-    """For each block, (n,) elements in their chosen order that share a triangle which another collapses elsewhere.
+    """Elements (n,) of each block in their chosen order that share a triangle collapsed differently by another.
 
-    Of those that disagree, only the ones that don't collapse it at its highest vertex.
+    If two elements disagree, only the one that doesn't collapse the triangle at its highest vertex is listed.
     """
     marks = [np.zeros(len(block.vertices), bool) for block in blocks]
     views = [(i, rows) for i, b in enumerate(blocks) if b.shape.dimension == 3 for rows in TRIANGLES[b.shape]]

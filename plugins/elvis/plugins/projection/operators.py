@@ -1,9 +1,9 @@
 """Projections as matrices: from samples at fixed reference points to the coefficients of an expansion.
 
-`best` is the best approximation in the mean on the element alone.  `conforming` goes from the vertices to the edges,
-the faces and the inside, each with the best approximation of what is left: what it gives on a face depends on the
-samples on that face alone, so elements that agree there get the same trace.  Both reproduce the functions of the
-expansion.  Projection-based interpolation: Demkowicz, Computing with hp-adaptive finite elements, 2006, chapter 3.
+`best` is the best approximation in the mean on a single element.  `conforming` goes from the vertices to the edges,
+the faces and the inside, each with the best approximation of the remainder: its result on a face depends only on the
+samples on that face, so elements that agree there get the same trace.  Both reproduce the functions of the expansion.
+Projection-based interpolation: Demkowicz, Computing with hp-adaptive finite elements, 2006, chapter 3.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
 def best(expansion: Expansion, extra: int = 0) -> Operator:
     """The best approximation in the mean on the reference element.
 
-    extra  points each way beyond those that make it exact on the expansion itself
+    extra  points in each direction beyond the number that makes it exact on the expansion itself
     """
     shape, modes = expansion.shape, max(expansion.modes)
     more = modes - 1 if shape is Shape.PYRAMID else 0
@@ -79,7 +79,7 @@ def best(expansion: Expansion, extra: int = 0) -> Operator:
 
 
 def _product(expansion: Expansion, count: int, inside: bool = False) -> tuple[Floats, float]:
-    """The fit (m, n) on a shape that is a product of others, from the fits on these; of inside modes alone on request.
+    """The fit (m, n) on a shape that is a product of others, from their fits; only of inside modes on request.
 
     The best approximation by products of functions is the product of the best approximations.
     """

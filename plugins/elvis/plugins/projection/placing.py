@@ -1,4 +1,4 @@
-"""What an inexact map does to fields: their errors at places in space, not at reference coordinates."""
+"""Effect of an inexact map on fields: their errors at points in space, not at reference coordinates."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def in_space(
     only: Ints | None = None,
     inside: int | None = None,
 ) -> list[Tally]:
-    """For each field, its differences to the source at the same places in space.
+    """For each field, its differences to the source at the same points in space.
 
-    only    ids of the elements to look at; None for all
-    inside  points inside of each; None for as many as there is time for
+    only    ids of the elements to check; None for all
+    inside  points inside each element; None for as many as the time allows
 
-    Where the map is off by x - x_h at reference coordinates xi, the place x has the coordinates xi + J^-1 (x - x_h) in
-    the converted element, to first order; there the field is taken, along its gradient.
+    If the map is off by x - x_h at reference coordinates xi, the point x has the coordinates xi + J^-1 (x - x_h) in
+    the converted element, to first order; there the field is evaluated along its gradient.
     """
     tallies = [Tally() for _ in fitted]
     inside = inside or inside_count(sum(map(len, blocks)))
@@ -54,9 +54,9 @@ def in_space(
 
 
 def _shifts(maps: Maps, ids: Ints, points: Floats, places: Floats) -> tuple[Floats, Floats]:
-    """Ways (k, n, d) from reference points (n, d) to those of ``places`` (k, n, 3), and unsigned Jacobians (k, n).
+    """Shifts (k, n, d) from reference points (n, d) to images of ``places`` (k, n, 3), and unsigned Jacobians (k, n).
 
-    Nothing is shifted where the Jacobian vanishes.
+    Shifts are zero where the Jacobian vanishes.
     """
     found, matrices = maps.tangents(ids, points)
     flat = matrices.reshape(-1, *matrices.shape[2:])

@@ -40,9 +40,9 @@ def at_order(
     fields: Sequence[SourceField],
     before: Sequence[FieldFit] = (),
 ) -> Projection:
-    """The fields at the orders of the blocks, or at their own where a block has none.
+    """The fields at the orders of the blocks, or at their own on blocks without one.
 
-    before  fields on these elements, of which those that are among ``fields`` are taken over
+    before  fields on these elements, which are reused for the same ``fields``
     """
     known = {id(each.field): each for each in before}
     new = fit_joined(sampler, mesh, blocks, [field for field in fields if id(field) not in known])
@@ -66,9 +66,9 @@ def at_tolerance(
     tolerance: float,
     highest: int,
 ) -> Projection:
-    """The fields at orders, at most ``highest``, at which no error is beyond ``tolerance`` of the field's range.
+    """The fields at orders, at most ``highest``, at which no error exceeds ``tolerance`` of the field's range.
 
-    The lowest that each element needs alone at first, raised where the trace of a neighbour costs it.
+    Starts with the lowest order that each element needs by its own, raised where the trace of a neighbour requires it.
     """
     bounds = bounds_of(sampler, blocks, fields, tolerance)
     blocks = adapt(sampler, blocks, fields, bounds, highest)
@@ -104,9 +104,9 @@ def _parted_where_better(sampler: Sampler, maps: Maps, joint: Projection) -> Pro
 def _join(
     sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], fitted: Sequence[FieldFit], by_force: bool = False
 ) -> list[FieldFit]:
-    """The fields, those that are continuous with one trace on what elements share.
+    """The fields, continuous ones with one trace on shared entities.
 
-    by_force  also where elements of different order differ there
+    by_force  also if elements of different order differ there
     """
     source, result = sampler.source, list(fitted)
     known: dict[tuple[int, ...], Traces] = {}

@@ -1,8 +1,8 @@
-"""Higher orders for maps and fields that those of the source do not hold: rational ones, H(div) on curved elements.
+"""Higher orders for maps and fields beyond the source's: rational functions, H(div) on curved elements.
 
 A number of orders is added on all elements.  It is the lowest at which the elements with the largest errors are within
-a goal; or that with the least error, if the error falls as it does for smooth functions.  Kinks and jumps stay at the
-order of the source.
+a goal; or the one with the smallest error, if the error falls as it does for smooth functions.  Kinks and jumps stay at
+the order of the source.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.verification import Tally
 from elvis.plugins.report import rounding
 
-#: the relative error at which no more orders are added
+#: relative error at which orders are no longer raised
 GOAL = 1e-9
 
 #: orders added at most
@@ -34,7 +34,7 @@ _MOST_ADDED = 6
 #: the highest order that they lead to
 _HIGHEST = 16
 
-#: modes that an element may have: those of a hexahedron of order 8; the time of a fit grows with their third power
+#: maximum number of modes of an element: a hexahedron of order 8; the time of a fit grows with its third power
 _MOST_MODES = 729
 
 #: numbers that a field may have
@@ -46,7 +46,7 @@ _FALL = 0.6
 #: points inside an element at which the map's error is measured
 _INSIDE = 24
 
-#: orders in turn that gain too little, after which no more are tried
+#: number of successive orders with too little gain after which the search stops
 _PATIENCE = 2
 
 
@@ -74,7 +74,7 @@ def added_to_field(
 
 
 def field_error(sampler: Sampler, part: Sequence[NativeBlock], field: SourceField) -> float:
-    """The largest error of a field that is fitted on each element of some blocks by itself."""
+    """The largest error of a field that is fitted separately on each element of some blocks."""
     own = [replace(block, modes=field_modes(block, field)) for block in part if field.is_on(block.number)]
     return _largest(errors_of(sampler, block, field) for block in own)
 
@@ -108,13 +108,13 @@ def raised(block: Elements, added: int) -> Elements:
 
 
 def goal_of(low: float, high: float, precision: float) -> float:
-    """The error at which no more orders are added to what lies between ``low`` and ``high``."""
+    """The error at which orders are no longer raised, for values between ``low`` and ``high``."""
     spread, magnitude = high - low, max(abs(low), abs(high))
     return max(error_limit(GOAL, spread, magnitude, precision), rounding(spread, magnitude, precision))
 
 
 def added_orders(error: Callable[[int], float], goal: float, is_affordable: Callable[[int], bool]) -> Raise:
-    """How many orders to add; ``error`` tells what is left with a number of them."""
+    """Number of orders to add; ``error`` returns the error that remains with a number of them."""
     first = best = error(0)
     result = 0
     for added in range(1, _MOST_ADDED + 1):

@@ -37,9 +37,9 @@ class Sides:
         return rows, int((~is_known).sum())
 
     def repeated(self, rows: Ints) -> Ints:
-        """Those of some sides whose vertices have the numbers of another one at another place, ascending.
+        """Sides whose vertices have the same numbers as another side at another position, ascending.
 
-        These are sides that a periodic mesh identifies.
+        A periodic mesh identifies these sides.
         """
         found = [np.empty(0, np.int64)]
         for corners in {1: (1,), 2: (2,), 3: (3, 4)}[self._mesh.dimension]:
@@ -100,7 +100,8 @@ class _Index:
     def __init__(self, own: Ints, first: int) -> None:
         self._known, ranks = np.unique(own, return_inverse=True)
         columns = np.sort(ranks.reshape(own.shape), axis=1).T
-        # a side is one number: that of what comes before its last vertex, times the number of vertices, plus the last
+        # a side is one number: the number of the vertices before its last one, times the number of vertices, plus the
+        # last
         self._levels: list[Ints] = []
         codes = columns[0]
         for column in columns[1:]:
@@ -125,7 +126,7 @@ class _Index:
 
 
 def _places(ascending: Ints, values: Ints) -> Ints:
-    """Where values are in an ascending array, in their shape; -1 for those that aren't there."""
+    """Positions of values in an ascending array, in their shape; -1 for absent values."""
     if not len(ascending):
         return np.full(values.shape, -1)
     places = np.minimum(np.searchsorted(ascending, values), len(ascending) - 1)

@@ -27,7 +27,7 @@ def needs_hexahedra(block: Elements, number: int, fields: Sequence[SourceField])
 
 
 def is_contained(block: Elements, order: int, target: int, is_ortho: bool, is_collapsed: bool) -> bool:
-    """Whether the functions of an order on a block are among those of the native expansion of order ``target``."""
+    """Whether the native expansion of order ``target`` contains the functions of an order on a block."""
     if order > target:
         return False
     if block.shape is not Shape.PYRAMID or is_collapsed:

@@ -1,4 +1,4 @@
-"""The mesh of a source: vertices told apart, elements put in native order, faces found, parts named."""
+"""The mesh of a source: vertices identified, elements put in native order, faces found, parts named."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class Topology:
 
 @dataclass(eq=False)
 class _Draft:
-    """What is known of a block before the mesh is put together.
+    """A block before the mesh is assembled.
 
     source    (n, v) unified vertices in the source's local order
-    vertices  (n, n_vertices) those of the native elements, in the source's order until orders are chosen
+    vertices  (n, n_vertices) vertices of the native elements, in the source's order until orders are chosen
     """
 
     number: int
@@ -91,7 +91,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
 
 
 def given_topology(source: Converter, mesh: Mesh) -> Topology:
-    """The source's blocks in a mesh that is taken over as it is; ElvisError where there are no elements."""
+    """The source's blocks in a mesh that is used unchanged; ElvisError if there are no elements."""
     blocks = []
     for number, block in enumerate(_check(source)):
         rows = np.arange(len(block))
@@ -275,7 +275,7 @@ def _native(draft: _Draft, ids: Ints, first: int) -> NativeBlock:
 
 
 def _firsts(drafts: Sequence[_Draft]) -> list[int]:
-    """Where the elements of each block begin among all of their shape."""
+    """First number of the elements of each block among all of their shape."""
     counts: dict[Shape, int] = {}
     firsts = []
     for draft in drafts:

@@ -1,8 +1,8 @@
 """Traces: the coefficients of vertices, edges and faces, one set for all elements that share them.
 
-Each entity takes its coefficients from the first of the elements of lowest order around it; they are then handed to all
-of them.  Elements see a shared face through sign changes and exchanges alone (format notes 2.3), so that the traces
-of what they hold are equal to the last bit.
+Each entity takes its coefficients from the first of the elements of lowest order around it, and passes them to all of
+them.  Elements see a shared face only through sign changes and exchanges (format notes 2.3), so their traces are equal
+to the last bit.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from elvis.plugins.projection.entities import edge_places, face_grid
 T = TypeVar("T")
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
 
-#: more modes than any element has: those of a face that none has spoken for
+#: more modes than any element has: initial value for faces without an owner
 _NEVER = np.iinfo(np.int64).max
 
 #: numbers in an array of what faces hold
@@ -57,9 +57,9 @@ class _Link:
 
 
 class Traces:
-    """The vertices, edges and faces of a mesh, ready to take and hand out coefficients of Modified expansions.
+    """Vertices, edges and faces of a mesh that collect and distribute coefficients of Modified expansions.
 
-    blocks  of elements with modes (b,) each way; those of modes 0 take no part
+    blocks  of elements with modes (b,) in each direction; those with 0 modes are ignored
     """
 
     def __init__(self, mesh: Mesh, blocks: Sequence[NativeBlock], modes: Sequence[int]) -> None:
@@ -141,7 +141,7 @@ class Traces:
         return skins
 
     def _take(self, skins: Skins, number: int, rows: slice | Ints, own: Floats) -> None:
-        """What elements ``rows`` of a block, with coefficients (k, c, m), give to the entities that they own."""
+        """Copy coefficients (k, c, m) of the elements ``rows`` of a block to the entities that they own."""
         block, modes = self.blocks[number], self.modes[number]
         if not modes:
             return
@@ -168,7 +168,7 @@ class Traces:
     def views(self, number: int, rows: slice, skins: Skins) -> Iterator[tuple[Ints, Ints, Floats]]:
         """Some elements (k,) of a block, modes on one of their faces, and their coefficients (k, c, modes) there.
 
-        rows  of the block, of which these are
+        rows  of the block that contains these elements
         """
         block, modes = self.blocks[number], self.modes[number]
         if block.shape.dimension == 1:
@@ -203,7 +203,7 @@ class Skins:
         self.faces = {kind: np.zeros((len(rows), width, len(self.inside[kind]))) for kind, rows in traces.faces.items()}
 
     def put(self, kind: Shape, rows: Ints, squares: Floats) -> None:
-        """Take in all that faces ``rows`` hold, (k, c, modes^2), and give to edges and vertices what is theirs."""
+        """Store the coefficients (k, c, modes^2) of faces ``rows``, and coefficients of their edges and vertices."""
         traces, most = self._traces, self._traces.most
         numbers = first_face_row(traces.mesh, kind) + rows
         self.faces[kind][rows] = squares[:, :, self.inside[kind]]
@@ -232,9 +232,9 @@ class Skins:
         return self._compared(coefficients, is_given=False)
 
     def apply(self, coefficients: Sequence[Floats]) -> Floats:
-        """Give every element of every block (n, c, m) the coefficients of its vertices, edges and faces.
+        """Set the coefficients of vertices, edges and faces in every element of every block (n, c, m).
 
-        (c,) the largest difference from what it held.
+        Returns (c,) the largest difference from the previous coefficients.
         """
         return self._compared(coefficients, is_given=True)
 
@@ -253,7 +253,7 @@ class Skins:
         return np.asarray(np.max([np.zeros(self.width), *self._of_batches(change)], axis=0))
 
     def _of_batches(self, work: Callable[[int, slice], T]) -> Iterator[T]:
-        """What work returns of each batch of elements, which threads share: number of the block, and its rows."""
+        """Results of work on each batch of elements, shared by threads: number of the block, and its rows."""
         traces = self._traces
         return results(partial(work, i, rows) for i in traces.by_order for rows in traces.batches(self.width, i))
 

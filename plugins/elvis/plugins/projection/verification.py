@@ -1,4 +1,4 @@
-"""What a conversion lost: the converted data against the source's own samples, at points that no fit has seen."""
+"""Errors of a conversion: the converted data against the source's own samples, at points not used by any fit."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ _FLAT = 1e-12
 
 @dataclass(eq=False)
 class Tally:
-    """Differences of one quantity, summed up batch by batch.
+    """Differences of one quantity, accumulated batch by batch.
 
-    worst    the largest, and ``element`` the id of the element in the file where it is; -1 where there is none
+    worst    the largest, and ``element`` the id in the file of its element; -1 if there is none
     square   integral of the squared difference
     low, high  of the source's values
-    broken   ids of elements where the source's values are not finite
+    broken   ids of elements with source values that are not finite
     bound    and ids of the elements where the difference is ``beyond`` it
     leaders  (k,) ids of the elements with the largest differences, and these (k,)
-    slope    the largest derivative of the difference in space, as far as it was looked for
-    terms    the magnitude of what values are added up from, where that is known: rounding is a share of it
+    slope    the largest derivative of the difference in space, as far as it was measured
+    terms    magnitude of the terms that add up to values, if known: rounding is relative to it
     """
 
     worst: float = 0.0
@@ -72,7 +72,7 @@ class Tally:
     terms: float = 0.0
 
     def add(self, ids: Ints, differences: Floats, weights: Floats, values: Floats) -> None:
-        """Take in differences (k, n) with weights (k, i), of which the first i points count in the integral."""
+        """Include differences (k, n) with weights (k, i); the first i points count in the integral."""
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
             self.broken.append(ids[~finite])
@@ -99,17 +99,17 @@ class Tally:
         self._lead(*other.leaders)
 
     def sharpen(self, other: Tally) -> None:
-        """Take in the worst difference and the range of what was found at more points of the same elements."""
+        """Include the worst difference and the range found at more points of the same elements."""
         if other.worst > self.worst:
             self.worst, self.element = other.worst, other.element
         self.low, self.high = min(self.low, other.low), max(self.high, other.high)
 
     def steepen(self, slopes: Floats) -> None:
-        """Take in derivatives of the difference; those that are no numbers count for nothing."""
+        """Include derivatives of the difference; values that are not finite are ignored."""
         self.slope = max(self.slope, float(slopes[np.isfinite(slopes)].max(initial=0.0)))
 
     def _lead(self, ids: Ints, most: Floats) -> None:
-        """Remember those of elements, with their differences, that are among the largest."""
+        """Store elements, with their differences, that are among the largest."""
         all_ids, all_most = np.concatenate([self.leaders[0], ids]), np.concatenate([self.leaders[1], most])
         first = np.argsort(-all_most, kind="stable")[:_LEADERS]
         self.leaders = all_ids[first], all_most[first]
@@ -148,14 +148,14 @@ class Findings:
 
     @classmethod
     def none(cls, limits: Sequence[float]) -> Findings:
-        """Those of no elements.
+        """Findings of no elements.
 
         limits  for each field, the error beyond which elements are listed
         """
         return cls(Tally(), [Tally(bound=limit) for limit in limits])
 
     def include(self, other: Findings) -> None:
-        """Take in what was found on elements that come after these."""
+        """Include the findings of elements that come after these."""
         for own, its in zip((self.coordinates, *self.fields), (other.coordinates, *other.fields), strict=True):
             own.include(its)
         self.volume += other.volume
@@ -170,7 +170,7 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """What a source says of some elements of a block at the points of a check.
+    """Samples of a source on some elements of a block at the points of a check.
 
     places  (k, n, 3) world coordinates
     values  (k, n) of each field, None if the block lacks it
@@ -203,7 +203,7 @@ class _Check:
         return check_points(block.shape, self.inside, block.is_collapsed)
 
     def sample(self, sampler: Sampler, number: int, rows: slice | Ints, points: Floats) -> _Batch:
-        """What the source says of some elements of a block at its points (n, d)."""
+        """Samples of the source on some elements of a block at its points (n, d)."""
         block = self.blocks[number]
         held = [each.modes[number] > 0 for each in self.fitted]
         values = [
@@ -241,7 +241,7 @@ class _Check:
         findings.volume = float(weights.sum())
         findings.box = np.stack([low.min(axis=0), high.max(axis=0)])
 
-        # measured against the size of each element, and against what 64 bits or the source's own digits can tell
+        # measured relative to the size of each element, and to the resolution of 64 bits or of the source's own digits
         most = distances.max(axis=1)
         share = most / np.where(sizes > 0, sizes, 1.0)
         if len(share) and share.max() > 0:
@@ -270,10 +270,10 @@ def check(
 
     precision  relative rounding of the source's coordinates
     bounds     for each field, the error beyond which elements are listed
-    only       ids of the elements to look at; None for all
-    inside     points inside of each; None for as many as there is time for
+    only       ids of the elements to check; None for all
+    inside     points inside each element; None for as many as the time allows
 
-    The source is asked in the calling thread alone; others compare meanwhile, and what they find is added up in order.
+    Only the calling thread queries the source; others compare meanwhile, and their results are added in order.
     """
     limits = [*bounds, *[np.inf] * (len(fitted) - len(bounds))]
     inside = inside or inside_count(sum(map(len, blocks)))

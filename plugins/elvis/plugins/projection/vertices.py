@@ -1,4 +1,4 @@
-"""Vertices of a source's elements, told apart by the source's numbers and by place."""
+"""Vertices of a source's elements, identified by the source's numbers and by position."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SHARE = 1e-3
 
 
 def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[Ints, Floats]:
-    """The vertex (n,) of each corner and the place (m, 3) of each vertex.
+    """The vertex (n,) of each corner and the position (m, 3) of each vertex.
 
-    numbers  (n,) the source's number of each corner, -1 where it has none
-    corners  (n, 3) where the corners lie; those of one number that lie apart are vertices of their own (periodic
-             meshes), those without a number are the same where they lie together
+    numbers  (n,) the source's number of each corner, -1 for corners without
+    corners  (n, 3) positions of the corners; corners of one number at different positions are separate vertices
+             (periodic meshes), corners without a number are one vertex if they coincide
     Vertices are numbered in the order of the source's numbers, then of the first corner.
     """
     if (numbers < 0).all():
@@ -89,12 +89,12 @@ def _compress(parents: Ints) -> Ints:
 
 
 def every_pair(count: int) -> Iterable[tuple[int, int]]:
-    """Each two of so many corners."""
+    """All pairs of ``count`` corners."""
     return combinations(range(count), 2)
 
 
 def neighbours(count: int) -> Iterable[tuple[int, int]]:
-    """Each of so many corners with the one before it, the first with the last."""
+    """Pairs of each of ``count`` corners with the one before it, the first with the last."""
     return ((i, i - 1) for i in range(count))
 
 
@@ -103,8 +103,8 @@ def merging_tolerance(
 ) -> float:
     """Distance up to which corners (n, v, 3) of elements are one vertex: rounding, but never a real edge.
 
-    corners  of one kind of elements after another
-    pairs    of the corners of an element with so many, between which edges are looked for
+    corners  one array per kind of elements
+    pairs    of the corners of an element with a number of corners, between which edges are expected
     """
     corners = [own for own in corners if own.size]
     if not corners:

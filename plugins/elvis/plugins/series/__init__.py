@@ -1,1 +1,1 @@
-"""Series: the steps of a solution in time, found among files, and what lies between them."""
+"""Series: the steps of a solution in time, found among files, and the interpolation between them."""

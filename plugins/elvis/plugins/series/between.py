@@ -1,7 +1,7 @@
-"""Between the steps of a series: coefficients are interpolated in time, never pictures.
+"""Interpolation between the steps of a series: of coefficients in time, never of pictures.
 
-The solution is linear in its coefficients, and the mesh stands still: so the polynomial in time through the
-coefficients of some steps is, at every place, the one through their values.
+The solution is linear in its coefficients, and the mesh is fixed: so the polynomial in time through the coefficients of
+some steps is, at every point, the one through their values.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from elvis.core.polynomials.interpolation import lagrange_values
 
 #: how many steps each way from steps to the time between them looks at
 STEPS_OF = dict(zip(BETWEEN, (2, 4, 1), strict=True))
-#: the polynomial in time through so many steps
+#: the polynomial in time through a number of steps
 _POLYNOMIALS = {2: "linear", 3: "quadratic", 4: "cubic"}
-#: a time this near to that of a step, as a share of all times, is that of the step
+#: relative distance, as a share of all times, within which a time equals a step's time
 NEAR = 1e-12
 
 
 def polynomial_name(between: str, count: int) -> str:
-    """What there is between steps as asked for, in a series of ``count`` steps: a cubic needs four."""
+    """Name of the interpolation in a series of ``count`` steps: a cubic needs four."""
     return _POLYNOMIALS.get(min(STEPS_OF[between], count), between)
 
 
@@ -51,10 +51,10 @@ def weights(times: Floats, time: float) -> Floats:
 def combined(
     steps: Sequence[Dataset], factors: Floats, all_agree: Callable[[bool], bool] = bool
 ) -> tuple[Dataset, tuple[str, ...]]:
-    """The sum of datasets on one mesh times factors (n,), and the names of fields that are left out.
+    """The sum of datasets on one mesh times factors (n,), and the names of skipped fields.
 
-    Fields are alike where all steps have them on the same elements in the same bases.
-    all_agree  whether something is so of all parts, where the datasets are those of one of several ranks
+    Fields are compatible if all steps have them on the same elements in the same bases.
+    all_agree  whether a condition holds on all ranks, if the datasets belong to one of several
     """
     first, found, lacking = steps[0], list[Field](), list[str]()
     maps = first.map_names

@@ -1,13 +1,14 @@
-"""Least and greatest values over the steps of a series, at points of each element, with the times of the steps.
+"""Minimum and maximum over the steps of a series, at points of each element, with the times of the steps.
 
-The least of polynomials is none: it has kinks where another step begins to hold it, and its time jumps there.  Both are
-fitted in the space of the field, exactly where one step holds it throughout an element; what fits leave is bounded.
-Of steps whose values are equal to rounding the first one counts, as rounding would choose another at each point.
+The minimum of polynomials is not a polynomial: it has kinks where another step begins to attain it, and its time jumps
+there.  Both are fitted in the space of the field, exactly if one step attains it throughout an element; the error of
+the fit is bounded.  If the values of steps are equal to rounding, the first one counts, as rounding would choose
+another at each point.
 
-The bound: let u_k have the Bernstein coefficients b_k in an element, and the fit those of q.  As Bernstein polynomials
-are not negative, the least of all u_k is at least the polynomial of the least b_k, and at most u_j for any step j.  So
-min_k u_k - q lies between the least coefficient of (min_k b_k) - q and the greatest of b_j - q.  Times are those of
-steps whose coefficients are not all above those of another one.
+The bound: let b_k be the Bernstein coefficients of u_k in an element, and q the fit and its coefficients.  As Bernstein
+polynomials are not negative, the minimum of all u_k is at least the polynomial of the minimum b_k, and at most u_j for
+any step j.  So min_k u_k - q lies between the minimum coefficient of (min_k b_k) - q and the maximum of b_j - q.  Times
+belong to steps whose coefficients are not all above another step's.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Extremes:
         self._parts = {field.name: [_Part.of(block) for block in field.blocks] for field in state.solution}
 
     def add(self, state: Dataset, time: float) -> None:
-        """Take a step in; fields that it has not alike are left out from now on."""
+        """Include a step; fields that it lacks, or has in another form, are skipped from now on."""
         for name, first in list(self._fields.items()):
             if name not in state or not is_alike(first, state.field(name)):
                 del self._fields[name], self._parts[name]
@@ -54,7 +55,7 @@ class Extremes:
     def fields(self) -> tuple[tuple[Field, ...], Mapping[str, FitError]]:
         """For each field u: u_min, u_max, u_min_time, u_max_time; the largest error of each fit, by name.
 
-        Errors are parts of the largest magnitude of a value, those of times parts of the largest of these.
+        Errors are relative to the largest magnitude of a value, errors of times to the largest time.
         """
         found, errors = [], dict[str, FitError]()
         times = np.array(self._times)
@@ -75,10 +76,10 @@ class Extremes:
 
 @dataclass(frozen=True)
 class FitError:
-    """By how much a fit is off, in parts of the largest value.
+    """Error of a fit, relative to the largest value.
 
-    estimate  the largest difference at points: there may be a larger one between them
-    bound     which the difference exceeds nowhere; inf where nothing is proved
+    estimate  the largest difference at points: it may be larger between them
+    bound     proved upper bound of the difference; inf if nothing is proved
     """
 
     estimate: float
@@ -106,9 +107,9 @@ class _End:
         return cls(sign, np.full(shape, sign * np.inf), np.full(shape, sign * np.inf), np.zeros(shape, np.int32))
 
     def add(self, samples: Floats, rounding: Floats, step: int) -> None:
-        """Take the values (elements, points) of a step in, of some rounding (elements, 1).
+        """Include the values (elements, points) of a step, with rounding (elements, 1).
 
-        What is no number is passed over.
+        NaN is ignored.
         """
         is_beyond = self.sign * samples < self.sign * self.values
         self.values[is_beyond] = samples[is_beyond]
@@ -119,12 +120,12 @@ class _End:
 
 @dataclass
 class _Enclosure:
-    """Bernstein coefficients that enclose the least values of all steps so far, or the greatest, in each element.
+    """Bernstein coefficients that enclose the minimum of all steps so far, or the maximum, in each element.
 
-    sign         1 for the least, -1 for the greatest, whose coefficients have the other sign
-    outer        (elements, m) the least coefficients of all steps
-    inner        (elements, m) those of one step, and ``step`` (elements,) which
-    first, last  (elements,) the first and the last of the steps that may hold an extreme
+    sign         1 for the minimum, -1 for the maximum, whose coefficients have the other sign
+    outer        (elements, m) the minimum coefficients of all steps
+    inner        (elements, m) coefficients of one step, and ``step`` (elements,) its number
+    first, last  (elements,) the first and the last of the steps that may attain an extreme
     rounding     (elements,) of all of these
     """
 
@@ -159,22 +160,22 @@ class _Enclosure:
         self.outer = np.fmin(self.outer, net)
 
     def bound(self, expansion: Expansion, fitted: Floats, rounding: Floats) -> float:
-        """What the difference from fits with coefficients (elements, m) exceeds nowhere."""
+        """Upper bound of the difference from fits with coefficients (elements, m)."""
         low, _ = _ranges(expansion, self.outer - self.sign * fitted)
         _, high = _ranges(expansion, self.inner - self.sign * fitted)
         return float((np.maximum(np.abs(low), np.abs(high)) + self.rounding + rounding).max(initial=0.0))
 
     def bound_of_times(self, expansion: Expansion, fitted: Floats, rounding: Floats, times: Floats) -> float:
-        """Likewise for times of steps, in ascending order, and fits of these."""
+        """The same bound for times of steps, in ascending order, and fits of these."""
         low, high = _ranges(expansion, fitted)
         below, above = high - times[self.first], times[self.last] - low
         return float((np.maximum(np.abs(below), np.abs(above)) + rounding).max(initial=0.0))
 
 
 def _ranges(expansion: Expansion, coefficients: Floats) -> tuple[Floats, Floats]:
-    """(elements,) what polynomials with Bernstein coefficients (elements, m) aren't below and above of.
+    """Bounds (elements,) of polynomials with Bernstein coefficients (elements, m).
 
-    From nets on boxes that are halved a few times, with the rounding of that.
+    They follow from nets on boxes that are subdivided a few times, including the rounding of that.
     """
     space = bernstein_space(expansion)
     dimension = expansion.shape.dimension
@@ -218,7 +219,7 @@ class _Part:
         samples = self.table.samples(coefficients)
 
         # a sum of m products is off by m eps times the sum of their magnitudes (Higham, Accuracy and Stability of
-        # Numerical Algorithms, 2002, section 3.1), the coefficients by as much again; so are those of the other step
+        # Numerical Algorithms, 2002, section 3.1), the coefficients by as much again; the same holds for the other step
         largest = np.abs(self.table.modes).max(initial=0.0)  # a wave is 1 at most
         magnitudes = np.abs(coefficients).sum(axis=1, keepdims=True) * largest
         rounding = 4 * self.table.size * np.finfo(float).eps * np.where(np.isfinite(magnitudes), magnitudes, 0.0)
@@ -237,7 +238,7 @@ class _Part:
         return Block(self.expansion, self.element_ids, frozen_floats(coefficients)), float(left.max(initial=0.0))
 
     def bound(self, end: str, fitted: Block, times: Floats | None) -> float:
-        """What the difference of a fit from the least or greatest values, or from their times, exceeds nowhere."""
+        """Upper bound of the difference of a fit from the minimum or maximum values, or from their times."""
         if self.enclosures is None:
             return np.inf
         net = bernstein_coefficients(self.expansion, fitted.coefficients)

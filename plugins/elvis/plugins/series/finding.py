@@ -1,4 +1,4 @@
-"""Which files are steps of a series: told by what they hold, by what an index lists, by numbers in their names."""
+"""Detection of steps of a series among files: by their contents, by an index, by numbers in their names."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from elvis.plugins.series.step_names import groups, numbered, pattern_of
 if TYPE_CHECKING:
     from elvis.plugins.data import Reading
 
-#: what is said where times are numbers
-NO_TIMES = "the files tell no times: these are the numbers in their names"
+#: remark if times are numbers
+NO_TIMES = "the files contain no times: the numbers in their names are used"
 
 
 @dataclass(frozen=True)
 class Step:
     """A step of a series.
 
-    time    in the unit of the files; None where neither file nor name tells it
-    files   that hold it, but for those that all steps need
-    option  the number by which the converter knows it, None where it has files of its own
+    time    in the unit of the files; None if neither file nor name gives it
+    files   of the step, without common files
+    option  its number in the converter, None if it has files of its own
     """
 
     time: float | None
@@ -47,9 +47,9 @@ class Step:
 
 @dataclass
 class Found:
-    """Steps, ascending in time; what all of them need; what was noted in finding them.
+    """Steps, ascending in time; their common files; remarks.
 
-    common     files that hold the mesh, an index or all steps
+    common     files with the mesh, an index or all steps
     is_native  whether the steps are field files of the native format
     """
 
@@ -91,10 +91,10 @@ def _native(paths: Sequence[Path]) -> Found | None:
     found = Found(tuple(path for path in paths if path in common), [], is_native=True)
     has_times = any(head.time is not None for head in heads.values())
     for number, path in _by_number(members):
-        head = heads.get(path, FieldHead(None, "", "it is no whole field file"))
+        head = heads.get(path, FieldHead(None, "", "the field file is incomplete"))
         fault = head.fault or (_fault_of(head.time) if has_times else "")
         if fault:
-            found.remarks.append(f"{path.name}: {fault}: the step is left out")
+            found.remarks.append(f"{path.name}: {fault}: the step is skipped")
         else:
             found.steps.append(Step(head.time if has_times else number, (path,)))
     if not has_times:
@@ -108,14 +108,14 @@ def _native(paths: Sequence[Path]) -> Found | None:
 
 
 def _fault_of(time: float | None) -> str:
-    """Why a time can't be that of a step among others with times; empty where it can."""
+    """Reason why a time can't belong to a step among others with times; empty for valid times."""
     if time is None:
-        return "it tells no time, as others do"
+        return "it has no time, unlike the others"
     return "" if isfinite(time) else f"its time is {time:g}"
 
 
 def _by_number(members: Sequence[Path]) -> list[tuple[float | None, Path]]:
-    """Files in the order of their numbers; those of several patterns in the order given, without numbers."""
+    """Files in the order of their numbers; files of several patterns in the order given, without numbers."""
     own = numbered(members) if len(groups(members)) == 1 else {}
     return list(own.items()) if own else [(None, path) for path in members]
 
@@ -134,13 +134,13 @@ def _converted(paths: Sequence[Path], reading: Reading) -> Found | None:
 
 
 def _listed(paths: Sequence[Path], times: Sequence[float]) -> Found:
-    """Steps by the times that files list, but for those that aren't there."""
+    """Steps by the times that files list, without missing ones."""
     steps = [Step(time, option=number) for number, time in enumerate(times)]
     lacking = [number for number, time in enumerate(times) if not isfinite(time)]
     found = Found(tuple(paths), [step for step in steps if step.option not in lacking])
     if lacking:
         some = f"steps {lacking[0]} to {lacking[-1]}" if len(lacking) > 1 else f"step {lacking[0]}"
-        counts = f"{len(lacking)} of {len(steps)} steps are missing or damaged, and left out"
+        counts = f"{len(lacking)} of {len(steps)} steps are missing or damaged, and skipped"
         found.remarks.append(f"{some} of the file: {counts}")
     return found
 
@@ -171,7 +171,7 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
     if converter is None:
         return None
     by_number = {number: numbered_files[number] for number in times}
-    # a file that is begun tells no time yet
+    # an incomplete file has no time yet
     known = [own[-1] for own in times.values() if own]
     have_times = len(set(known)) == len(known) > 1
     # files of one pattern: others differ by their kinds
@@ -189,9 +189,9 @@ def _numbered(paths: Sequence[Path], reading: Reading, name: str | None) -> Foun
 def _times_by_number(
     files: Mapping[float, tuple[Path, ...]], found: Found, name: str | None
 ) -> tuple[type[Converter] | None, dict[float, Sequence[float]]]:
-    """The converter of files by number, and the times that those of each number tell; none if no files can be read.
+    """The converter of files by number, and the times of each number; none if no files can be read.
 
-    What can't be read is left out, with a remark.
+    Unreadable files are skipped with a remark.
     """
     converter: type[Converter] | None = None
     times: dict[float, Sequence[float]] = {}
@@ -202,7 +202,7 @@ def _times_by_number(
                 converter = _converter(every, name)
             times[number] = converter.times(every)
         except ElvisError as error:
-            found.remarks.append(f"{error}: the step is left out")
+            found.remarks.append(f"{error}: the step is skipped")
     return (converter if times else None), times
 
 
@@ -223,7 +223,7 @@ def _wholes(paths: Sequence[Path], name: str | None) -> dict[Path, list[Path]]:
 
 
 def _are_joined(converter: type[Converter], wholes: Mapping[Path, Sequence[Path]], files: Sequence[Path]) -> bool:
-    """Whether files that differ in a number make one state; False if their marks tell what the parts of each are."""
+    """Whether files that differ in a number form one state; False if their names mark the parts of each."""
     is_marked = any(len(parts) > 1 for parts in wholes.values())
     return not is_marked and converter.joins(files)
 
@@ -243,17 +243,17 @@ def _steps_by_number(
 
 
 def _is_one_time(told: Sequence[float | None]) -> bool:
-    """Whether several files tell the same time."""
+    """Whether several files have the same time."""
     return len(told) > 1 and None not in told and len(set(told)) == 1
 
 
 def _one_time(told: Sequence[float | None]) -> str:
-    """What is said where several files tell the same time."""
-    return f"all files tell the time {told[0]:.10g}: the numbers in their names stand for it"
+    """Remark if several files have the same time."""
+    return f"all files have the time {told[0]:.10g}: the numbers in their names are used instead"
 
 
 def _with_times(found: Found, numbered_steps: Sequence[tuple[float, Step]], reading: Reading) -> Found:
-    """Steps without times get those that a whole reading tells, else their numbers."""
+    """Steps without times get the times of a complete reading, else their numbers."""
     has_times = any(step.time is not None for _, step in numbered_steps)
     steps: list[Step] = []
     for number, step in numbered_steps:
@@ -261,13 +261,13 @@ def _with_times(found: Found, numbered_steps: Sequence[tuple[float, Step]], read
         if time is None and (has_times or not steps):
             told = reading.ranks.exchange(_time_of((*found.common, *step.files), reading), f"time of {step.name}")[0]
             if isinstance(told, str):
-                found.remarks.append(f"{told}: the step is left out")
+                found.remarks.append(f"{told}: the step is skipped")
                 continue
             time = told
             has_times = has_times or time is not None
         fault = _fault_of(time) if has_times else ""
         if fault:
-            found.remarks.append(f"{step.name}: {fault}: the step is left out")
+            found.remarks.append(f"{step.name}: {fault}: the step is skipped")
         else:
             steps.append(replace(step, time=time if has_times else number))
     if not has_times:
@@ -276,7 +276,7 @@ def _with_times(found: Found, numbered_steps: Sequence[tuple[float, Step]], read
 
 
 def _time_of(paths: Sequence[Path], reading: Reading) -> float | str | None:
-    """The time of a state that is read whole, or why it can't be; of several ranks the first one alone reads it."""
+    """The time of a state that is read completely, or the reason why it can't be; only the first rank reads it."""
     from elvis.plugins.data import state_of
 
     if reading.ranks.rank:
@@ -288,9 +288,9 @@ def _time_of(paths: Sequence[Path], reading: Reading) -> float | str | None:
 
 
 def _in_order(found: Found) -> Found | None:
-    """The series with ascending times: what comes twice or goes back is left out; None where time stands still.
+    """The series with ascending times: repeated and earlier times are skipped; None if time stands still.
 
-    A single step is a series where others are damaged, or only begun.
+    A single step is a series if others are damaged, or incomplete.
     """
     steps = [step for step in found.steps if step.time is not None]
     least = 1 if found.is_native and len(steps) == 1 else 2
@@ -305,15 +305,15 @@ def _in_order(found: Found) -> Found | None:
         if last is None or step.time is None or step.time > last:
             kept.append(step)
         elif step.time == last:
-            remarks.append(f"{step.name}: its time, {step.time:.10g}, is that of {kept[-1].name}: it is left out")
+            remarks.append(f"{step.name}: its time, {step.time:.10g}, is that of {kept[-1].name}: it is skipped")
         else:
             told = f"its time, {step.time:.10g}, is before that of {kept[-1].name}, {last:.10g}"
-            remarks.append(f"{step.name}: {told}: it is left out")
+            remarks.append(f"{step.name}: {told}: it is skipped")
     return replace(found, steps=kept, remarks=[*remarks, *_gaps(kept)])
 
 
 def _gaps(steps: Sequence[Step]) -> list[str]:
-    """Sentences on numbers that are missing between those of files that are otherwise evenly numbered."""
+    """Sentences on missing numbers between numbers of files that are otherwise evenly numbered."""
     paths = [step.files[0] for step in steps if step.files]
     numbers = list(numbered(paths)) if len(paths) > 2 and len(groups(paths)) == 1 else []
     spaces = [after - before for before, after in pairwise(numbers)]

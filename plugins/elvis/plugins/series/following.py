@@ -1,7 +1,7 @@
-"""A run that is followed: its newest step, once that is whole.
+"""A run that is followed: its newest step, once that is complete.
 
-A solver may write in place, and take long over it: so a file counts once its size and time of change are what they were
-at the look before, and what was read counts where they still are after that.
+A solver may write in place, and slowly: so a file counts only if its size and time of change are the same as at the
+previous check, and its contents only if they are still the same after reading.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from elvis.plugins.series.step_names import expanded, groups
 
 #: how files that list steps end
 _INDICES = (".pvd", ".series", ".nek5000")
-#: seconds between the first two looks, so that what is whole already comes soon
+#: seconds between the first two checks, so that steps that are already complete appear soon
 SOON = 0.3
 #: bytes, and when a file was changed
 Stamp = tuple[int, int]
 
 
 class Following:
-    """Files of a run, looked at again and again.
+    """Files of a run, checked repeatedly.
 
     paths    names of files, with * in them or not, and folders in which a solver writes
-    waiting  a sentence on what is waited for; empty where the newest step is at hand
-    number   of the newest step among those of the run so far, from 0
+    waiting  message on the missing data; empty if the newest step is available
+    number   of the newest step among the run's steps so far, from 0
     """
 
     def __init__(self, paths: Sequence[Path], reading: Reading) -> None:
@@ -61,7 +61,7 @@ class Following:
             return None
         try:
             return self._newest(stable)
-        except (ElvisError, OSError) as error:  # whoever runs the solver may also delete its files meanwhile
+        except (ElvisError, OSError) as error:  # the solver's user may delete its files meanwhile
             self.waiting = f"waiting: {error}"
             return None
 
@@ -79,7 +79,7 @@ class Following:
         if any(_stamp(path) != stable[path] for path in files):
             return None
         if not found.solution:
-            self.waiting = "waiting for a step: there is a mesh, and no field yet"
+            self.waiting = "waiting for a step: found a mesh, but no field yet"
             return None
         shown = tuple((path, stable[path]) for path in files), found.time
         self._series, self._taken, self.waiting, self.number = series, stable, "", number
@@ -89,13 +89,13 @@ class Following:
         return found
 
     def _is_old(self, common: Sequence[Path], stable: dict[Path, Stamp]) -> bool:
-        """Whether the files of the mesh are those of the series before."""
+        """Whether the files of the mesh are the previous series' files."""
         assert self._series is not None
         is_same = tuple(common) == self._series.common
         return is_same and all(self._taken.get(path) == stable[path] for path in common)
 
     def _files(self) -> list[Path]:
-        """The files as they are now."""
+        """The current files."""
         found: list[Path] = []
         for path in self._paths:
             with suppress(ElvisError, OSError):  # none of such names yet, or no longer
@@ -106,8 +106,8 @@ class Following:
 def files_of_run(folder: Path) -> list[Path]:
     """The data in a folder: native files, else an index of steps, else the most files whose names differ in a number.
 
-    Beside these numbered files those of other names may hold the mesh: of them, what has their suffix, short of its
-    last letter, is taken (``case.pyfrm`` for ``case-1.pyfrs``).
+    Other files may contain the mesh of numbered files: those with the same suffix up to its last letter are included
+    (``case.pyfrm`` for ``case-1.pyfrs``).
     """
     paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     native = [path for path in paths if is_native(path) or field_head(path) is not None]
@@ -123,7 +123,7 @@ def files_of_run(folder: Path) -> list[Path]:
 
 
 def _stamp(path: Path) -> Stamp | None:
-    """What tells whether a file, or one of a folder, has changed; None where there is none."""
+    """Stamp that detects changes of a file, or of a folder's files; None for a missing file."""
     try:
         members = [path, *path.iterdir()] if path.is_dir() else [path]
         found = [member.stat() for member in members]

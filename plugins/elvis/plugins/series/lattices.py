@@ -1,8 +1,8 @@
 """Samples of fields on elements and along Fourier directions, and the best approximation of such samples.
 
 With Fourier directions a mode is the product of one of the shape and a wave, and so is the best approximation on a
-lattice: evenly spaced planes, on which waves are orthogonal as they are on the period where there are more than two
-planes for the shortest (Briggs and Henson, The DFT, 1995, section 2.5).
+lattice: evenly spaced planes, on which waves are orthogonal, as on the period, if there are more than two planes for
+the shortest (Briggs and Henson, The DFT, 1995, section 2.5).
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from elvis.plugins.projection.operators import best
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Reference points: those of a shape, repeated on planes along Fourier directions.
+    """Reference points of a shape, repeated on planes along Fourier directions.
 
     points  (n, d) of the shape
-    zeta    (k, p) of the planes; one of no coordinates without such directions
+    zeta    (k, p) of the planes; a single plane without coordinates if there are no such directions
     """
 
     points: Floats
@@ -42,7 +42,7 @@ class Lattice:
 class Table:
     """Values of the modes of an expansion on a lattice.
 
-    modes  (n, m) of those of the shape
+    modes  (n, m) values of the modes of the shape
     waves  (k, l) of the Fourier factor of each plane of coefficients
     """
 
@@ -51,7 +51,7 @@ class Table:
 
     @classmethod
     def of(cls, expansion: Expansion, lattice: Lattice) -> Table:
-        """That of an expansion."""
+        """The table of an expansion."""
         return cls(values(flat(expansion), lattice.points), _waves(expansion.homogeneous, lattice.zeta))
 
     @property
@@ -78,7 +78,7 @@ class Fit:
 
     @classmethod
     def of(cls, expansion: Expansion, extra: int = 1) -> Fit:
-        """That of an expansion."""
+        """The fit of an expansion."""
         waves = _waves(expansion.homogeneous, _planes(expansion.homogeneous, extra))
         return cls(best(flat(expansion), extra).matrix, np.linalg.pinv(waves))
 

@@ -1,4 +1,4 @@
-"""Steps of a series of which one of several ranks reads its part."""
+"""Steps of a series, read in parts by several ranks."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def with_common_names(dataset: Dataset, step: Step) -> Dataset:
 
 
 def _common_names(names: Sequence[str], step: Step) -> dict[str, str]:
-    """Names without the number of a step, if they begin as its files do: that of u in u_0003.gf.
+    """Names without the number of a step, if they begin like its files: the name of u in u_0003.gf.
 
-    Names that another field has are left as they are.
+    Names that another field has remain unchanged.
     """
     found = {name: name for name in names}
     for path in step.files:
@@ -70,9 +70,9 @@ class StepsByPart:
         return other
 
     def read(self, step: Step) -> tuple[Dataset, int]:
-        """The part of a step, and how many elements of its fields the mesh lacks; FormatError where it can't be read.
+        """The part of a step, and how many elements of its fields the mesh lacks; FormatError if it can't be read.
 
-        To be called by each rank.
+        Called by each rank.
         """
         from elvis.plugins.data import part_of_state
 
@@ -84,7 +84,7 @@ class StepsByPart:
             names = _common_names(list(portion.blocks), step)
             blocks = {names[name]: own for name, own in portion.blocks.items()}
             portion = replace(portion, dataset=with_common_names(portion.dataset, step), blocks=blocks)
-        # numbers in the whole alone: arrays go with the dataset
+        # only numbers in the whole: arrays go with the dataset
         self._last[step] = replace(portion, dataset=replace(portion.dataset, fields=()))
         return portion.dataset, lacking
 
@@ -94,11 +94,11 @@ class StepsByPart:
         return self._native.lacking(*step.files, choose=partial(needed_fields, texts=("",)))
 
     def forget(self, step: Step) -> None:
-        """Let go of what is known of a step."""
+        """Drop the data of a step."""
         self._last.pop(step, None)
 
     def portion(self, step: Step, dataset: Dataset) -> Portion:
-        """The part of a step that was read, of which a dataset is made: it has the same fields, or some of them."""
+        """The part of a step, for a dataset made from it, which has the same fields or some of them."""
         known = self._last[step]
         blocks = {field.name: known.blocks[field.name] for field in dataset.fields}
         return replace(known, dataset=dataset, blocks=blocks)

@@ -41,15 +41,15 @@ def pathlines(
     """Paths of particles that are released at seeds at one time, exactly in the curved elements (see `trace`).
 
     Coefficients are interpolated in time, of order 2 (``linear``) or 4 (``cubic``) in the steps' distance; the
-    velocity, all ``fields`` and, where a text has it, t are those at the time of each point, which ``time`` tells.
+    velocity, all ``fields`` and t in texts are evaluated at the time of each point, which ``time`` contains.
 
-    start      time of release; None: of the first step, of the last where direction is backward
-    duration   how long particles are followed at most; None: to the end of the series
+    start      time of release; None: of the first step, or of the last if direction is backward
+    duration   maximum time for which particles are followed; None: to the end of the series
     direction  forward or backward in time, or both
     between    linear or cubic
     ftle       finite-time Lyapunov exponents, over the time that each particle is followed
 
-    All others as in `trace`.  ElvisError for times that the series has not, a mesh that changes, and as `trace` has it.
+    All others as in `trace`.  ElvisError for times outside the series, a changing mesh, and as in `trace`.
     """
     course = _course(seeds, velocity, direction, length, duration, speed, steps, tolerance, random)
     positive("spacing", spacing)
@@ -73,13 +73,13 @@ def streaklines(
     fields: Sequence[str] = (),
     random: int = 0,
 ) -> TracedLines:
-    """Streaks, as dye makes them: where at the end all the particles are that left each seed one after another.
+    """Streaks, as of dye: the final positions of all particles that left each seed one after another.
 
-    A line begins at its seed, with the particle that left last; ``time`` is that of release, ``length`` that of each
-    particle's path.  Particles that have left the data are missing.
+    A line begins at its seed, with the particle that left last; ``time`` is the time of release, ``length`` the length
+    of each particle's path.  Particles that have left the data are missing.
 
-    start     time of the first release; None: that of the first step
-    duration  up to the last release, when the streaks are seen; None: to the end of the series
+    start     time of the first release; None: time of the first step
+    duration  up to the last release, the time of the streaks; None: to the end of the series
     releases  of particles at even steps of time, at least 2
 
     All others as in `pathlines`.
@@ -114,7 +114,7 @@ def _course(
     tolerance: float | None,
     random: int,
 ) -> Course:
-    # the duration is that of the series where none is given, so the length has no limit of its own
+    # the default duration is the series' own, so the length has no limit of its own
     limit = np.inf if duration is None else duration
     course = Course(seeds, components_of(velocity), direction, length, limit, speed, steps, tolerance, random)
     course.check()
@@ -153,7 +153,7 @@ class _Time:
         return self._snapped(begin + sign * duration)
 
     def dataset(self, time: float) -> Any:
-        """The step next to a time, whose elements and names are those of all."""
+        """The step next to a time, which has the elements and names of all steps."""
         return self._series.steps_around(time, self._between)[1][0]
 
     def intervals(self, start: float, stop: float) -> Iterator[Interval]:
@@ -178,7 +178,7 @@ class _Time:
             time = end
 
     def _snapped(self, time: float) -> float:
-        """That of a step where it is that to rounding."""
+        """The time of a step if it is equal to rounding, else the time itself."""
         times = self._series.times
         nearest = float(times[np.abs(times - time).argmin()])
         return nearest if abs(nearest - time) <= self._slack else time

@@ -1,7 +1,7 @@
-"""Derivatives in time: those of the interpolation between steps, of whose coefficients they are sums.
+"""Derivatives in time of the interpolation between steps, as sums of the steps' coefficients.
 
-Between two steps that is the difference quotient; between four the derivative of the cubic.  At a step, where both
-have a kink, it is that of what follows; at the last, of what comes before.
+With two steps this is the difference quotient; with four the derivative of the cubic.  Both have a kink at a step,
+where it is the derivative of the following interval; at the last step, of the preceding one.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class StepRates:
 
     @property
     def remark(self) -> str:
-        """What the derivatives are; empty as long as none is asked for."""
+        """Description of the derivatives; empty as long as none is requested."""
         if not self._found:
             return ""
         numbers = self._numbers

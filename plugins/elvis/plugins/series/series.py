@@ -45,7 +45,7 @@ from elvis.plugins.series.step_names import expanded
 if TYPE_CHECKING:
     from elvis.plugins.data import Reading
 
-#: steps that are kept in memory, at least: one and the next; others where so many are needed to interpolate
+#: minimum number of steps kept in memory: one and the next; more if the interpolation needs them
 _KEPT = 2
 #: no step and no time is asked for
 LAST = Moment()
@@ -91,16 +91,15 @@ def series_of(paths: Sequence[Path], reading: Reading) -> Series | None:
 class Series(Sequence[Dataset]):
     """Steps in ascending time.
 
-    remarks    tell of those that were left out
-    faults     sentences on steps that were read: damaged ones, those that lack what is asked for, and values that are
-               not finite
+    remarks    on skipped steps
+    faults     sentences on steps that were read: damaged ones, incomplete ones, and values that are not finite
     is_native  whether steps are field files of the native format, on a mesh in another file
     """
 
     def __init__(self, found: Found, reading: Reading) -> None:
         self.steps: tuple[Step, ...] = tuple(found.steps)
         self.common, self.remarks = found.common, list(found.remarks)
-        # what is told of steps is told of all their fields
+        # facts of steps concern all their fields
         reading = replace(reading, is_of_map=False)
         self.is_native, self._reading = found.is_native, reading
         files = [path for step in self.steps for path in step.files]
@@ -159,11 +158,13 @@ class Series(Sequence[Dataset]):
         return {"steps": steps, "remarks": self.remarks}
 
     def at(self, time: float, between: str = BETWEEN[0]) -> Dataset:
-        """The dataset at a time: that of a step, or coefficients interpolated ``linear``, ``cubic`` or ``nearest``.
+        """The dataset at a time: of a step, or with coefficients interpolated ``linear``, ``cubic`` or ``nearest``.
 
-        Steps that can't be read are passed over.  A mesh that moves or changes is not interpolated: then the nearest
-        step is taken.  The remarks of the dataset say all that.  Raises ElvisError for times before the first or after
-        the last step.
+        Steps that can't be read are skipped.  A mesh that moves or changes is not interpolated: then the nearest step
+        is
+        used.  The remarks of the dataset report all this.  Raises ElvisError for times before the first or after the
+               last
+        step.
         """
         return self.at_moment(Moment(time=time, between=between))
 
@@ -175,7 +176,7 @@ class Series(Sequence[Dataset]):
         return self._others.beside_part(self._parts.portion(self.steps[number], dataset))
 
     def at_moment(self, moment: Moment = LAST) -> Dataset:
-        """The dataset of a moment, by default that of the last step that can be read."""
+        """The dataset of a moment, by default of the last step that can be read."""
         if moment.step is not None:
             number = checked_step(moment.step, len(self))
             return self._at_step(number, [], moment.between)
@@ -205,7 +206,7 @@ class Series(Sequence[Dataset]):
             words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
             return self._at_step(nearest, [*notes, words], between, "nearest")
         notes += [
-            f"step {number} holds values that are not finite, and so does what lies beside it"
+            f"step {number} holds values that are not finite, and so do the interpolated values next to it"
             for number in numbers
             if number in self._infinite
         ]
@@ -215,7 +216,7 @@ class Series(Sequence[Dataset]):
         name = polynomial_name(between, len(steps))
         notes.append(f"time {time:.10g}: coefficients are interpolated in time ({name}) between {places}")
         if lacking:
-            notes.append(f"fields that differ between steps are left out: {', '.join(lacking)}")
+            notes.append(f"fields that differ between steps are skipped: {', '.join(lacking)}")
         metadata = {**found.metadata, **({"Time": repr(time)} if "Time" in found.metadata else {})}
         rates = StepRates(self, time, between)
         instant = Instant(time, (first, last), name)
@@ -235,7 +236,7 @@ class Series(Sequence[Dataset]):
         return self.readable_around(float(self.times[-1]), 1)[0]
 
     def narrowed(self, *texts: str) -> Series:
-        """The same steps, of which, where they are native, only the fields that quantities need are read."""
+        """The same steps; if they are native, only the fields that quantities need are read."""
         found = Found(self.common, list(self.steps), self.is_native, list(self.remarks))
         narrow = Series(found, replace(self._reading, quantities=texts))
         narrow.take_mesh_of(self)
@@ -248,7 +249,7 @@ class Series(Sequence[Dataset]):
             self._parts.reading = self._reading
 
     def take_mesh_of(self, other: Series) -> None:
-        """Take the mesh of a series on the same files of one, in place of reading it again."""
+        """Use the mesh of a series on the same mesh files, instead of reading it again."""
         self._first, self._parts = other._first, other._parts and other._parts.on_the_same_mesh(self._reading)
 
     def all_agree(self, is_so: bool) -> bool:
@@ -262,7 +263,7 @@ class Series(Sequence[Dataset]):
         return numbers, [self[number] for number in numbers]
 
     def readable_around(self, time: float, count: int) -> list[int]:
-        """The numbers of steps around a time, of which as many as there are, ``count`` at most, can be read."""
+        """The numbers of up to ``count`` readable steps around a time."""
         return self._readable(time, count)[0]
 
     def check_within(self, time: float) -> None:
@@ -274,7 +275,7 @@ class Series(Sequence[Dataset]):
 
     @property
     def _slack(self) -> float:
-        """A time that is nearer to that of a step is that of the step."""
+        """Tolerance within which a time equals a step's time."""
         return NEAR * float(np.abs(self.times).max())
 
     @property
@@ -284,7 +285,7 @@ class Series(Sequence[Dataset]):
         return [number for number in range(len(self)) if number not in self._passed_over]
 
     def _readable(self, time: float, count: int) -> tuple[list[int], list[str]]:
-        """The steps around a time that can be read and have what is asked for, and sentences on those that don't."""
+        """The steps around a time that can be read and are complete, and messages about the others."""
         notes: list[str] = []
         while True:
             left = self._left
@@ -295,19 +296,19 @@ class Series(Sequence[Dataset]):
             notes += faults
 
     def fault(self, number: int) -> str:
-        """A sentence on a step that can't be read, which is passed over from now on; empty for one that can."""
+        """Message about a step that can't be read, which is skipped from now on; empty for one that can."""
         if number in self._passed_over:
-            return f"{self.steps[number].name} is passed over"
+            return f"{self.steps[number].name} is skipped"
         try:
             self._load(number)
         except FormatError as error:
-            return self._pass_over(number, "can't be read and is passed over", str(error))
+            return self._pass_over(number, "can't be read and is skipped", str(error))
         return ""
 
     def _lack(self, number: int) -> str:
-        """A sentence on a step that lacks what is asked for and others have, which is passed over from now on.
+        """Message about a step without requested data that others have, which is skipped from now on.
 
-        Empty for all others: what neither the first nor the last step has is taken for a mistake of who asks for it.
+        Empty for all others: data that neither the first nor the last step has are assumed to be requested by mistake.
         """
         lack = self._lack_of(number)
         self._is_known_to_have_all = self._is_known_to_have_all or not lack
@@ -317,26 +318,26 @@ class Series(Sequence[Dataset]):
         if not self._is_known_to_have_all and all(self.fault(end) or self._lack_of(end) for end in sorted(ends)):
             return ""
         self._is_known_to_have_all = True
-        return self._pass_over(number, "is passed over", lack)
+        return self._pass_over(number, "is skipped", lack)
 
     def _lack_of(self, number: int) -> str:
-        """What quantities that are asked for lack in a step that can be read; empty for nothing."""
+        """Message about requested quantities that a readable step lacks; empty if it lacks none."""
         dataset = self._beside(self._load(number))
         self._default_field = self._default_field or next(iter(dataset), "")
         lacks = (lack_of(dataset, text or self._default_field) for text in self._reading.quantities)
         return next(filter(None, lacks), "")
 
     def _pass_over(self, number: int, what: str, reason: str) -> str:
-        """Pass a step over from now on; the sentence that tells it."""
+        """Skip a step from now on; returns the sentence about it."""
         self._passed_over[number] = reason
         sentence = f"{self.steps[number].name} {what}: {reason}"
         self.faults.append(sentence)
         return sentence
 
     def readable(self) -> Iterator[int]:
-        """The numbers of the steps that can be read and have what is asked for, one after another.
+        """The numbers of the steps that can be read and are complete, in order.
 
-        Each is read as it comes, and at hand then.  Raises FormatError at the end where there was none.
+        Each is read as it comes, and then available.  Raises FormatError at the end if there was none.
         """
         for number in range(len(self)):
             if not (self.fault(number) or self._lack(number)):
@@ -370,7 +371,7 @@ class Series(Sequence[Dataset]):
         if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
-            # the mesh and its map alone, as steps are kept elsewhere
+            # only the mesh and its map, as steps are kept elsewhere
             self._first = replace(dataset, fields=tuple(dataset.field(name) for name in dataset.map_names))
         dataset = on_mesh_of(self._first, dataset)
         share(self._first.mesh)
@@ -390,7 +391,7 @@ class Series(Sequence[Dataset]):
         return replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self._warnings))))
 
     def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
-        """A dataset whose remarks tell that not all of its values are finite; so do the faults of the series."""
+        """A dataset whose remarks, like the faults of the series, report that not all of its values are finite."""
         sentence = f"step {number}, {self.steps[number].name}, holds values that are not finite"
         if number not in self._infinite:
             self._infinite.add(number)
@@ -415,9 +416,10 @@ class Series(Sequence[Dataset]):
         return with_fields(self._first, *step.files, choose=self._reading.choice())
 
     def _checked(self, step: Step, dataset: Dataset, lacking: int) -> Dataset:
-        """A step whose fields are on elements of which the mesh lacks some; FormatError where other steps' are not.
+        """A step with fields on elements that the mesh lacks; FormatError if other steps have no such elements.
 
-        A mesh may be a part of that of all steps.  Where it lacks more elements of one of them, that has another mesh.
+        A mesh may be a part of the mesh of all steps.  If it lacks more elements of one step, that step has another
+        mesh.
         """
         known = self._lacking
         if known is None:
@@ -426,7 +428,7 @@ class Series(Sequence[Dataset]):
             words = f"{lacking} elements that the mesh lacks, which other steps don't have"
             raise FormatError(f"expected fields on the mesh of the series, found {words}", file=step.files[0])
         self._lacking = lacking
-        words = f"{step.name}: its fields are on {lacking} elements that the mesh lacks, and left out there"
+        words = f"{step.name}: its fields are on {lacking} elements that the mesh lacks, which are ignored"
         return replace(dataset, remarks=(*dataset.remarks, words)) if lacking else dataset
 
     def _lacking_of_another(self, step: Step) -> int:

@@ -27,9 +27,9 @@ from elvis.plugins.series.extremes import Extremes, FitError
 from elvis.plugins.series.lattices import Fit, Lattice, Table, product_space
 from elvis.plugins.series.series import Series
 
-#: what a mean is over: steps, which count the same, or time, in which what lies between steps is linear
+#: kinds of means: over steps with equal weights, or over time with linear interpolation between steps
 OVER = ("steps", "time")
-#: what is said where some steps are not finite
+#: remark if some steps are not finite
 _FINITE = "means are of the steps whose values are finite"
 #: places on [0, 1] of the rule, of equal weights, that is exact for the products of two linears in time
 _GAUSS = (0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3)
@@ -57,10 +57,10 @@ def average(
 ) -> Average:
     """The mean of a series over all steps that can be read (see OVER), each of which is read once.
 
-    order  degree that covariances have at most, whose errors are measured; None for that which holds them
-    with_extremes  whether least and greatest values over the steps are wanted, with their times (see `extremes`)
+    order  maximum degree of covariances, whose errors are measured; None for the degree that contains them exactly
+    with_extremes  whether to compute minimum and maximum over the steps, with their times (see `extremes`)
 
-    Raises ElvisError where the mesh changes between steps, or covariances are asked for that no basis holds.
+    Raises ElvisError if the mesh changes between steps, or if no basis contains requested covariances.
     """
     if over not in OVER:
         raise ElvisError(f"expected a mean over {' or '.join(OVER)}, found {over!r}")
@@ -97,11 +97,11 @@ def average(
 def _states(
     series: Series, over: str, times: list[float], extremes: list[Extremes] | None, is_finite_wanted: bool
 ) -> Iterator[tuple[float, Dataset]]:
-    """Weights and datasets whose weighted mean is asked for.
+    """Weights and datasets of the weighted mean.
 
-    times     gets those of the steps that could be read
-    extremes  gets those of the steps; None where they aren't wanted
-    is_finite_wanted  whether steps with values that are not finite are left out; there may be none then
+    times     receives the times of the steps that could be read
+    extremes  receives the extremes of the steps; None if they aren't wanted
+    is_finite_wanted  whether steps with values that are not finite are skipped; there may be none then
     """
     first: Dataset | None = None
     before: tuple[float, Dataset] | None = None
@@ -208,7 +208,7 @@ class _Product:
 
     @classmethod
     def of(cls, one: Field, other: Field, number: int, order: int | None) -> _Product:
-        """That of two fields on a block; ElvisError where these are on other elements or Fourier directions."""
+        """The product of two fields on a block; ElvisError if they have other elements or Fourier directions."""
         a, b = one.blocks[number], other.blocks[number]
         if not np.array_equal(a.element_ids, b.element_ids):
             raise ElvisError(f"covariances need fields on the same elements, {one.name} and {other.name} differ")

@@ -13,9 +13,9 @@ _PATTERN = re.compile(r"[*?]")
 
 
 def expanded(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The files, those of names with * or ? in them in the order of their numbers.
+    """The files; names with * or ? are expanded in the order of their numbers.
 
-    Raises ElvisError where none matches, and for empty folders.
+    Raises ElvisError if none matches, and for empty folders.
     """
     found: list[Path] = []
     for path in paths:
@@ -42,7 +42,7 @@ def numbers_of(name: str) -> tuple[float, ...]:
 
 
 def numbered(paths: Sequence[Path]) -> dict[float, Path]:
-    """Files of one pattern by the last number that tells them apart, ascending; none where no single number does."""
+    """Files of one pattern by the last number in which they differ, ascending; none if no single number does."""
     found = [numbers_of(path.name) for path in paths]
     differing = [i for i, column in enumerate(zip(*found, strict=False)) if len(set(column)) > 1]
     if not differing:

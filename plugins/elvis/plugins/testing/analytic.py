@@ -72,7 +72,7 @@ class Analytic(Converter):
         return False
 
     def positions(self, block: Elements, points: Floats) -> Floats:
-        """Where the points of the straight elements go."""
+        """Images of points of the straight elements."""
         return self.warp(self.straight(block, points))
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:

@@ -34,10 +34,11 @@ def check(
     settings: Settings | None = None,
     **options: Any,
 ) -> Conversion:
-    """Convert ``files``; AssertionError, in a sentence, where the converter or the conversion breaks a promise.
+    """Convert ``files``; AssertionError, in one line, if the converter or the conversion breaks a promise.
 
-    It must open the files and no others; give for batches of a block what it gives for the whole; and the converted
-    data, written and read back, must agree with its own samples to 1.5 times the error that the report announces.
+    The converter must open the files and no others, and give the same results for batches of a block as for the whole.
+    The converted data, written and read back, must agree with its own samples to 1.5 times the error that the report
+    states.
     """
     paths = [Path(file) for file in files]
     _check_opens(converter, paths)

@@ -26,20 +26,20 @@ _STEP, _DIFFERENCE = 1e-4, 1e-5
 _ROUNDING = 1e-11
 #: status of pixels about which nothing is known
 _FAILED = 3
-#: faces of a block that are looked at; how far they may lie off, in parts of the greatest coordinate and of references
+#: number of faces of a block that are checked; tolerances relative to the largest coordinate and to the reference shape
 _MANY_FACES, _OFF, _BORDER = 256, 1e-9, 1e-9
 
 
 def check_volume(
     volume: Volume, service: EvaluationService, name: str = "under test", picture: str | Path | None = None
 ) -> None:
-    """AssertionError, in a sentence, where the volume breaks a promise.
+    """AssertionError, in one line, if the volume breaks a promise.
 
-    Buffers and boxes are as they should be; derivatives of map and field are those of what they give; elements lie in
-    their boxes; the inverse map brings back what the map brought; values and positions are those of ``Part.evaluate``;
-    faces lie on their elements, and where elements meet.  Last a cut is drawn, of which every pixel must be right.
+    Buffers and boxes are valid; derivatives of map and field match their values; elements lie in their boxes; the
+    inverse map inverts the map; values and positions match ``Part.evaluate``; faces lie on their elements, and where
+    elements meet.  Finally a cut is drawn, in which every pixel must be right.
 
-    picture  a file for that cut, to look at: .png or .npz
+    picture  a file for that cut, for inspection: .png or .npz
     """
     volume_checks.check_volume(name, volume)
     service.show(volume)
@@ -96,7 +96,7 @@ def _check_round_trip(
 
 
 def _check_host_evaluation(part: Part, elements: Ints, reference: Floats, positions: Floats, values: Floats) -> None:
-    """Positions and values are those that NumPy computes."""
+    """Check positions and values against NumPy's."""
     assert part.evaluate is not None
     host_positions, host_values = part.evaluate(elements, reference)
     for what, found, wanted in (("positions", positions, host_positions), ("values", values, host_values)):
@@ -108,9 +108,9 @@ def _check_host_evaluation(part: Part, elements: Ints, reference: Floats, positi
 
 
 def _check_faces(volume: Volume, faces: Faces, service: EvaluationService) -> None:
-    """AssertionError, in a sentence, where faces aren't on the border of their element, or not where its map has them.
+    """AssertionError, in one line, if faces aren't on the border of their element, or not on its map.
 
-    A face has two sides at most, and these have their corners at the same places.
+    A face has at most two sides, with their corners at the same positions.
     """
     sides = np.bincount(np.concatenate([block.entity for block in faces.blocks]))
     assert sides.max() <= 2, (

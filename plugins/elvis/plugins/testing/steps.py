@@ -61,13 +61,12 @@ def waves(points: Floats, time: float) -> Floats:
 
 
 def agree(series: Series, points: Floats, times: Sequence[float], values: Mapping[str, Floats]) -> None:
-    """Check that fields are, over all steps, what a solver has at its own nodes, and that what lies in the middle of
-    the last two steps, the mean and the variance are those of these values.
+    """Check the fields of all steps, the middle of the last two, the mean and the variance against a solver's values.
 
-    points  (n, 3) places of the nodes
+    points  (n, 3) positions of the nodes
     values  (steps, n) by the name of a field
 
-    AssertionError where anything is off by 1e-12 of the field's largest value, of the variance 1e-12 of its square.
+    AssertionError if any differs by 1e-12 of the field's largest value, for the variance 1e-12 of its square.
     """
     assert series.times.tolist() == list(times)
     mean = average(series, with_covariances=True).dataset
