@@ -15,15 +15,15 @@ from elvis.plugins.registry import plugins
 def write(
     dataset: Dataset, path: str | Path | None = None, field_path: str | Path | None = None, **options: Any
 ) -> tuple[Path, ...]:
-    """Write a dataset; returns the files written, of which none is touched unless all can be written whole.
+    """Write a dataset; returns the files written.  Either all files are written completely, or none is changed.
 
     path        ``.fld`` for the fields alone; ``.vtu`` or ``.msh`` for VTK's or Gmsh's cells; any other name is the
                 XML file of the mesh, next to which the fields go under the suffix ``.fld``
     field_path  another name for the file of the fields; without ``path`` only these are written
     options     ``mesh_format``, "compressed", "text" or "hdf5"; ``field_format``, "xml" or "hdf5"; ``order`` of the
-                cells of VTK and Gmsh, by default the lowest that holds map and fields
+                cells of VTK and Gmsh, by default the lowest that contains map and fields
 
-    Raises ElvisError where a file can't be written, or a format can't hold the dataset.
+    Raises ElvisError if a file can't be written, or a format can't represent the dataset.
 
     >>> elvis.write(ds, "wing.xml")  # doctest: +SKIP
     (PosixPath('wing.xml'), PosixPath('wing.fld'))

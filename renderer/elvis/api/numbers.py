@@ -9,11 +9,11 @@ from elvis.core.quantity_extrema import quantity_extrema
 
 
 def extrema(dataset: Dataset, quantity: str) -> tuple[Extreme, Extreme]:
-    """The least and the greatest value of a quantity over all elements, each with a certified bound.
+    """Minimum and maximum of a quantity over all elements, each with a certified bound.
 
     quantity  a field, or an expression such as ``sqrt(u^2+v^2)``
 
-    Raises ElvisError for a text that is no quantity of the data, and for data with Fourier directions.
+    Raises ElvisError for an invalid quantity, and for data with Fourier directions.
 
     >>> least, greatest = elvis.extrema(ds, "speed")  # doctest: +SKIP
     >>> greatest.value, greatest.bound, greatest.place  # doctest: +SKIP

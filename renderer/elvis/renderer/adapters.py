@@ -28,17 +28,17 @@ Opened = TypeVar("Opened")
 SOFTWARE = ("llvmpipe", "swiftshader", "lavapipe")
 #: what to install where no Vulkan device is found
 ADVICE = "install a Vulkan driver (Debian and Ubuntu: libvulkan1 and mesa-vulkan-drivers, Mesa 23 or later)"
-#: what is said where the CPU target draws for lack of a Vulkan driver: its processor time is 2.5 to 4 times that of
-#: Mesa's driver, which takes all cores
-ONE_CORE = f"no Vulkan device draws here, so one core does, several times slower; {ADVICE}"
+#: note if the CPU target draws for lack of a Vulkan driver: its processor time is 2.5 to 4 times that of Mesa's driver,
+#: which uses all cores
+ONE_CORE = f"no Vulkan device can draw here, so one CPU core does, several times slower; {ADVICE}"
 #: what to install where slang's CPU target finds no compiler
 COMPILER_ADVICE = "install a C++ compiler (g++)"
-#: the variable of the environment that says how much Slang optimises kernels, and what it may be
+#: environment variable for Slang's optimisation of kernels, and its values
 OPTIMIZATION = "ELVIS_SLANG_OPTIMIZATION"
 LEVELS = ("none", "default", "high", "maximal")
 #: features that kernels use, as slangpy calls them -> in words
 FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
-#: what is said of bytes that kernels reach of a bound buffer, as slangpy might call it: Vulkan is asked itself
+#: slangpy-like name for the bytes that kernels can address in a bound buffer; Vulkan is queried directly
 REACH = "max_storage_buffer_range"
 #: limits that kernels need, as slangpy calls them -> least, in words; no shared memory is used
 LIMITS = {
@@ -87,7 +87,7 @@ class Adapter:
 
 @dataclass(frozen=True)
 class Choice(Generic[Opened]):
-    """The adapter that draws, the device that it was opened as, and why better ones were passed over.
+    """The adapter that draws, its open device, and the reasons why better ones were skipped.
 
     passed  a sentence for each of them
     """
@@ -109,9 +109,9 @@ def adapters() -> list[Adapter]:
 
 
 def has_compiler() -> bool:
-    """Whether a compiler is where slang looks for those that its CPU target needs.
+    """Whether a compiler for slang's CPU target is in a place where slang searches.
 
-    Outside Windows slang takes what is called g++, which is clang on macOS; it doesn't recognize other names of clang.
+    Outside Windows slang uses a compiler named g++, which is clang on macOS; it doesn't recognize other names of clang.
     """
     if sys.platform == "win32":
         installer = Path(os.environ.get("PROGRAMFILES(X86)", "")) / "Microsoft Visual Studio" / "Installer"
@@ -135,11 +135,11 @@ def _tell_of_one_core() -> None:
 
 
 def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Opened]) -> Choice[Opened]:
-    """The first device of that name, or of ``auto`` the best one, which can do what kernels need.
+    """The first device of that name, or for ``auto`` the best one, that can do what kernels need.
 
-    every  the adapters there are
+    every  all adapters
     open_  opens an adapter, or raises UnfitError
-    DeviceError where there is no such device, where the one asked for is unfit, or all are.
+    DeviceError if there is no such device, if the requested one is unfit, or if all are.
     """
     if name != "auto":
         fitting = [adapter for adapter in every if name in (adapter.name, adapter.kind)]
@@ -151,9 +151,9 @@ def first_fit(name: str, every: Sequence[Adapter], open_: Callable[[Adapter], Op
         try:
             return Choice(adapter, open_(adapter), tuple(passed))
         except UnfitError as error:
-            passed.append(f"{adapter.label} is passed over: it {error.reason}")
+            passed.append(f"{adapter.label} is skipped: it {error.reason}")
     reasons = "".join(f"; {sentence}" for sentence in passed)
-    raise DeviceError(f"nothing can draw here{reasons}; {ADVICE}, or {COMPILER_ADVICE}, or say --device reference")
+    raise DeviceError(f"no device can draw here{reasons}; {ADVICE}, or {COMPILER_ADVICE}, or use --device reference")
 
 
 def by_preference(every: Sequence[Adapter]) -> list[Adapter]:
@@ -162,7 +162,7 @@ def by_preference(every: Sequence[Adapter]) -> list[Adapter]:
 
 
 def lacking(has: Callable[[str], bool]) -> str:
-    """What kernels need and a device has not, as a clause; empty where it has all.
+    """Missing features of a device that kernels need, as a clause; empty if there are none.
 
     has  whether it has a feature of slangpy's name
     """
@@ -171,14 +171,14 @@ def lacking(has: Callable[[str], bool]) -> str:
 
 
 def limited(granted: Callable[[str], int]) -> str:
-    """Which limits of a device are below what kernels need, as a clause; empty where none is.
+    """Limits of a device that are below what kernels need, as a clause; empty if there are none.
 
-    granted  what it grants of a limit of slangpy's name
+    granted  the device's limit of slangpy's name
     """
     found = []
     for limit, (least, words) in LIMITS.items():
         if granted(limit) < least:
-            found.append(f"grants {granted(limit)} {words}, of which the kernels need {least}")
+            found.append(f"grants {granted(limit)} {words}, but the kernels need {least}")
     return " and ".join(found)
 
 
@@ -187,7 +187,7 @@ def _adapter_names(every: Sequence[Adapter]) -> str:
 
 
 def _advice(name: str) -> str:
-    """What to install for a kind of device; nothing where there is nothing to tell."""
+    """Advice on installation for a kind of device; empty if there is none."""
     advice = {"vulkan": ADVICE, "cpu": COMPILER_ADVICE}.get(name.split(":")[0])
     return f"; {advice}" if advice else ""
 
@@ -228,7 +228,7 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
 def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) -> slangpy.SlangSession:
     """A session of the Slang compiler for an open device, which finds modules in these folders.
 
-    DeviceError where the environment asks for a level that there is not.
+    DeviceError if the environment requests an unknown level.
     """
     import slangpy
 
@@ -247,7 +247,7 @@ def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) 
 
 
 def _has(device: slangpy.Device, feature: str) -> bool:
-    """Whether an open device has a feature.  Of pointers slangpy answers for other targets: an address tells."""
+    """Whether an open device has a feature.  For pointers slangpy answers for other targets: an address decides."""
     slangpy = slangpy_module()
     if feature != "pointer":
         return bool(device.has_feature(getattr(slangpy.Feature, feature)))
@@ -262,7 +262,7 @@ def reach_of(adapter: Adapter, device: slangpy.Device) -> float:
 
 
 def _granted(device: slangpy.Device, limit: str) -> int:
-    """A limit of an open device; of those that have one for each direction, the first."""
+    """A limit of an open device; for limits with one value per direction, the first."""
     if limit == REACH:
         return _vulkan_reach(device)
     found = getattr(device.info.limits, limit)
@@ -270,7 +270,7 @@ def _granted(device: slangpy.Device, limit: str) -> int:
 
 
 def _vulkan_reach(device: slangpy.Device) -> int:
-    """maxStorageBufferRange of a Vulkan device, which slangpy doesn't tell."""
+    """maxStorageBufferRange of a Vulkan device, which slangpy doesn't provide."""
     kind = slangpy_module().NativeHandleType.VkPhysicalDevice
     handle = next(handle.value for handle in device.native_handles if handle.type == kind)
     properties = (ctypes.c_uint32 * _MOST_PROPERTIES)()
@@ -291,7 +291,7 @@ def unfit(adapter: Adapter) -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep drivers and slangpy from chattering on the terminal while devices are looked for and opened."""
+    """Suppress terminal output of drivers and slangpy while devices are listed and opened."""
     saved, void = [os.dup(1), os.dup(2)], os.open(os.devnull, os.O_WRONLY)
     sys.stdout.flush()
     try:

@@ -48,7 +48,7 @@ class Key:
 
     @classmethod
     def of(cls, name: str, text: str) -> Key:
-        """``0:1:0``, or ``[0,0,1]:[1,0,0]``; SceneError for what is no numbers."""
+        """``0:1:0``, or ``[0,0,1]:[1,0,0]``; SceneError for texts that are not numbers."""
         parts = [toml_value(part.strip()) for part in text.split(":")]
         try:
             values = np.array(parts, np.float64)
@@ -97,7 +97,7 @@ class Film:
 
     def __init__(self, scene: Scene, is_kept: bool, ranks: Ranks = ALONE) -> None:
         if not scene.data:
-            raise SceneError("the scene names no data: give the mesh and field files too")
+            raise SceneError("the scene names no data; also give the mesh and field files")
         self.scene, self.ranks = scene, ranks
         self.files = expanded(tuple(map(Path, scene.data)))
         self._reading = replace(reading_for([scene], is_kept), ranks=ranks if comes_in_parts([scene]) else ALONE)
@@ -107,7 +107,7 @@ class Film:
         self._device = scene.device
         self._pictures: Pictures | None = None
         self._moment: Moment | None = None
-        # one thread alone reads steps: the next one, while a picture is drawn
+        # a single thread reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")
         self._next: tuple[Moment, Future[Dataset | None]] | None = None
 
@@ -132,7 +132,7 @@ class Film:
 
     @property
     def told(self) -> tuple[str, ...]:
-        """What the series tells of its steps, those among them that were read."""
+        """Remarks of the series on the steps that were read."""
         return () if self.series is None else self.series.told
 
     def write(self, shots: Sequence[Shot]) -> Iterator[Path]:
@@ -147,8 +147,7 @@ class Film:
     def draw(self, scene: Scene, following: Scene | None = None) -> Frame | None:
         """The picture that ``elvis render`` draws of a scene; the data of the ``following`` one are read meanwhile.
 
-        None of a step that can't be read, lacks what is shown, or in which nothing of it is seen: the faults of the
-        series tell of it.
+        None for a step that can't be read, lacks the quantities, or shows nothing: the faults of the series report it.
         """
         pictures = self._shown(scene, following)
         try:
@@ -164,7 +163,7 @@ class Film:
         for scene in scenes:
             pictures = self._shown(scene)
             if pictures is not None:
-                return self.ranks.exchange(pictures.camera(scene), "the camera of a film")[0]
+                return self.ranks.exchange(pictures.camera(scene), "the camera of an animation")[0]
         raise FormatError(f"expected a step that can be read, found none among {len(scenes)}", file=self.files[0])
 
     def _shown(self, scene: Scene, following: Scene | None = None) -> Pictures | None:
@@ -188,14 +187,14 @@ class Film:
             self._next = following.moment, self._begun(self.series, following.moment)
 
     def _at(self, series: Series, moment: Moment) -> Dataset | Portion | None:
-        """The data of a moment; None where that is a step that can't be read.
+        """The data of a moment; None if its step can't be read.
 
-        Ranks, which have to agree on it, read nothing beside the work on a picture.
+        Ranks, which have to agree on it, read nothing while a picture is drawn.
         """
         return _part(series, moment) if self._is_in_parts else self._begun(series, moment).result()
 
     def _begun(self, series: Series, moment: Moment) -> Future[Dataset | None]:
-        """The same of all data: those that are being read, where these are meant."""
+        """The complete data of a moment: the ones that are being read, if they match."""
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
         return self._reader.submit(_read, series, moment)
@@ -217,7 +216,7 @@ class Film:
         series.faults.append(f"{place} has no frame: {why.partition(';')[0]}")
 
     def _lack(self, data: Dataset | Portion) -> str:
-        """What quantities of the film lack in data, by default the field that was first at first; empty for nothing."""
+        """Message on missing quantities of the animation, by default its first field; empty if none is missing."""
         names = Names.of(data.dataset if isinstance(data, Portion) else data)
         self._field = self._field or next(iter(names.fields), "")
         try:
@@ -237,7 +236,7 @@ class Film:
             self._pictures.show(shown)
 
     def _of_ranks(self, data: Opened | Bricks) -> Dataset | PluginData | RankPart | Bricks:
-        """What a rank draws of, for all scenes of the film, which differ in numbers alone."""
+        """The data from which a rank draws, for all scenes of the animation, which differ only in numbers."""
         if isinstance(data, Portion) or (self.ranks.size > 1 and not isinstance(data, Bricks)):
             return of_ranks({None: data}, {None: [self.scene]}, self.ranks, for_others=True)[None]
         return data

@@ -1,4 +1,4 @@
-"""What a person at a terminal is told while kernels are compiled, which takes seconds and happens once."""
+"""Notes on the terminal while kernels are compiled, which takes seconds and happens once."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ MOMENT = 1.0
 
 
 class Announcement:
-    """Says at most once in a process that kernels are compiled.
+    """Prints at most once per process that kernels are compiled.
 
-    While the compiler and the driver work no thread of Python runs, so it is said before the first kernel where none
-    was ever kept, and else after the first ones that were compiled anew and took longer than a moment.
+    No Python thread runs while the compiler and the driver work.  So the note comes before the first kernel if the
+    cache is empty, and otherwise after the first newly compiled ones that took longer than a moment.
     """
 
     _is_said: ClassVar[bool] = False
@@ -31,7 +31,7 @@ class Announcement:
             self._say()
 
     def note(self, seconds: float) -> None:
-        """A kernel was compiled and run for the first time, in so many seconds."""
+        """Record that a kernel was compiled and run for the first time, in this number of seconds."""
         self._seconds += seconds
         if self._seconds > MOMENT:
             self._say()

@@ -12,11 +12,11 @@ _ROOM = 1e-3
 
 
 def bounds_of_balls(view: View, centres: Floats, radii: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """For each of n hulls of k balls, centres (n, k, 3) and radii (n, k), where it may be seen.
+    """Bounds in the picture of n hulls of k balls, with centres (n, k, 3) and radii (n, k).
 
-    Its least depth (n,); least and greatest x, y, x + y and x - y in pixels (n, 4); twice the greatest radius (n,).
-    A ball of radius R about a point at depth z, t the tangent of its angle from the axis, is seen within
-    R (1 + t^2)^(1/2) / (z - R) of the point's image at depth 1.  What reaches behind the eye may be anywhere.
+    Minimum depth (n,); minimum and maximum x, y, x + y and x - y in pixels (n, 4); twice the maximum radius (n,).
+    A ball of radius R about a point at depth z, t the tangent of its angle from the axis, is visible within
+    R (1 + t^2)^(1/2) / (z - R) of the point's image at depth 1.  Parts behind the eye may be anywhere.
     """
     depth = view.depth_of(centres)
     near = (depth - radii).min(axis=1)
@@ -37,7 +37,7 @@ def bounds_of_balls(view: View, centres: Floats, radii: Floats) -> tuple[Floats,
     if view.perspective:
         anywhere = ~(near > 0.0)
         low[anywhere], high[anywhere], around[anywhere] = -np.inf, np.inf, 1.0
-        # what lies all behind the eye is not seen
+        # hulls completely behind the eye are not visible
         hidden = (depth + radii).max(axis=1) <= 0.0
         low[hidden], high[hidden] = np.inf, -np.inf
     return near, low, high, 2.0 * around.max(axis=1)

@@ -12,7 +12,7 @@ from elvis.core.mapping.orientation import chunks
 from elvis.renderer.tiles import TILE
 from elvis.scene.view import View
 
-#: part of the greatest coordinate by which boxes are larger on all sides: more than any rounding of what is in them
+#: enlargement of boxes on all sides, relative to the maximum coordinate: more than any rounding of their contents
 _SLACK = 1e-8
 #: boxes that are projected at once
 _AT_ONCE = 1 << 18
@@ -22,7 +22,7 @@ _PIXELS_OF_AN_ELEMENT = 64
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Who draws which rows of a picture.
+    """Assignment of rows of a picture to ranks.
 
     view     of the picture
     borders  (ranks + 1,) rows: the rank with number k draws those from borders[k] to before borders[k + 1]
@@ -33,22 +33,24 @@ class Bands:
 
     @staticmethod
     def even(view: View, count: int) -> Bands:
-        """As many bands of about as many rows each; where there are more bands than rows of tiles, some have none, but
-        never the first."""
+        """Bands with about the same number of rows.
+
+        If there are more bands than rows of tiles, some are empty, but never the first.
+        """
         return Bands.sharing(view, np.zeros(_tiles(view), np.int64), count)
 
     @staticmethod
     def sharing(view: View, elements: Ints, count: int) -> Bands:
-        """As many bands with about the same work.
+        """Bands with about the same work.
 
-        elements  (n,) how many elements reach into each row of tiles
+        elements  (n,) number of elements that reach into each row of tiles
         """
         work = elements + TILE * view.width / _PIXELS_OF_AN_ELEMENT
         done = np.append(0.0, np.cumsum(work))
         shares = done[-1] * np.arange(count + 1) / count
         # each border is the one between two rows of tiles that comes nearest to its share
         borders = np.searchsorted(0.5 * (done[1:] + done[:-1]), shares)
-        # the first rank has some: what it draws tells it which colour bars there are
+        # the first rank has some rows: its own drawing determines its colour bars
         borders[1:] = np.maximum(borders[1:], 1)
         return Bands(view, np.minimum(TILE * borders, view.height))
 
@@ -87,7 +89,7 @@ def _rows_reached(view: View, boxes: Boxes, around: int, extent: float) -> Ints:
         placed = view.projected(corners)
         weight = placed[..., 2]
         pixels = placed[..., :2] / weight[..., None]
-    # a tile more, as what is drawn of a tile is drawn of all of its pixels
+    # a tile more, as drawing works on complete tiles
     low, high = pixels.min(axis=1) - (around + TILE), pixels.max(axis=1) + (around + TILE)
     is_everywhere = ~(weight > 0.0).all(axis=1) | ~np.isfinite(low + high).all(axis=1)
     is_seen = ((high >= 0.0) & (low <= [view.width - 1, view.height - 1])).all(axis=1) | is_everywhere

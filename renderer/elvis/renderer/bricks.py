@@ -1,9 +1,9 @@
-"""Data that are looked at brick by brick: what is found in each is kept, so that a next picture reads few of them.
+"""Data that are processed brick by brick: results of each are cached, so that the next picture reads few of them.
 
-Bricks have some tens of elements and are ranges along a curve.  A first picture reads all, as many at a time as there
-is memory for, and notes in which box each lies, between which values, and whether it has faces that words choose.
-Others read those alone in which something may be shown, and look at their elements.  Elements that decide what holds
-for a picture altogether, such as ranges over all, are kept for all pictures for which the same things decide.
+Bricks have some tens of elements and are ranges along a curve.  A first picture reads all, as many at a time as memory
+allows, and stores the box of each, the bounds of its values, and whether it has faces that words choose.  Later
+pictures read only bricks in which something may be visible, and process their elements.  Elements that decide global
+properties of a picture, such as ranges over all, are cached for all pictures with the same dependencies.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from elvis.renderer.relevance import Looked, Relevance, has_volumes, meets
 from elvis.scene import CutSurface, Implicit, Scene
 from elvis.scene.errors import SceneError
 
-#: how much memory elements take, on the host and on a device, while they are drawn, in parts of their coefficients
+#: memory of elements while they are drawn, on the host and on a device, relative to their coefficients
 _TIMES = 4
 #: elements of a brick, about
 ELEMENTS = 64
 
 
-#: is told of plugins that fail
+#: function that receives messages about plugins that fail
 Report: TypeAlias = Callable[[str], object]
 #: what files hold, as a reading says
 Opening: TypeAlias = Callable[[Sequence[Path], Reading, Report], "Dataset | PluginData | Bricks"]
@@ -100,10 +100,10 @@ class InMemory:
 
 @dataclass(eq=False)
 class Digest:
-    """What is known of bricks.
+    """Cached facts about bricks.
 
-    boxes   (count, 6) that hold their elements
-    ends    by quantity (count, 2) the ends of what its elements may show
+    boxes   (count, 6) that contain their elements
+    ends    by quantity (count, 2) bounds of the values that its elements may show
     chosen  by word (count,) which have faces that it chooses
     """
 
@@ -113,11 +113,11 @@ class Digest:
 
     @staticmethod
     def of(count: int) -> Digest:
-        """Of bricks of which nothing was looked at."""
+        """The facts of bricks before any was processed."""
         return Digest(np.tile(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), (count, 1)))
 
     def note(self, looked: Looked, bricks: Ints) -> None:
-        """Take what was found of elements of these bricks (n,)."""
+        """Include the findings on elements of these bricks (n,)."""
         _widen(self.boxes, bricks, looked.boxes)
         for name, ends in looked.ends.items():
             _widen(self.ends.setdefault(name, np.tile([np.inf, -np.inf], (len(self.boxes), 1))), bricks, ends)
@@ -125,11 +125,11 @@ class Digest:
             self.chosen.setdefault(word, np.zeros(len(self.boxes), bool))[bricks[mask]] = True
 
     def joined(self, other: Digest) -> Digest:
-        """What is known by both: other quantities and words of the same bricks."""
+        """The facts of both: other quantities and words of the same bricks."""
         return Digest(self.boxes, {**self.ends, **other.ends}, {**self.chosen, **other.chosen})
 
     def knows(self, relevance: Relevance) -> bool:
-        """Whether it tells where something of a scene may be shown."""
+        """Whether it suffices to decide where something of a scene may be visible."""
         names = {name for name, _ in relevance.levels()}
         return names <= self.ends.keys() and set(relevance.words) <= self.chosen.keys()
 
@@ -149,10 +149,10 @@ class Digest:
 
 
 class Bricks:
-    """Data whose pictures may take no more than a scene's memory.
+    """Data whose pictures are limited to a scene's memory.
 
     source  gives them in parts
-    whole   gives all of them, where that fits, or a picture depends on all
+    whole   gives all of them, if they fit, or if a picture depends on all
     """
 
     def __init__(self, source: Source, whole: Callable[[], Dataset]) -> None:
@@ -188,9 +188,9 @@ class Bricks:
         return self._source.of(np.arange(self._count) == first)
 
     def elements(self, scene: Scene) -> Dataset:
-        """The elements that a scene depends on, all if they take no more than its memory, or if any may count.
+        """The elements on which a scene depends; all, if they fit into its memory, or if any may count.
 
-        The same object as before where another camera sees the same.  SceneError where they take more.
+        The same object as before if another camera shows the same elements.  SceneError if they need more memory.
         """
         memory = np.inf if scene.memory is None else scene.memory
         needed = _TIMES * self._source.bytes
@@ -200,7 +200,7 @@ class Bricks:
         head = self._timed(self.dataset)
         relevance = Relevance(head, whole_scene(head, scene))
         if has_volumes(scene) or relevance.borrows or not is_local(head, self._head.is_even, [scene]):
-            raise _too_much(needed, "all elements, which count here,", memory)
+            raise _too_much(needed, "all elements, which this picture needs", memory)
         key = relevance.decided_by, relevance.shown_by
         if self._last is None or self._last[0] != key:
             self._last = None
@@ -290,7 +290,7 @@ def peak_note(scene: Scene) -> str:
     if scene.memory is None or peak is None:
         return ""
     budget = size_text(scene.memory)
-    return f"memory: the process took up to {size_text(peak)}; the {budget} of --memory count elements alone"
+    return f"memory: the process took up to {size_text(peak)}; the {budget} of --memory only limit elements"
 
 
 def timed(dataset: Dataset, time: float | None) -> Dataset:
@@ -299,7 +299,7 @@ def timed(dataset: Dataset, time: float | None) -> Dataset:
 
 
 def _too_much(needed: float, whose: str, memory: float) -> SceneError:
-    return SceneError(f"memory: expected {size_text(needed)} at least, which {whose} take, found {size_text(memory)}")
+    return SceneError(f"memory: expected at least {size_text(needed)} for {whose}, found {size_text(memory)}")
 
 
 def _widen(ranges: NDArray[Any], rows: Ints, found: NDArray[Any]) -> None:

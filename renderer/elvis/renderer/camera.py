@@ -16,7 +16,7 @@ _CAMERAS: WeakKeyDictionary[View, NDArray[Any]] = WeakKeyDictionary()
 
 
 def record_of(kernel: Kernel, name: str, view: View, **values: Any) -> NDArray[Any]:
-    """(1,) a kernel's record of this name, which has a camera: that of the view, and other values by name."""
+    """A kernel's record (1,) of this name with the camera of the view, and other values by name."""
     record = np.zeros(1, kernel.dtype(name))
     record["camera"] = _camera(view, record.dtype["camera"])
     for key, value in values.items():

@@ -67,12 +67,12 @@ class Band:
 
 @dataclass(eq=False)
 class Canvas:
-    """One picture in the making.
+    """A picture that is being drawn.
 
-    records   whether fields, elements, positions and normals are kept; else colours and statuses alone
+    records   whether fields, elements, positions and normals are stored, or only colours and statuses
     most      pixels that are drawn at once
-    progress  called with how much of how much is done
-    rows      the ranks that draw rows of it; all but the first have nothing of the others' in the end
+    progress  called with the amounts done and in total
+    rows      the ranks that draw rows of it; finally all but the first have only their own rows
     """
 
     scene: Scene
@@ -95,12 +95,12 @@ class Canvas:
 
     @property
     def _proves(self) -> bool:
-        """Whether what is proved of contours is counted: for statistics and records alone."""
+        """Whether proofs about contours are counted: only for statistics and records."""
         asked = self.scene.stats or any(not name.lower().endswith(PIXELS) for name in self.scene.outputs)
         return bool(asked) and any(draw_call.style.contours is not None for draw_call in self.draw_calls)
 
     def frame(self) -> Frame:
-        """The whole picture.  Where colours depend on all bands, those that can't be kept are drawn twice."""
+        """The complete picture.  If colours depend on all bands, bands that don't fit into memory are drawn twice."""
         bands, samples = list(self._bands()), self.scene.samples**2 + (self.scene.samples % 2 == 0)
         in_parts = len(bands) > 1 or not self.rows.is_alone
         first = bands if in_parts and not self.painter.is_complete(self.draw_calls) else []
@@ -249,7 +249,7 @@ class Canvas:
 
 
 def _arrays(view: View, records: bool) -> dict[str, Any]:
-    """Empty channels by name, (height, width[, 3]); those that aren't kept take no room."""
+    """Empty channels by name, (height, width[, 3]); unused ones take no memory."""
     shape = view.height, view.width
     color, through = np.zeros((*shape, 3), np.float64 if records else np.uint8), np.zeros(shape)
     record = _record(shape, np.full) if records else _no_record(shape)
@@ -258,7 +258,7 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
 
 
 def _record(shape: tuple[int, int], full: Callable[..., NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The channels of a record, all of which say that nothing is seen."""
+    """The channels of a record, initially without any visible point."""
     values = {"field": np.nan, "depth": np.inf, "element": -1, "uncertainty": np.nan}
     scalars = {name: full(shape, value) for name, value in values.items()}
     return scalars | {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
@@ -279,11 +279,11 @@ def _free_memory(second: int) -> float:
 def check_memory(view: View, records: bool, most: int) -> None:
     """SceneError where a picture takes more memory than is free, if ``most`` pixels are drawn at once."""
     need = view.count * BYTES[records] + min(view.count, most) * BYTES_AT_ONCE
-    # the system takes longer to tell what is free than a small picture to be drawn
+    # the system takes longer to report its free memory than drawing a small picture takes
     free = _free_memory(int(monotonic())) if need > LITTLE else inf
     if need > free:
-        alone = ", or for a .png alone" if records else ""
+        alone = ", or write only a .png" if records else ""
         raise SceneError(
             f"a picture of {view.width} x {view.height} pixels takes {size_text(need)} of memory, "
-            f"{size_text(free)} are free: ask for fewer pixels{alone}"
+            f"{size_text(free)} are free; reduce its size{alone}"
         )

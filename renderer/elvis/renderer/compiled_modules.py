@@ -1,10 +1,10 @@
-"""Slang modules in the compiler's binary form, kept from one process to the next.
+"""Slang modules in the compiler's binary form, cached between processes.
 
-Reading the sources of a picture's modules takes longer than finding its kernels where these are kept.  A session of
-slangpy writes each module that it has read from its source to a folder, and takes it from there as long as the digest
-in it is that of its sources (Slang's option UseUpToDateBinaryModule).  The folder can't be one process's own, as those
-of kernels are: its name is in their keys.  Slang trusts what it finds there, so each module has the SHA-256 of its name
-and content beside it, and what has none, or another one, is removed before a session begins.
+Reading the sources of a picture's modules takes longer than loading its cached kernels.  A session of slangpy writes
+each module that it has read from its source to a folder, and reads it from there as long as the digest in it matches
+its sources (Slang's option UseUpToDateBinaryModule).  Unlike the folder of kernels, this folder can't belong to one
+process: its name is in their keys.  Slang trusts the contents, so each module has the SHA-256 of its name and content
+next to it, and a module with none, or with another one, is removed before a session begins.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from elvis.core.files.output import write_text
 MOST_BYTES = 48 << 20
 #: how files end: modules, and their checksums
 _MODULE, _CHECKSUM = ".slang-module", ".sha256"
-#: bytes of a RIFF file before those that it counts
+#: bytes of a RIFF file that precede the counted ones
 _HEAD = 8
 #: seconds after which what a process that was ended has left is removed
 _HOUR = 3600.0
@@ -35,10 +35,10 @@ class CompiledModules:
     """The compiled modules that this process shares with others."""
 
     def __init__(self, kept_in: Path | None, remarks: list[str]) -> None:
-        """Nothing is looked at yet.
+        """A cache that has not been read yet.
 
-        kept_in  the folder of all modules; None where nothing can be kept
-        remarks  gets what the user should know
+        kept_in  the folder of all modules; None if nothing can be cached
+        remarks  receives messages for the user
         """
         self._kept_in, self._remarks = kept_in, remarks
         self._used: set[Path] = set()
@@ -60,13 +60,13 @@ class CompiledModules:
         except OSError:
             return None
         if damaged:
-            self._remarks.append(f"compiled modules in {folder} that were damaged, removed and made again: {damaged}")
+            self._remarks.append(f"damaged compiled modules in {folder}, removed and rebuilt: {damaged}")
         self._used.add(folder)
         _remove_unused(self._kept_in, self._used)
         return folder
 
     def seal(self) -> None:
-        """Write the checksums of the modules that are new; those that can't be written are made again."""
+        """Write the checksums of new modules; modules without a checksum are rebuilt."""
         for path in (path for folder in self._used for path in _modules(folder)):
             with suppress(OSError, ElvisError):
                 written = path.stat().st_mtime_ns
@@ -97,7 +97,7 @@ def _modules(folder: Path) -> Iterator[Path]:
 
 
 def _known_checksum(path: Path) -> str:
-    """The checksum beside a module, empty where there is none."""
+    """The checksum next to a module, empty if there is none."""
     try:
         return path.with_suffix(_CHECKSUM).read_text(encoding="ascii")
     except (OSError, ValueError):
@@ -105,7 +105,7 @@ def _known_checksum(path: Path) -> str:
 
 
 def _checksum(path: Path, content: bytes) -> str:
-    """That of a module with its name, so that no other one is taken for it."""
+    """The checksum of a module with its name, so that it can't be confused with another one."""
     return sha256(path.name.encode() + b"\n" + content).hexdigest()
 
 
@@ -122,7 +122,7 @@ def _is_whole(content: bytes) -> bool:
 
 
 def _remove_unused(kept_in: Path, used: set[Path]) -> None:
-    """Remove the folders that were not used for longest, beyond the room there is, and what was not finished."""
+    """Remove the least recently used folders beyond the size limit, and unfinished ones."""
     ages = {}
     with suppress(OSError):
         ages = {Path(item.path): item.stat().st_mtime for item in os.scandir(kept_in)}

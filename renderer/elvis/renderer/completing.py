@@ -1,4 +1,4 @@
-"""What a scene leaves to the data: its field, its objects, and which plugin draws it."""
+"""Defaults of a scene that depend on the data: its field, its objects, and the plugin that draws it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def default_field(data: Dataset | PluginData) -> str:
     names = names_of(data).fields
     if not names:
         raise SceneError(
-            "the data hold a mesh but no field: give the field file too, or name a quantity, such as --field x"
+            "the data contain a mesh but no field: also give the field file, or name a quantity, such as --field x"
         )
     return names[0]
 
@@ -60,7 +60,7 @@ def arranged(scene: Scene, kind: Kind) -> Scene:
     if kind is Kind.LINE:
         return scene
     if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines | Glyphs) for item in scene.every_object):
-        raise SceneError("surfaces in space are drawn themselves: leave cuts, isosurfaces and volumes out")
+        raise SceneError("surfaces in space are drawn as they are: remove cuts, isosurfaces and volumes")
     if kind is Kind.PLANE:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         if not scene.every_object:
@@ -70,10 +70,10 @@ def arranged(scene: Scene, kind: Kind) -> Scene:
         ]
         if named:
             raise SceneError(
-                f"2D data are drawn whole, in their own plane: expected no faces but all, found {named[0]!r}"
+                f"2D data are drawn completely, in their own plane: expected no faces except all, found {named[0]!r}"
             )
         if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
-            raise SceneError("2D data are drawn in their own plane: leave the cut plane out")
+            raise SceneError("2D data are drawn in their own plane: remove the cut plane")
         objects = [CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects]
         camera = "top" if scene.camera == "fit" and len(scene.every_object) > 1 else scene.camera
         return replace(scene, objects=tuple(objects), camera=camera)

@@ -1,4 +1,4 @@
-"""FragmentLists of colour on a device: what lies before over what lies behind (fragments.slang, compose.slang)."""
+"""Lists of coloured fragments on a device: compositing from front to back (fragments.slang, compose.slang)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from elvis.renderer.device import Device
 from elvis.renderer.memory import Buffer
 from elvis.scene import Vector
 
-#: what lies behind a surface that lets less than this part of the light through does not count
+#: share of transmitted light below which hidden fragments are ignored
 FAINT = 1e-3
 
 
 class FragmentLists:
-    """What some hit buffers add to n pixels, in any order, and the picture that they make over a background.
+    """Contributions of hit buffers to n pixels, in any order, and the resulting picture over a background.
 
-    Once they are composed the buffers have the picture, what volumes are to add to it (see RayIntegrals), and the
+    After composition the buffers contain the picture, the contributions that volumes add (see RayIntegrals), and the
     depths beyond which nothing counts.
 
-    whole  whether colours are wanted in steps of 1/255, as numbers of 8 bits
+    whole  whether colours are wanted in steps of 1/255, as 8-bit integers
     """
 
     def __init__(self, device: Device, pixels: int, count: int, background: Vector, *, whole: bool = False) -> None:

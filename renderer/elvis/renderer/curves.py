@@ -21,7 +21,7 @@ from elvis.scene.frame import Drawing, Frame, Legend, Status
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 
-#: width of a curve in pixels, where no mesh lines say another; height of a plot in parts of its width
+#: default width of a curve in pixels, without mesh lines; height of a plot relative to its width
 WIDTH, HEIGHT = 2.5, 0.6
 #: pixels between the points that stand for a curve, and the most of them
 STEP, MOST = 0.25, 1 << 22
@@ -41,7 +41,7 @@ class Curves:
             self.sample(33)
 
     def sample(self, count: int) -> None:
-        """Set element ids, references, places (n, 3) as they are shown, and values (n,)."""
+        """Set element ids, references, positions (n, 3) in the picture, and values (n,)."""
         found: list[tuple[Floats | Ints, ...]] = []
         for patch in self.evaluator.patches:
             rows, points = np.repeat(np.arange(len(patch)), count), np.tile(np.linspace(-1.0, 1.0, count), len(patch))
@@ -85,12 +85,12 @@ class Curves:
 
 
 def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
-    """A picture of 1D data, coloured by the scene's field; of a scene's objects only faces, for their style.
+    """A picture of 1D data, coloured by the scene's field; only faces of the scene's objects are used, for their style.
 
-    Where the data lie on the x axis, their values stand for y, scaled to a plot; positions are those of the plot.
+    If the data lie on the x axis, their values become y, scaled to a plot; positions refer to the plot.
     """
     if any(not isinstance(item, Faces) for item in scene.every_object):
-        raise SceneError("1D data show themselves: leave cuts, isosurfaces and volumes out")
+        raise SceneError("1D data are drawn as curves: remove cuts, isosurfaces and volumes")
     curves = Curves(dataset, scene.field)
     style = scene.objects[0].style if scene.objects and isinstance(scene.objects[0], Faces) else Style()
     width = style.mesh_lines.width if style.mesh_lines else WIDTH
@@ -105,7 +105,7 @@ def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
 
 
 def _view(curves: Curves, scene: Scene, is_flat: bool, width: float) -> View:
-    """The view of a scene; flat data are looked at straight."""
+    """The view of a scene, perpendicular to flat data."""
     ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)) if is_flat else None
 
     def through(completed: Scene) -> View:

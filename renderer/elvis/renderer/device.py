@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import slangpy
 
 _HERE = Path(__file__).parent
-#: where kernels are: those of a pass stand beside its Python, what passes share in shaders
+#: folders of kernels: those of a pass are next to its Python, shared ones in shaders
 SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdir() if any(path.glob("*.slang")))]
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
@@ -58,12 +58,12 @@ Given: TypeAlias = Mapping[str, Buffer | NDArray[Any]]
 class Device:
     """An open device: buffers, and kernels linked for the Slang type of a part.
 
-    Closing it frees all of them at once, also those that an exception's frames or a reference cycle still hold: slangpy
-    keeps a device, its threads and its memory for as long as one buffer or kernel of it is there.
+    Closing it frees all of them at once, also those referenced by an exception's frames or a reference cycle: slangpy
+    keeps a device, its threads and its memory as long as one buffer or kernel of it exists.
 
-    passed  a sentence for each better device that ``auto`` could not take
-    watch   what its kernels do between dispatches
-    reach   bytes that kernels reach of a bound buffer
+    passed  a sentence for each better device that ``auto`` could not use
+    watch   work of its kernels between dispatches
+    reach   bytes that kernels can address in a bound buffer
     """
 
     def __init__(self, name: str = "auto") -> None:
@@ -87,7 +87,7 @@ class Device:
 
     @property
     def _pools(self) -> set[Pool]:
-        """All memory: what kernels write, what the host writes, what it reads."""
+        """All memory: for kernel output, for host input and for reading back."""
         return {self.memory, self._given, self._readable}
 
     @property
@@ -136,7 +136,7 @@ class Device:
         return self._filled(max(count, 1), np.dtype(dtype).itemsize, None)
 
     def _filled(self, count: int, itemsize: int, data: NDArray[Any] | None) -> Buffer:
-        """A buffer of elements, with data or as it is; DeviceLostError where there is no room."""
+        """A buffer of elements, with data or uninitialised; DeviceLostError if there is no memory."""
         pool = self.memory if data is None else self._given
         before = pool.made
         try:
@@ -145,7 +145,7 @@ class Device:
                 buffer.memory.copy_from_numpy(_as_writeable(data.view(np.uint8)))
         except RuntimeError as error:
             size = size_text(count * itemsize)
-            raise DeviceLostError(f"{self.adapter.label} has no room for a buffer of {size}") from error
+            raise DeviceLostError(f"{self.adapter.label} has no memory for a buffer of {size}") from error
         self.bytes_made += buffer.size if pool.made > before else 0
         return buffer
 
@@ -179,7 +179,7 @@ class Device:
         return content
 
     def _is_read_in_place(self, buffer: Buffer, size: int) -> bool:
-        """Whether the host reads a buffer sooner as it is, all of it, than a copy of its first bytes."""
+        """Whether reading the complete buffer in place is faster than copying its first bytes."""
         return buffer.pool is self._readable and buffer.room <= 2 * size + FEW
 
     def _copy(self, buffer: Buffer, size: int) -> Buffer:
@@ -201,12 +201,12 @@ class Device:
     ) -> Kernel:
         """The kernel of a stage (``cut_draw`` has the entry point ``draw``) for the elements of a part's Slang type.
 
-        part         None for stages that know nothing of elements
-        quantity     one of the part's, to be evaluated in place of its own field
-        line_degree  of polynomials along rays; 0 takes that of the field
-        media        number of transfer functions that are mixed along rays
+        part         None for stages without elements
+        quantity     one of the part's, to be evaluated instead of its own field
+        line_degree  of polynomials along rays; 0 uses that of the field
+        media        number of transfer functions that are blended along rays
 
-        DeviceError with the compiler's own words where the part's module does not compile.
+        DeviceError with the compiler's own message if the part's module does not compile.
         """
         source = f"export static const int rows = {ROWS[self.adapter.software]};"
         source += f"export static const int media = {media};"
@@ -232,17 +232,17 @@ class Device:
             return Kernel(self._device, program, self.watch, self.adapter)
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
-        """What a kernel appends to the buffer ``name`` and counts in ``count``.
+        """Entries that a kernel appends to the buffer ``name`` and counts in ``count``.
 
-        It runs again with a longer list where the first was too short, so running twice must be harmless.
-        DeviceLostError where kernels don't reach all of the list: of fewer pixels they may.
+        It runs again with a longer list if the first was too short, so running twice must be harmless.
+        DeviceLostError if kernels can't address the complete list; with fewer pixels they may.
         """
         dtype = kernel.dtype(name)
         while True:
             size = kernel.capacity * dtype.itemsize
             if size > self.reach:
                 room = f"{size_text(self.reach)} of a bound buffer"
-                raise DeviceLostError(f"{self.adapter.label} reaches {room}, and a list takes {size_text(size)}")
+                raise DeviceLostError(f"{self.adapter.label} addresses {room}, but a list takes {size_text(size)}")
             lists = {name: self.empty(dtype, kernel.capacity), "count": self.buffer(np.zeros(1, np.uint32))}
             run(lists)
             count = int(self.read(lists["count"], np.uint32)[0])
@@ -252,9 +252,9 @@ class Device:
 
 
 def _as_writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The bytes as an array that could be written to: slangpy, which reads them, takes no other.
+    """The bytes as a writeable array: slangpy, which reads them, accepts no other.
 
-    A copy only where they lie in memory that can't be, such as that of ``bytes``.
+    They are copied only if their memory is read-only, such as that of ``bytes``.
     """
     own = raw.view()
     try:
@@ -265,11 +265,11 @@ def _as_writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class Kernel:
-    """A linked compute kernel; buffers are given by the names of its module's globals, bound or read through pointers.
+    """A linked compute kernel; buffers are passed by the names of its module's globals, bound or read through pointers.
 
-    Globals may be records, too: of what all threads read these are read soonest.
+    Globals may also be records, which are the fastest data for reading by all threads.
 
-    capacity  entries of a list that it appends to: as many as the longest one had so far, and some more
+    capacity  entries of a list that it appends to: as many as the longest list so far, and some more
     """
 
     def __init__(self, device: slangpy.Device, program: slangpy.ShaderProgram, watch: Watch, adapter: Adapter) -> None:
@@ -286,16 +286,16 @@ class Kernel:
         self._globals: dict[str, slangpy.TypeLayoutReflection] = {item.name: item.type_layout for item in fields}
         self._dtypes: dict[str, np.dtype[Any]] = {}
         self._is_in_c, self._shares = adapter.kind == "cpu", adapter.shares
-        # the kind of what is given, by name
+        # kinds of the arguments by name
         self._needed = {name: own.type.kind for name, own in self._globals.items() if name not in (EXTENT, COUNT)}
-        # arguments stay from one dispatch to the next: what has changed is written
+        # arguments persist between dispatches: only changes are written
         self._arguments = device.create_root_shader_object(program)
         cursor = slangpy.ShaderCursor(self._arguments)
         self._places = {name: cursor[name] for name in self._globals}
         self._written: dict[str, slangpy.Buffer | int | tuple[int, ...]] = {}
 
     def release(self) -> None:
-        """Give the program back, whoever still refers to the kernel."""
+        """Release the program, even if the kernel is still referenced."""
         self._device, self._watch = None, None
         self._pipeline, self._arguments = None, None
         self._globals, self._places, self._written = {}, {}, {}
@@ -308,10 +308,10 @@ class Kernel:
         return self._dtypes[name]
 
     def __call__(self, count: int, given: Given, *, groups: bool = False, work: NDArray[Any] | None = None) -> None:
-        """Run over ``count`` items, each a thread's or (``groups``) a whole group's, with what it knows of all given.
+        """Run over ``count`` items, each for a thread or (``groups``) a whole group, with the given buffers and values.
 
-        work  (count,) how much each group has to do, in any unit, where they differ much
-        Long work is done in several dispatches (see Device.watch); it is done on return.
+        work  (count,) work of each group, in any unit, if it varies much
+        Long work is split into several dispatches (see Device.watch); it is finished on return.
         """
         if self._device is None or self._watch is None:
             raise DeviceError(CLOSED)
@@ -347,7 +347,7 @@ class Kernel:
             self._written[name] = argument
 
     def _dispatch(self, first: int, end: int, rows: int = 1) -> None:
-        """Run a range of groups, in a grid of so many rows at least."""
+        """Run a range of groups, in a grid with at least this number of rows."""
         import slangpy
 
         assert self._device is not None
@@ -371,7 +371,7 @@ def _pointer() -> object:
 
 @cache
 def _usage() -> slangpy.BufferUsage:
-    """What kernels' buffers are for; slangpy takes its time to join these."""
+    """Usage flags of kernels' buffers; slangpy is slow to combine these."""
     import slangpy
 
     usage = slangpy.BufferUsage.shader_resource | slangpy.BufferUsage.unordered_access
@@ -379,7 +379,7 @@ def _usage() -> slangpy.BufferUsage:
 
 
 def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcement) -> Callable[[float], None]:
-    """Keeps what a device has compiled since the last call; is told how many seconds that took."""
+    """A function that caches kernels compiled since its last call; it receives the seconds that this took."""
     kept = 0
 
     def keep(seconds: float) -> None:
@@ -394,7 +394,7 @@ def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcem
 
 
 class _Working:
-    """What goes wrong while the device works is a DeviceLostError in the driver's words."""
+    """Converts errors while the device works into a DeviceLostError with the driver's message."""
 
     def __enter__(self) -> None:
         pass

@@ -1,4 +1,4 @@
-"""What can go wrong with a device."""
+"""Errors of a device."""
 
 from __future__ import annotations
 

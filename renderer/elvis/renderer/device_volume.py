@@ -35,9 +35,9 @@ class DeviceVolume:
     """A volume's parts and their buffers.
 
     first  (parts + 1,) index of each part's first element: elements count through all parts
-    ids    (elements + 1,) element ids by index; NOBODY, which is beyond the end, takes the last one, -1
-    extent  greatest finite coordinate of the elements' boxes, in magnitude
-    bytes  of all buffers so far: those of quantities come when they are first asked for
+    ids    (elements + 1,) element ids by index; NOBODY, which is beyond the end, maps to the last one, -1
+    extent  maximum finite coordinate of the elements' boxes, in magnitude
+    bytes  of all buffers so far: buffers of quantities are added when they are first used
     """
 
     def __init__(self, device: Device, volume: Volume, before: DeviceVolume | None = None) -> None:
@@ -58,7 +58,7 @@ class DeviceVolume:
         self.extent = self.once("extent", lambda: max((greatest_of(part.boxes) for part in self.parts), default=0.0))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What follows from the elements and their maps alone, made once for all volumes of the same elements."""
+        """Results that depend only on elements and maps, computed once for all volumes of the same elements."""
         if key not in self._of_elements:
             self._of_elements[key] = make()
         found: T = self._of_elements[key]
@@ -69,7 +69,7 @@ class DeviceVolume:
         return self._of_elements is other._of_elements
 
     def _shared_with(self, parts: Sequence[Part]) -> dict[int, tuple[NDArray[Any], Buffer]]:
-        """What the device has of the arrays of other parts."""
+        """Arrays of other parts that are already on the device."""
         owners: Iterable[Part | Quantity] = chain.from_iterable((part, *part.quantities.values()) for part in parts)
         wanted = {id(data) for own in owners for data in own.buffers.values()}
         return {number: brought for number, brought in self._brought.items() if number in wanted}
@@ -99,7 +99,7 @@ class DeviceVolume:
 
     @cached_property
     def is_far(self) -> bool:
-        """Whether coordinates are rounded by more than the tolerance of borders, in parts of the size of the domain."""
+        """Whether coordinates are rounded by more than the tolerance of borders, relative to the size of the domain."""
         return bool(self.parts) and bool(self.rounding > BORDER * float(np.ptp(self.box, axis=0).max()))
 
     def bindings(self, number: int, quantity: str | None = None) -> dict[str, Buffer]:
@@ -112,7 +112,7 @@ class DeviceVolume:
         return self.parts[number].quantity(name)
 
     def leveled(self, number: int, quantity: str | None, value: float) -> tuple[str | None, float]:
-        """A quantity of a part and its value that are in the same places, those of a polynomial where one is known."""
+        """A quantity of a part and its value with the same level set, a polynomial's if one is known."""
         part, key = self.parts[number], (number, f"{quantity} at {value!r}")
         own = self.quantity(number, quantity)
         if key not in self._levels:
@@ -185,10 +185,10 @@ class DeviceVolume:
         return self._ends[quantity]
 
     def _bring(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Buffer]:
-        """Arrays on the device: those that several parts and quantities share are there once."""
+        """Arrays on the device, each once if several parts and quantities share it."""
         for data in arrays.values():
             if id(data) not in self._brought:
-                # the array is kept, too, so that no other one gets its number
+                # the array is also stored, so that its id is not reused
                 self._brought[id(data)] = data, self.device.buffer(data)
                 self.bytes += data.nbytes
         return {name: self._brought[id(data)][1] for name, data in arrays.items()}

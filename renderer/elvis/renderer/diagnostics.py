@@ -1,4 +1,4 @@
-"""What the Slang compiler says, without what only repeats or frames it."""
+"""Messages of the Slang compiler, without repetitions and framing."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def errors_alone() -> Iterator[None]:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """What the compiler refuses is a DeviceError in its own words."""
+    """Converts errors of the compiler into a DeviceError with its own message."""
     import slangpy
 
     try:

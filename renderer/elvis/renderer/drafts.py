@@ -1,6 +1,6 @@
-"""Drafts: pictures that are shown while something moves, and left as soon as there is another one.
+"""Drafts: pictures that are shown during motion, and abandoned as soon as there is another one.
 
-What they show is right, but pixels that only a proof finds are left out: see gaps.
+Their pixels are right, but pixels that only a proof finds are skipped: see gaps.
 """
 
 from __future__ import annotations

@@ -18,12 +18,12 @@ Draw = Callable[[View, Floats | None], HitBuffer]
 class DrawCall:
     """A surface of a scene that one stage draws.
 
-    name      what the scene calls it
-    quantity  what its hit buffers' field is; None is the parts' own
+    name      in the scene
+    quantity  of its hit buffers' field; None is the parts' own
     draw      as every stage: the nearest hits in a view behind given depths
-    once      whether a ray meets it once at most
-    surface   what cuts; it is not clipped by itself
-    level     the value that its quantity has all over it, where it is an isosurface of that
+    once      whether a ray meets it at most once
+    surface   the cutting surface, which does not clip itself
+    level     constant value of its quantity, if it is an isosurface of that
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""slangpy, which drawing alone needs: ElVis installs and works without it where there is none."""
+"""slangpy, which is only needed for drawing: ElVis installs and works without it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 OLDEST = (0, 42)
 #: where versions are to be had that are new enough
 _PLATFORMS = "Linux with glibc 2.34 or later, macOS 15 or later on Apple silicon, Windows"
-#: what there is to do without
+#: functions that work without it
 _WITHOUT = "info, norms, probe and convert work without it, and --device reference draws, slowly"
 
 
 def slangpy_module() -> Any:
-    """The module slangpy; DeviceError that says what drawing needs where it is missing, too old, or doesn't load."""
+    """The module slangpy; DeviceError with the requirements if it is missing, too old, or doesn't load."""
     module, reason = _slangpy()
     if module is None:
         raise DeviceError(reason)
@@ -29,7 +29,7 @@ def slangpy_module() -> Any:
 
 @cache
 def _slangpy() -> tuple[ModuleType | None, str]:
-    """The module, or a sentence about why it can't be used."""
+    """The module, or the reason why it can't be used."""
     needs = f"drawing needs slangpy {'.'.join(map(str, OLDEST))} or later"
     bring = f"pip install 'elvis-viz[draw]' brings it ({_PLATFORMS}); {_WITHOUT}"
     try:

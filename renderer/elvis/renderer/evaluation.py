@@ -58,14 +58,14 @@ class Evaluation:
 
     @property
     def names(self) -> Names:
-        """What names in expressions stand for."""
+        """Meaning of the names in expressions."""
         return names_of(self.opened)
 
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none, and for data without fields."""
         names = self.names
         if not names.fields:
-            raise ElvisError(f"the plugin {self.opened.name} has opened a mesh but no field: give the field file too")
+            raise ElvisError(f"the plugin {self.opened.name} has opened a mesh but no field: also give the field file")
         return [Expression.parse(text, names) for text in (self.opened.fields if texts is None else texts)]
 
     @contextmanager
@@ -123,9 +123,9 @@ class Evaluation:
             return Integrals(())
         if coefficients is not None or clip is not None:
             option, name = "--clip" if coefficients is None else "--coefficients", self.opened.name
-            raise ElvisError(f"{option}: expected elements of a known map, found what the plugin {name} opens")
+            raise ElvisError(f"{option}: expected elements with a known map, found data opened by the plugin {name}")
         if jacobian != "absolute":
-            raise ElvisError(f"--jacobian: expected elements of a known map, found what {self.opened.name} opens")
+            raise ElvisError(f"--jacobian: expected elements with a known map, found data opened by {self.opened.name}")
         wanted = integrands_of(self.names, texts)
         own = [each.expression for each in wanted]
         served = [each for each in own if each.root.op != "number" and not set(each.attributes) & set(SIDES)]
@@ -184,7 +184,7 @@ class Evaluation:
 
 
 def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tuple[Ints, Ints, Ints, Floats, Ints]:
-    """Where points are: number of the point, part (-1 nowhere), element of the part, reference point and status."""
+    """Locations of points: number of the point, part (-1 outside), element of the part, reference point and status."""
     found = device.probe(points)
     first = np.cumsum([0, *map(len, volume.parts)])
     held = found.element >= 0
@@ -214,7 +214,7 @@ def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tu
 def _invert(number: int, elements: Ints, points: Floats, device: Renderer) -> tuple[Floats, Bools]:
     """Reference points (n, 3) of world points (n, 3) in elements (n,) of a part, and whether they lie inside.
 
-    By Newton's method from the centre, whose steps are those of the kernels' maps.
+    Uses Newton's method from the centre, with the kernels' maps.
     """
     reference = _samples_in(number, elements, np.zeros_like(points), device, None).center
     step = np.ones_like(points)

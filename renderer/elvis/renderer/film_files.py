@@ -1,7 +1,7 @@
-"""Frames and films on disk: frames are kept where they are still what would be drawn, films are made of all of them.
+"""Frames and animations on disk: frames that are still valid are kept, animations are made from all of them.
 
-A folder of frames has a record, ``film.json``, of what each shows.  A frame is kept where the record says the same of
-it and it is newer than the data: so a run that was killed goes on where it was.
+A folder of frames has a record, ``film.json``, of the contents of each.  A frame is kept if the record matches and the
+frame is newer than the data: so an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from elvis.core.terminal import note
 RECORD = "film.json"
 #: how films end
 FILMS = (".webp", ".mp4", ".gif")
-#: of WebP: every pixel is that of its frame, for lossy films keep traces of earlier frames where colours change little;
-#: effort, of which more makes films a tenth smaller at twice the time
+#: settings of WebP: lossless, as lossy animations keep traces of earlier frames where colours change little; a higher
+#: effort makes files a tenth smaller at twice the time
 _WEBP = {"lossless": True, "method": 3, "quality": 75}
 
-#: frames a second of GIF: browsers show those of less than two hundredths for a tenth of a second
+#: maximum frames per second of GIF: browsers show delays below two hundredths of a second as a tenth
 _FASTEST_GIF = 50
 
 
@@ -38,10 +38,10 @@ def check_film(path: Path) -> None:
 
 
 class FrameFolder:
-    """The frames of a film in a folder, by number.
+    """The frames of an animation in a folder, by number.
 
     scenes    plain data of the scene of each frame
-    coloured  the range over all steps and what it is of, as `known_range` has it; None for another
+    coloured  the range over all steps and its dependencies, as in `known_range`; None for another range
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class FrameFolder:
         return self.folder / f"frame-{number:05d}.png"
 
     def paths(self) -> list[Path]:
-        """The files of the frames that there are, in order: those of steps that can't be read are missing."""
+        """The files of the existing frames, in order; frames of unreadable steps are missing."""
         return [path for path in map(self.path, range(len(self.scenes))) if path.exists()]
 
     def begin(self) -> list[int]:
@@ -65,7 +65,7 @@ class FrameFolder:
         there = sorted(self.folder.glob("frame-*.png"))
         if there and known is None:
             raise ElvisError(
-                f"{self.folder}: expected frames of a film, found {there[0].name} without a whole {RECORD}"
+                f"{self.folder}: expected frames of an animation, found {there[0].name} without a whole {RECORD}"
             )
         kept = [number for number, scene in enumerate(self.scenes) if self._is_good(number, scene, known or [])]
         names = {self.path(number) for number in kept}
@@ -78,7 +78,7 @@ class FrameFolder:
         return [number for number in range(len(self.scenes)) if number not in kept]
 
     def _known(self) -> list[Any] | None:
-        """What the record says of the frames; None where there is none."""
+        """The frames in the record; None if there is none."""
         found = _record(self.folder).get("frames")
         return found if isinstance(found, list) else None
 
@@ -103,9 +103,9 @@ class FrameFolder:
 
 
 def known_range(folder: Path, of: Mapping[str, Any], inputs: Sequence[Path]) -> tuple[float, float] | None:
-    """The range over all steps that a film in a folder has, where it is of the same and no data have changed since.
+    """The stored range over all steps of an animation in a folder, if its dependencies and the data are unchanged.
 
-    of  what it is of, as plain data
+    of  its dependencies, as plain data
     """
     record = folder / RECORD
     if not record.is_file() or record.stat().st_mtime_ns <= _newest(inputs):
@@ -117,7 +117,7 @@ def known_range(folder: Path, of: Mapping[str, Any], inputs: Sequence[Path]) -> 
 
 
 def _record(folder: Path) -> dict[str, Any]:
-    """What the record in a folder says; nothing where there is none."""
+    """The contents of the record in a folder; empty if there is none."""
     try:
         found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -164,7 +164,7 @@ def _write_mp4(frames: FrameFolder, path: Path, rate: float) -> None:
 def _write_gif(frames: FrameFolder, path: Path, rate: float) -> None:
     """Frames of 256 colours each, shown for whole hundredths of a second, whose sum is right to half of one."""
     if rate > _FASTEST_GIF:
-        note(f"{path.suffix}: it shows {_FASTEST_GIF} frames a second at most, and is slower than {rate:g}")
+        note(f"{path.suffix}: it shows at most {_FASTEST_GIF} frames per second, slower than {rate:g}")
     images = [image.quantize(256, dither=Image.Dither.NONE) for image in frames.images()]
     ends = np.rint(100.0 * np.arange(len(images) + 1) / rate)
     durations = [10 * max(2, int(own)) for own in np.diff(ends)]

@@ -18,19 +18,19 @@ from elvis.renderer.kernel_cache import is_any_kept
 from elvis.scene import Camera, Scene
 
 T = TypeVar("T")
-#: seconds between looks at what is done
+#: seconds between checks for finished work
 _LOOK = 0.1
-#: what is left where a worker was ended
-_KEPT = "frames that are drawn are kept, the same command goes on from there"
-#: the film that a worker draws, by what it was opened with
+#: advice after a worker was killed
+_KEPT = "finished frames are kept; run the same command to continue"
+#: the animation that a worker draws, by its arguments
 _OPEN: dict[object, Film] = {}
 
 
 class Team:
-    """Workers that draw a film; they start when they are first needed, or once they are told to begin.
+    """Workers that draw an animation; they start when they are first needed, or on request.
 
-    base     the scene that the film is opened with
-    is_kept  whether conversions are kept
+    base     the scene with which the animation is opened
+    is_kept  whether conversions are cached
     """
 
     def __init__(self, workers: Workers, base: Scene, is_kept: bool) -> None:
@@ -57,7 +57,7 @@ class Team:
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
         """The camera of the first scene whose step can be read.
 
-        All workers find it, for all need what it is found with; only the first where kernels are to be compiled.
+        All workers find it, since all need its inputs; only the first if kernels must be compiled.
         """
         camera: Camera = self._of_opening(camera_of_first, self._base, scenes, self._is_kept)
         return camera
@@ -68,18 +68,18 @@ class Team:
             self._of_opening(open_film, self._base, self._is_kept)
 
     def _of_opening(self, work: Callable[..., Any], *piece: Any) -> Any:
-        """What the first worker finds as all of them open the film."""
+        """The first worker's result while all of them open the animation."""
         client = self._connected()
         count = self._workers.number(client) if self._has_kernels else 1
         self._opening = begun(client, work, [piece] * count)
         return results(client, self._opening[:1], _KEPT)[0]
 
     def write(self, shots: Sequence[Shot], told: list[str]) -> Iterator[Path]:
-        """Draw frames; their files, as they come to be.
+        """Draw frames; yields their files as they are finished.
 
-        told  gets what the series tells of its steps
+        told  receives the remarks of the series
 
-        Raises what drawing raises, and ElvisError where a worker was ended.
+        Raises the errors of drawing, and ElvisError if a worker was killed.
         """
         client = self._connected()
         if not self._has_kernels:
@@ -105,7 +105,7 @@ class Team:
 
 
 def blocks(shots: Sequence[T], workers: int) -> Iterator[Sequence[T]]:
-    """Frames that follow one another: a share of those that are left each time, so that all workers end together.
+    """Blocks of successive frames: each time a share of the remaining ones, so that all workers finish together.
 
     Polychronopoulos & Kuck, Guided self-scheduling, IEEE Transactions on Computers 36, 1987.
     """
@@ -117,7 +117,7 @@ def blocks(shots: Sequence[T], workers: int) -> Iterator[Sequence[T]]:
 
 
 def draw_block(base: Scene, shots: Sequence[Shot], is_kept: bool) -> tuple[str, ...]:
-    """Draw frames in a worker; what the series tells."""
+    """Draw frames in a worker; returns the remarks of the series."""
     film = _film(base, is_kept)
     for _ in film.write(shots):
         pass

@@ -1,4 +1,4 @@
-"""Streamlines and glyphs of a scene: what is drawn of them, how they end, how long they are."""
+"""Streamlines and glyphs of a scene: their drawing, ends and lengths."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from elvis.scene.frame import Legend
 from elvis.scene.frusta import Frusta, frusta_in, keys_of
 from elvis.scene.view import View
 
-#: what a volume is made of: a dataset, or what a runtime plugin has opened; None where that isn't known
+#: source of a volume: a dataset, or data opened by a runtime plugin; None if unknown
 Made: TypeAlias = Dataset | PluginData | None
 
 
 class FlowStage:
-    """What follows and draws vectors in a loaded volume.
+    """Computes and draws vectors in a loaded volume.
 
-    made_of  what the volume was made of; None where that isn't known
+    made_of  source of the volume; None if unknown
     """
 
     def __init__(self, loaded: DeviceVolume, made_of: Made) -> None:
@@ -56,7 +56,7 @@ class FlowStage:
 
     @cached_property
     def _followers(self) -> Followers:
-        """What follows lines on the device."""
+        """Tracers of lines on the device."""
         device = self.loaded.device
         return Followers(lambda: device)
 
@@ -78,9 +78,9 @@ class FlowStage:
 
     @cached_property
     def _data(self) -> FlowSource:
-        """What lines are followed in; SceneError where a runtime plugin doesn't describe its elements in NumPy."""
+        """The data in which lines are traced; SceneError if a runtime plugin doesn't describe its elements in NumPy."""
         if self._made_of is None:
-            raise SceneError("streamlines and glyphs: expected a dataset, found nothing but a volume")
+            raise SceneError("streamlines and glyphs: expected a dataset, found only a volume")
         if isinstance(self._made_of, Dataset):
             return self._made_of
         try:
@@ -112,7 +112,7 @@ class FlowStage:
         return DrawCall(name, item.style, own, draw, lit)
 
     def glyphs(self, name: str, item: Glyphs, own: str | None) -> DrawCall:
-        """Arrows and cones, likewise."""
+        """The draw call of arrows and cones."""
         return self._solids(name, item.style, self._frusta_of(item), own, item.style.lit is not False)
 
     def _solids(self, name: str, style: Style, found: Frusta, own: str | None, lit: bool) -> DrawCall:
@@ -140,11 +140,11 @@ class FlowStage:
                 yield from (f"points of glyphs that {why}: {count}" for why, count in left.items())
 
     def _missing_heads(self, item: Streamlines) -> Iterator[str]:
-        """A sentence where lines are too short for arrow heads."""
+        """A remark if lines are too short for arrow heads."""
         if item.arrows is None or not len(self._curves_of(item).pieces):
             return
         if not len(heads_in(self._data, item, self._followers).element):
-            yield f"streamlines: no line is as long as its arrows are apart, {item.arrows:g}"
+            yield f"streamlines: no line is as long as the spacing of its arrows, {item.arrows:g}"
 
     def _endings(self, item: Streamlines) -> Iterator[str]:
         found = self._curves_of(item)

@@ -1,4 +1,4 @@
-"""What is told of a picture beside what is seen."""
+"""Remarks on a picture that the picture itself doesn't show."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequen
     """The frame with the moment of its data and remarks: also that all faces stand in where nothing was asked for."""
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
-        remarks = ("nothing says what to draw, such as --plane or --cut: all outer faces are shown", *remarks)
+        remarks = ("no objects are given, such as --plane or --cut: all outer faces are shown", *remarks)
     frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
     return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
 
 
 def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
-    """A sentence on derivatives in time, where the scene has some."""
+    """A remark on derivatives in time, if the scene has some."""
     if not isinstance(data, Dataset) or data.rates is None:
         return []
     names = names_of(data)
@@ -35,7 +35,7 @@ def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
 
 
 def remarks_on_conversion(data: Dataset, scene: Scene) -> list[str]:
-    """A sentence on how far what the scene shows is from the source of converted data, where that lost something."""
+    """A remark on the error of the conversion in the quantities of the scene, if there is one."""
     if not ConversionErrors.of(data.metadata):
         return []
     shown = [Expression.of(data, text) for text in quantities(scene) if text]
@@ -48,4 +48,4 @@ def _constants(frame: Frame) -> list[str]:
     if any(isinstance(item, Isosurface) for item in frame.scene.every_object):
         return []
     constant = [legend for legend in frame.legends if legend.constant is not None]
-    return [f"{legend.title} is {legend.constant:g} wherever it is seen: one colour" for legend in constant]
+    return [f"{legend.title} is {legend.constant:g} everywhere in the picture: one colour" for legend in constant]

@@ -1,9 +1,9 @@
-"""Gaps: pixels that Newton's method may have missed in elements that bend strongly.
+"""Gaps: pixels that Newton's method may have missed in strongly curved elements.
 
-In such an element the method can end at a root outside while there is one inside.  What it finds inside is right, so
-only pixels that no element owns are in question, most of them next to the domain.  Those next to an owned pixel are
-decided by proof, and so are the neighbours of all that are found; where an element owns nothing at all, every pixel
-of its section is. They are looked at in bands of rows, which bounds the memory.  Drafts do without.
+In such an element the method can end at a root outside while there is one inside.  Its results inside are right, so
+only pixels without an owner are in question, most of them next to the domain.  Pixels next to an owned pixel are
+decided by proof, and so are the neighbours of all pixels found; if an element owns nothing at all, every pixel of its
+section is decided by proof.  They are processed in bands of rows, which bounds the memory.  Drafts skip this.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class _Asked:
 
 
 class Gaps:
-    """The parts of a volume, with what is known of their elements' bends."""
+    """The parts of a volume, with the curvature classes of their elements."""
 
     def __init__(
         self,
@@ -53,14 +53,14 @@ class Gaps:
         candidates: Callable[[int], NDArray[Any]],
         bent: list[NDArray[np.int8]] | None = None,
     ) -> None:
-        """Of a volume's parts; ``candidates`` makes n empty candidates, ``bent`` is what others know (see unknown)."""
+        """Gaps of a volume's parts; ``candidates`` makes n empty ones, ``bent`` has known classes (see unknown)."""
         self._parts = parts
         self._empty = candidates
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = unknown(parts) if bent is None else bent
 
     def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
-        """Find the missed pixels of a picture that is no draft; ``sections`` of each part, as cut_cull lists them."""
+        """Find the missed pixels of a picture, except a draft; ``sections`` of each part are cut_cull's."""
         if is_draft():
             return
         free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
@@ -68,7 +68,7 @@ class Gaps:
         if not sum(map(len, bent)) or not free.any():
             return
 
-        # wherever an element that owns nothing may be; of the others beside what is owned
+        # everywhere for elements that own nothing; for the others next to owned pixels
         due = free & beside(~free)
         is_owning = np.zeros(self._first[-1] + 1, bool)
         is_owning[np.minimum(pixels.owner, self._first[-1])] = True
@@ -78,7 +78,7 @@ class Gaps:
             asked += [_Asked(first, some[~owns], free), _Asked(first, some[owns], due)]
         self._resolve(view, pixels, asked)
 
-        # beside what has been found, as long as something is
+        # next to the pixels found, until no more are found
         while True:
             found = free & (pixels.owner != NOBODY).reshape(free.shape)
             free = free & ~found & ~due
@@ -129,7 +129,7 @@ def unknown(parts: Sequence[Part]) -> list[NDArray[np.int8]]:
 
 
 def within(view: View, sections: NDArray[Any]) -> NDArray[Any]:
-    """What sections have of a view, in columns and rows from its first ones."""
+    """Sections in a view, in columns and rows relative to its first ones."""
     (left, top), size = view.first, view.last - view.first
     found: NDArray[Any] = sections.copy()
     for name in ("least", "most"):
@@ -142,7 +142,7 @@ def within(view: View, sections: NDArray[Any]) -> NDArray[Any]:
 def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, int]]:
     """First and last but one rows of bands in which masks (h, w) have at most n pixels of their sections' bounds.
 
-    A row that has more by itself is a band of its own; rows without any are in none.
+    A row that exceeds n is a band of its own; rows without any are in no band.
     """
     candidates: Ints = np.asarray(sum(_most_in_rows(sections, mask) for sections, mask in asked))
 
@@ -163,7 +163,7 @@ def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, in
 
 
 def _most_in_rows(sections: NDArray[Any], mask: Bools) -> Ints:
-    """(h,) most pixels that each row of a mask (h, w) has within sections' bounds, each section by itself."""
+    """Maximum number (h,) of pixels that each row of a mask (h, w) has within the bounds of each section."""
     height, width = mask.shape
 
     # how the number of sections, and of pixels within their bounds, changes from one row to the next
@@ -180,7 +180,7 @@ def _most_in_rows(sections: NDArray[Any], mask: Bools) -> Ints:
 
 
 def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
-    """Those of the sections that have rows from ``start`` to before ``stop``, with bounds that have no others."""
+    """Sections with rows from ``start`` to before ``stop``, with bounds cut to these."""
     near = (sections["least"][:, 1] < stop) & (sections["most"][:, 1] >= start)
     found: NDArray[Any] = sections[near].copy()
     found["least"][:, 1] = np.maximum(found["least"][:, 1], start)
@@ -206,7 +206,7 @@ def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]
     x = tiles.x[tile] + column
     y = tiles.y[tile] + row
 
-    # those that the bounds allow
+    # pixels within the bounds
     section = sections[tiles.section[tile]]
     place = np.stack([x, y, x + y, x - y], axis=1)
     is_within = ((section["least"] <= place) & (place <= section["most"])).all(axis=1)
@@ -215,7 +215,7 @@ def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]
 
 
 def beside(mask: Bools) -> Bools:
-    """(h, w) pixels of the mask (h, w) and those that touch them, corners included."""
+    """The pixels of the mask (h, w) and their neighbours, including diagonal ones."""
     wide = mask.copy()
     wide[1:] |= mask[:-1]
     wide[:-1] |= mask[1:]
@@ -240,7 +240,7 @@ def _cells_with_any(mask: Bools) -> Bools:
 
 def _any_within(cells: Bools, least: Ints, most: Ints) -> Bools:
     """(n,) whether one of the cells (h, w) that bounds (n, 2) of columns and rows meet has any."""
-    # how many have up to each corner, by which those of any rectangle are known
+    # sums up to each corner, which give the sum over any rectangle
     rows, columns = cells.shape
     sums = np.zeros((rows + 1, columns + 1), np.int64)
     sums[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)

@@ -37,24 +37,24 @@ CHANNELS: Mapping[str, tuple[type[np.generic], int, float]] = {
 
 @dataclass
 class HitBuffer:
-    """One hit at most for each of n pixels, row by row from the top; of a stack, the k-th nearest one.
+    """At most one hit for each of n pixels, row by row from the top; in a stack, the k-th nearest one.
 
-    owner      (n,)    index of the element (see DeviceVolume), NOBODY where nothing is hit
-    field      (n,)    the object's quantity there, NaN where nothing is hit
-    reference  (n, 3)  reference coordinates in the element, NaN where nothing is hit
-    depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite where nothing is hit
-    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN where nothing is hit
+    owner      (n,)    index of the element (see DeviceVolume), NOBODY without a hit
+    field      (n,)    the object's quantity there, NaN without a hit
+    reference  (n, 3)  reference coordinates in the element, NaN without a hit
+    depth      (n,)    distance from the eye's plane along the view (see View.rays), infinite without a hit
+    normal     (n, 3)  unit normal of the surface, turned to the viewer, NaN without a hit
     status     (n,)    see frame.Status
-    side       (n,)    numbers that tell elements apart, and the faces of each; None: the owners do
-    flat       (3,)    the normal where all of it lies in one plane, else None
-    held       buffers of a device that hold some of these arrays, by name
-    sections   of a plane cut: where elements may be seen, by index, as cut_cull lists them
-    offset     of a plane cut: normal · x
-    near_squares  of the nearest hits on faces: finds what may be in the squares of pixels (FaceDrawer.near_squares)
-    uncertainty  (n,) the true depths are within this of the given ones, in world units, infinite where nothing is
-                 proved and NaN where nothing is hit; None: those of a surface that is given analytically
-    doubt      (n,)    depths from which on something may have been overlooked, infinite where nothing was; None: none
-    clear      (n,)    clips take nothing away that is nearer than this to the hit, in world units; None: there are none
+    side       (n,)    numbers that distinguish elements, and the faces of each; None: the owners do
+    flat       (3,)    the normal if all of it lies in one plane, else None
+    held       buffers of a device that contain some of these arrays, by name
+    sections   for a plane cut: ranges in which elements may be visible, by index, as cut_cull lists them
+    offset     for a plane cut: normal · x
+    near_squares  for the nearest hits on faces: finds faces in the squares of pixels (FaceDrawer.near_squares)
+    uncertainty  (n,) bounds on the error of the depths, in world units, infinite if nothing is proved and NaN without a
+                 hit; None: bounds of a surface that is given analytically
+    doubt      (n,)    depths beyond which a surface may have been missed, infinite without doubt; None: none
+    clear      (n,)    clips remove nothing nearer than this to the hit, in world units; None: there are no clips
     """
 
     owner: NDArray[np.uint32]
@@ -84,11 +84,11 @@ class HitBuffer:
     def on_device(
         device: Device, held: Mapping[str, Buffer], made: Mapping[str, Callable[[], Any]] | None = None, **known: Any
     ) -> HitBuffer:
-        """What a pass has left on a device; arrays are read when they are first asked for.
+        """The output of a pass on a device; arrays are read when they are first used.
 
-        held   what the device holds, by name (see ``new_arrays``)
-        made   what makes others when they are first asked for
-        known  arrays and facts that are known already
+        held   buffers on the device, by name (see ``new_arrays``)
+        made   functions that make other arrays when they are first used
+        known  arrays and facts that are already known
         """
         hits = object.__new__(HitBuffer)
         absent = {"side": None, "flat": None, "sections": None, "offset": 0.0}
@@ -110,7 +110,7 @@ class HitBuffer:
         return own[name]
 
     def _read(self, device: Device, name: str) -> NDArray[Any]:
-        """An array that the device holds; where nothing is hit, kernels may leave what they like."""
+        """Read an array from the device; without a hit its values are undefined in kernels."""
         dtype, size, nothing = CHANNELS[name]
         values = device.read(self.held[name], dtype)
         if name == "status":
@@ -175,7 +175,7 @@ class HitBuffer:
 
 
 def hit_name(name: str) -> str:
-    """What kernels call one of the arrays."""
+    """Name of an array in kernels."""
     return f"hit_{name}"
 
 

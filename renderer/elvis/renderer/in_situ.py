@@ -33,18 +33,19 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 class Session:
     """Pictures of a solver's steps: ``Session(mesh, "scene.toml", every=10).show(step, time, {"u": array})``.
 
-    mesh       a dataset: arrays are then coefficients (n, m) of its expansions; or places of nodes (n, k, d) by shape,
-               as `from_arrays` takes them: arrays are then values (n, k) or components (n, k, c) there
+    mesh       a dataset: arrays are then coefficients (n, m) of its expansions; or positions of nodes (n, k, d) by
+               shape,
+               as in `from_arrays`: arrays are then values (n, k) or components (n, k, c) there
     scene      a Scene or a scene file, which keywords change, as of `render`; its outputs may have {step} and {time}
     every      number of steps from one picture to the next
-    when       a condition, as ``max(mach) > 1`` or ``min(rho) < 0.1 and max(p) > 2``: no picture where certified bounds
-               prove that it doesn't hold
+    when       a condition, such as ``max(mach) > 1`` or ``min(rho) < 0.1 and max(p) > 2``: no picture if certified
+               bounds prove it false
     reference  as of `from_arrays`
     device     as of `render`
 
-    What follows from the mesh, the structure of bounds, kernels and the device are kept from step to step.
+    Results that depend on the mesh, the structure of bounds, kernels and the device are kept from step to step.
 
-    Raises ElvisError where mesh, scene or trigger are not what they should be: before the solver has begun.
+    Raises ElvisError for an invalid mesh, scene or trigger, before the solver has begun.
     """
 
     def __init__(
@@ -88,19 +89,20 @@ class Session:
             pictures.close()
 
     def is_due(self, step: int) -> bool:
-        """Whether a step is one of those that ``every`` tells: of others no arrays are needed."""
+        """Whether ``every`` selects a step: other steps need no arrays."""
         return self._trigger.is_due(step)
 
     def show(self, step: int, time: float, fields: Mapping[str, Any] | Callable[[], Any]) -> Frame | None:
-        """The picture of a step, written to the scene's outputs; None where none is wanted or something fails.
+        """The picture of a step, written to the scene's outputs; None if none is wanted or if it fails.
 
         step    number of the step, from 0
         time    of the solver
-        fields  arrays by name, of NumPy or of what tells its memory by DLPack; or a dataset, as of `from_blueprint`; or
-                a function that gives them, which is called only where they are needed
+        fields  arrays by name, of NumPy or with DLPack; or a dataset, as of `from_blueprint`; or a function that
+                returns them,
+                which is called only if they are needed
 
-        Nothing but a signal (Ctrl-C) or an exit comes out of here: what fails is reported on standard error, each
-        sentence once, whatever its numbers are, and kept in ``faults``; the next step is tried again.
+        Only a signal (Ctrl-C) or an exit leaves this function: errors are reported on standard error, each message once
+        for all its numbers, and stored in ``faults``; the next step is tried again.
         """
         try:
             return self._show(step, time, fields)
@@ -128,9 +130,9 @@ class Session:
         return frame
 
     def _report(self, step: int, error: Exception) -> None:
-        """Tell of a fault, once: those that differ in numbers alone, as of steps or values, are one."""
+        """Report a fault once: faults that differ only in numbers, such as steps or values, are the same."""
         told = str(error) if isinstance(error, ElvisError) else f"{type(error).__name__}: {error}"
-        self._note(one_line(told), f"step {step} has no picture, the solver goes on")
+        self._note(one_line(told), f"step {step} was not drawn; the solver continues")
 
     def _note(self, sentence: str, beginning: str) -> None:
         """Keep a fault and print it, unless one that differs only in numbers is known."""
@@ -146,8 +148,8 @@ def _check_is_first_rank() -> None:
     number = number_of_process()
     if number:
         raise ElvisError(
-            f"a Session draws the whole domain in one process, and this one is rank {number}: "
-            "gather mesh and arrays at rank 0, and make the Session there alone"
+            f"a Session draws the whole domain in one process, but this is rank {number}: "
+            "gather mesh and arrays on rank 0, and create the Session only there"
         )
 
 
@@ -160,7 +162,7 @@ def _values_missing(data: Dataset) -> Iterator[str]:
 
 
 def _number(time: Any) -> float:
-    """A time; SceneError for what is none."""
+    """A time; SceneError for an invalid one."""
     try:
         return float(time)
     except (TypeError, ValueError) as error:
@@ -168,9 +170,9 @@ def _number(time: Any) -> float:
 
 
 def _check(scene: Scene, is_from_file: bool) -> None:
-    """SceneError for what can't be drawn of steps that are to come, or can't be written."""
+    """SceneError if later steps can't be drawn or written."""
     if scene.data:
-        raise SceneError("data: expected none in the scene, for a running solver gives them")
+        raise SceneError("data: expected none in the scene, as the running solver provides them")
     for name in first_outputs(scene):
         check_place(Path(name))
         if is_from_file:

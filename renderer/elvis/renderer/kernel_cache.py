@@ -1,8 +1,8 @@
-"""Compiled kernels kept from one process to the next, each in a file of its own with a checksum.
+"""Compiled kernels cached between processes, each in a file of its own with a checksum.
 
-What earlier processes kept is checked and copied to a folder of this process alone, where slangpy works with it; what
-is compiled meanwhile is kept at once.  So a damaged file is noticed before anything trusts it, processes that run at
-the same time don't disturb each other, and where files can't be kept, all goes on without.
+Cached kernels are checked and copied to a private folder of this process, in which slangpy works; newly compiled ones
+are cached at once.  So a damaged file is noticed before it is used, concurrent processes don't disturb each other, and
+if files can't be written, everything works without the cache.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from elvis.renderer.compiled_modules import CompiledModules
 from elvis.renderer.kernel_database import SIZE as DATABASE_SIZE
 from elvis.renderer.kernel_database import DatabaseError, content, fill
 
-#: most bytes of kernels that are kept: those that were not used for longest go
+#: maximum size of cached kernels in bytes: the least recently used ones are removed
 MOST_BYTES = 48 << 20
 #: free bytes of the temporary folder below which no database is made there
 _ROOM = 2 * DATABASE_SIZE
@@ -31,23 +31,23 @@ _ROOM = 2 * DATABASE_SIZE
 class KernelCache:
     """The compiled kernels of this process.
 
-    private  folder of slangpy's database; None where there is no room for one, and kernels are in memory alone
-    remarks  what the user should know
-    modules  what kernels are compiled of, compiled
+    private  folder of slangpy's database; None if there is no room for one, and kernels are only in memory
+    remarks  messages for the user
+    modules  compiled modules of the kernels
     """
 
     def __init__(self, kept_in: Path | None) -> None:
-        """Bring what was kept to a private folder."""
+        """Copy cached kernels to a private folder."""
         self._store = None if kept_in is None else _store(kept_in)
         self._until_exit = ExitStack()
         self.remarks: list[str] = []
         self.modules = CompiledModules(None if kept_in is None else kept_in.with_name("modules"), self.remarks)
         self._known: dict[bytes, Path] = {}
         if kept_in is None:
-            self.remarks.append("compiled kernels are not kept: there is no home folder, and no XDG_CACHE_HOME")
+            self.remarks.append("compiled kernels are not cached: neither a home folder nor XDG_CACHE_HOME exists")
         self.private = self._private_folder()
         if self.private is None:
-            self.remarks.append("compiled kernels are in memory alone: there is no temporary folder with room for them")
+            self.remarks.append("compiled kernels are cached in memory only: no temporary folder has room for them")
         else:
             self._fill(self.private)
 
@@ -90,7 +90,7 @@ class KernelCache:
         return folder if has_room else None
 
     def _fill(self, folder: Path) -> None:
-        """Bring what was kept to a database."""
+        """Copy cached kernels to a database."""
         try:
             fill(folder, self._sound())
         except DatabaseError as error:
@@ -99,11 +99,11 @@ class KernelCache:
     def _give_up(self, reason: str) -> None:
         """Keep nothing from now on."""
         if self._store is not None:
-            self.remarks.append(f"compiled kernels can't be kept in {self._store.folder}: {reason}")
+            self.remarks.append(f"compiled kernels can't be cached in {self._store.folder}: {reason}")
         self._store = None
 
     def close(self) -> None:
-        """Note what was used, and leave nothing behind."""
+        """Record the use of kernels, and remove all temporary files."""
         self.keep()
         self._until_exit.close()
 
@@ -124,7 +124,7 @@ class KernelCache:
                 yield entry
         if damaged:
             self.remarks.append(
-                f"compiled kernels in {store.folder} that were damaged, set aside and made again when needed: {damaged}"
+                f"damaged compiled kernels in {store.folder}, set aside and rebuilt when needed: {damaged}"
             )
 
 
@@ -151,7 +151,7 @@ def kernel_cache() -> KernelCache:
 
 @atexit.register
 def _finish() -> None:
-    """Close the caches of this process, not those of one that it was forked from."""
+    """Close the caches of this process, but not of its parent before a fork."""
     for (process, _), cache in _caches.items():
         if process == os.getpid():
             cache.close()

@@ -1,8 +1,8 @@
-"""The database in which slangpy keeps compiled kernels while a process runs, read and filled through its own library.
+"""The database in which slangpy stores compiled kernels while a process runs, read and filled through its own library.
 
-It is one of LMDB's, in a folder ``rhi``: ``data`` holds kernels by key, ``meta`` when each was last used.  LMDB trusts
-its file without any checksum and needs memory maps and locks that network folders don't have, so it lies in a folder
-that is this process's alone.
+It is an LMDB database in a folder ``rhi``: ``data`` contains kernels by key, ``meta`` the time of their last use.  LMDB
+trusts its file without any checksum and needs memory maps and locks that network folders don't have, so it lies in a
+private folder of this process.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-#: most bytes of the database; slangpy drops what was not used for long beyond some part of it
+#: maximum size of the database in bytes; slangpy drops the least recently used entries beyond a part of it
 SIZE = 128 << 20
 #: flags and operations of lmdb.h
 _READ_ONLY, _NO_SYNC, _NO_LOCK, _CREATE = 0x20000, 0x10000, 0x400000, 0x40000
@@ -22,7 +22,7 @@ _NEXT, _NOT_FOUND = 8, -30798
 
 
 class DatabaseError(Exception):
-    """What LMDB says went wrong; or there is no LMDB."""
+    """An error of LMDB, or a missing LMDB."""
 
 
 class _Value(ctypes.Structure):
@@ -36,7 +36,7 @@ class _Value(ctypes.Structure):
         return _Value(len(content), ctypes.cast(ctypes.c_char_p(content), ctypes.c_void_p))
 
     def content(self) -> bytes:
-        """A copy of what it refers to."""
+        """A copy of the referenced bytes."""
         return ctypes.string_at(self.data, self.size) if self.size else b""
 
 

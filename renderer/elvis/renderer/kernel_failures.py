@@ -1,4 +1,4 @@
-"""What a device's own compiler refuses, as a sentence about what can't be drawn."""
+"""Errors of a device's own compiler, as messages about objects that can't be drawn."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def naming_what_fails(stage: str, folders: list[Path], adapter: Adapter) -> Iter
 
 
 def drawn_by(stage: str, folders: list[Path]) -> str:
-    """What the kernel of a stage draws, by the folder of its module."""
+    """Objects drawn by the kernel of a stage, by the folder of its module."""
     homes = [folder.name for folder in folders if (folder / f"{stage}.slang").is_file()]
     return DRAWN.get(homes[0], ANYTHING) if homes else ANYTHING
 
 
 def failure(stage: str, drawn: str, adapter: Adapter, output: str) -> str:
-    """A sentence about a kernel that doesn't compile, with the place of the first error in a compiler's output."""
+    """Message about a kernel that doesn't compile, with the place of the first error in a compiler's output."""
     found = _ERROR_PLACE.search(output)
     place = f" at {found[1]}:{found[2]}" if found else ""
     problem = f"the device {adapter.name} ({adapter.label}) can't draw {drawn} of these data"

@@ -1,4 +1,4 @@
-"""How kernels lay out what they read and write, as Slang tells it."""
+"""Memory layouts of kernels' input and output, from Slang's reflection."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 def dtype_of(layout: Any, is_in_c: bool) -> np.dtype[Any]:
     """Dtype of a reflected struct, array, vector or scalar.
 
-    is_in_c  whether kernels are compiled as C++, where what follows a struct begins after its padding; for what is read
-             through pointers Slang tells the places that other targets have, in the padding
+    is_in_c  whether kernels are compiled as C++, in which members after a struct begin after its padding; for data read
+             through pointers Slang states the offsets of other targets, in the padding
     """
     import slangpy
 

@@ -1,4 +1,4 @@
-"""What quantities are made of, as the Slang text that kernels are linked with (enclosures.slang)."""
+"""Compositions of quantities, as the Slang text with which kernels are linked (enclosures.slang)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from elvis.plugins.volume import Enclosure, Part, Quantity
 
 
 def enclosure_of(chosen: Part | Quantity) -> Enclosure | None:
-    """What a quantity that is no polynomial is made of where its isosurfaces are proved; None where they aren't."""
+    """The composition of a quantity that is not a polynomial, if its isosurfaces are proved; else None."""
     enclosure = chosen.enclosure
     return None if chosen.degree or enclosure is None or not enclosure.continuous else enclosure
 
 
 def along_rays(part: Part, chosen: Part | Quantity) -> Enclosure | None:
-    """What a quantity is made of along rays: polynomials are their own leaves; None where nothing is known."""
+    """The composition of a quantity along rays: polynomials are their own leaves; None if unknown."""
     if not chosen.degree:
         return chosen.enclosure
     type, rounding = f"Itself<{chosen.type}>", chosen.rounding
 
     def errors() -> Floats:
-        """Places are as exact as rays are followed; of values, the rounding that plugins tell."""
+        """Errors of leaves: positions are as exact as rays; values have the rounding that plugins state."""
         values = np.zeros(len(part)) if rounding is None else rounding()
         return np.column_stack([np.zeros((len(part), 3)), values])
 
@@ -30,7 +30,7 @@ def along_rays(part: Part, chosen: Part | Quantity) -> Enclosure | None:
 
 
 def leaves_along_rays(part: Part, chosen: Part | Quantity) -> str:
-    """Slang text that says what a quantity is made of for stages of volumes."""
+    """Slang text of a quantity's composition for stages of volumes."""
     enclosure = along_rays(part, chosen)
     if enclosure is None:
         return ""
@@ -42,7 +42,7 @@ def leaves_along_rays(part: Part, chosen: Part | Quantity) -> str:
 
 
 def leaves(chosen: Part | Quantity) -> str:
-    """Slang text that says what a quantity is made of where it is no polynomial, but enclosed."""
+    """Slang text of a quantity's composition if it is enclosed but not a polynomial."""
     enclosure = enclosure_of(chosen)
     return "" if enclosure is None else f"export static const bool analytic = true;{_leaf_constants(enclosure)}"
 

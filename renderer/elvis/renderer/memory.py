@@ -39,21 +39,21 @@ class Piece:
 
     @property
     def memory(self) -> slangpy.Buffer:
-        """What slangpy knows it as; DeviceError where the device is closed."""
+        """The slangpy buffer; DeviceError if the device is closed."""
         if self._memory is None:
             raise DeviceError(CLOSED)
         return self._memory
 
     @property
     def address(self) -> int:
-        """Where kernels find it, asked for once; DeviceError where the device is closed."""
+        """Address for kernels, queried once; DeviceError if the device is closed."""
         memory = self.memory
         if self._address is None:
             self._address = memory.device_address
         return self._address
 
     def release(self) -> None:
-        """Give the memory back, whoever still refers to it."""
+        """Release the memory, even if it is still referenced."""
         self._memory = None
 
 
@@ -82,7 +82,7 @@ class Pool:
         return Buffer(piece, itemsize * count, self)
 
     def _make(self, kind: Kind) -> Piece:
-        """New memory; what is free is given back where there is no room otherwise."""
+        """New memory; free pieces are released if there is no room otherwise."""
         self.made += 1
         try:
             memory = self._create(*kind)
@@ -107,7 +107,7 @@ class Pool:
         self._bytes = 0
 
     def close(self) -> None:
-        """Give all memory back, whoever still refers to a buffer, and keep nothing from now on."""
+        """Release all memory, even if buffers are still referenced, and cache nothing from now on."""
         self._most = -1
         self.clear()
         for piece in self._pieces:
@@ -128,7 +128,7 @@ class Buffer:
 
     @property
     def memory(self) -> slangpy.Buffer:
-        """What slangpy knows it as; DeviceError where the device is closed."""
+        """The slangpy buffer; DeviceError if the device is closed."""
         return self._piece.memory
 
     @property
@@ -138,7 +138,7 @@ class Buffer:
 
     @property
     def address(self) -> int:
-        """Where kernels find it; DeviceError where the device is closed."""
+        """Address for kernels; DeviceError if the device is closed."""
         return self._piece.address
 
     def __del__(self) -> None:

@@ -1,8 +1,8 @@
-"""Quantities that name data on another mesh: both are asked at the places that are seen.
+"""Quantities that name data on another mesh: both are evaluated at the visible points.
 
-What such an expression has of the dataset itself are quantities of its volume.  What it has of the others is found
-where the hits of a surface lie: on a plane by the same cut of the other volume, whose pixels have the same places, else
-by point location.  Operators are applied on the host, to one number a pixel.
+The parts of such an expression in the dataset itself are quantities of its volume.  The parts in other datasets are
+evaluated at the hits of a surface: on a plane by the same cut of the other volume, whose pixels have the same
+positions, else by point location.  Operators are applied on the host, to one number per pixel.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from elvis.scene.errors import SceneError
 from elvis.scene.frame import Status
 from elvis.scene.view import PlaneView, View
 
-#: what is not drawn of quantities on two meshes, and what shows the same
+#: objects that are not drawn of quantities on two meshes, and alternatives
 _INSTEAD = {
     "a volume": "a quantity of one mesh for a volume, or planes, cuts and faces that this one colours",
     "an isosurface": "a quantity of one mesh for an isosurface, which this one colours as the quantity of its style, "
@@ -44,7 +44,8 @@ _INSTEAD = {
     "contours": "contours of a quantity of one mesh, or steps of colour, --bar bands=10, whose borders are this one's",
     "a surface or clip": "a surface of one mesh, whose cut this one colours",
 }
-#: parts of elements: how far from a side points count as on it, and how far away another element is looked for
+#: relative to elements: distance from a side within which points count as on it, and distance at which another element
+#: is searched
 _NEAR, _AWAY = 2 * BORDER, 1e-6
 
 
@@ -52,7 +53,7 @@ _NEAR, _AWAY = 2 * BORDER, 1e-6
 class Compound:
     """An expression of several datasets.
 
-    own    its greatest parts that are made of the dataset itself, as quantities of its volume
+    own    its largest parts in the dataset itself, as quantities of its volume
     steps  the others, which name other datasets, each after its operands
     """
 
@@ -78,7 +79,7 @@ class Compound:
         return [pair for pair in found if pair is not None]
 
     def value(self, of: Callable[[Expression], Floats], other: Callable[[str, str], Floats]) -> Floats:
-        """(n,) values, from those of its own parts and those of texts in other datasets."""
+        """Values (n,), from the values of its own parts and of texts in other datasets."""
         known: dict[Node, Floats | float] = {node: of(part) for node, part in self.own.items()}
         for node in self.steps:
             asked = other_of(node.name)
@@ -141,9 +142,9 @@ class OtherVolume:
         return found
 
     def _along_outer_sides(self, points: Floats, normal: Floats, places: Places) -> Ints:
-        """Places on the border of the domain that one element alone holds, as surfaces that follow the border have.
+        """Points on the border of the domain that only one element contains, as on surfaces that follow the border.
 
-        These lie on one side of the element, not on its edges, and a little away from the surface there is that element
+        They lie on one side of the element, not on its edges, and a little away from the surface there is that element
         to one side and none to the other.
         """
         near = np.flatnonzero((places.status == Status.AMBIGUOUS) & (places.owner != NOBODY))
@@ -164,7 +165,7 @@ class OtherVolume:
         return np.concatenate([part.boxes for part in self.loaded.parts])
 
     def _on_one_side(self, element_ids: Ints, reference: Floats) -> Bools:
-        """(n,) whether reference points (n, 3) on borders of elements lie on one of their sides alone."""
+        """Whether reference points (n, 3) on borders of elements lie on exactly one of their sides."""
         found = np.zeros(len(element_ids), bool)
         for shape, ids in self._ids.items():
             own = np.flatnonzero(np.isin(element_ids, ids))
@@ -190,7 +191,7 @@ def _carrier(dataset: Dataset, expressions: Sequence[Expression]) -> Expression:
 
 
 def _elements(dataset: Dataset, expression: Expression) -> Iterator[bytes]:
-    """What tells the elements apart that carry the fields of an expression."""
+    """Keys of the elements that carry the fields of an expression."""
     for name in expression.fields:
         ids = [block.element_ids for block in dataset.field(name).blocks]
         yield np.sort(np.concatenate(ids)).tobytes()
@@ -213,7 +214,7 @@ class OtherData:
 
     @staticmethod
     def of(device: Device, dataset: Dataset, texts: Sequence[str], before: OtherData | None = None) -> OtherData:
-        """What some quantities ask of which data; what was brought to the device ``before`` stays."""
+        """The requests of some quantities to their data; data that are on the device from ``before`` stay there."""
         expressions = [Expression.of(dataset, text) for text in texts]
         compounds = {each.text: made for each in expressions if (made := Compound.of(each)).others}
         own: dict[str, Expression] = {}
@@ -249,7 +250,7 @@ class OtherData:
         return text if text in self.compounds else None
 
     def check(self, scene: Scene) -> None:
-        """SceneError where a scene asks for what can't be drawn of such quantities."""
+        """SceneError if a scene uses such quantities in unsupported ways."""
         surfaces = [clip.surface for clip in scene.clip]
         for item in scene.every_object:
             if isinstance(item, VolumeRendering):
@@ -272,16 +273,16 @@ class OtherData:
         if text in self.compounds:
             names = ", ".join(dict.fromkeys(name for name, _ in self.compounds[text].others))
             raise SceneError(
-                f"{text!r} names data on another mesh ({names}), and nothing bounds it between points: "
+                f"{text!r} names data on another mesh ({names}), without bounds between points: "
                 f"expected {_INSTEAD[what]}"
             )
 
     def shown(self, loaded: DeviceVolume, hits: HitBuffer, text: str, view: View, plane: Plane | None) -> HitBuffer:
         """The hit buffer with a quantity as its field: NaN where another dataset has nothing.
 
-        Where it is ambiguous in which of its elements a place lies, or that was not found, so is the hit.
+        A hit is ambiguous if its element in another dataset is ambiguous or was not found.
 
-        plane  that all hits lie on, None for other surfaces
+        plane  that contains all hits, None for other surfaces
         """
         compound, is_hit = self.compounds[text], hits.owner != NOBODY
         names = dict.fromkeys(name for name, _ in compound.others)

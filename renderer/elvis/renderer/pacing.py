@@ -26,7 +26,7 @@ NEIGHBOURS, TURNS = 32, 16
 
 
 class Pace:
-    """How fast one kernel works, as its last dispatch tells.
+    """Speed of one kernel, from its last dispatch.
 
     compiled  whether there was one
     """
@@ -60,7 +60,7 @@ class Pace:
             first, done, most = end, float(ends[end - 1]), GROWTH * units
 
     def _note(self, seconds: float) -> None:
-        """Keep what a unit of work took; the first dispatch of all compiles, and tells nothing."""
+        """Record the time of a unit of work; the very first dispatch compiles, and is ignored."""
         if self.compiled:
             self._seconds = max(seconds, 1e-12)
         self.compiled = True
@@ -75,9 +75,9 @@ def rows_of(work: NDArray[Any], shares: int) -> int:
 
 
 def grid_of(count: int, rows: int) -> tuple[int, int, int]:
-    """Columns and rows of a grid of groups, so many rows or as many as devices need, and what a row takes at a time.
+    """Columns and rows of a grid of groups with at least ``rows`` rows, and the number of groups in a turn of a row.
 
-    That is a power of two of neighbours, which write to the same lines of a cache: processors would wait there.
+    A turn is a power of two of neighbours, which write to the same cache lines, so that processors don't wait there.
     """
     rows = max(rows, -(-count // GROUPS_IN_ROW))
     turn = min(NEIGHBOURS, 1 << max(count // (rows * TURNS), 1).bit_length() - 1)
@@ -85,9 +85,9 @@ def grid_of(count: int, rows: int) -> tuple[int, int, int]:
 
 
 class Watch:
-    """What is done between dispatches: waiting for the device, and a look at the time.
+    """Work between dispatches: waiting for the device, and a check of the time.
 
-    compiled  is to be called when a kernel has run for the first time, with the seconds that it took
+    compiled  to be called when a kernel has run for the first time, with the seconds that it took
     """
 
     def __init__(self, wait: Callable[[], object], compiled: Callable[[float], object]) -> None:
@@ -95,7 +95,7 @@ class Watch:
 
     @staticmethod
     def none() -> Watch:
-        """That of a closed device."""
+        """The watch of a closed device."""
         return Watch(_nothing, lambda seconds: None)
 
     def after_dispatch(self) -> None:

@@ -47,7 +47,7 @@ class FragmentShader:
         self._device, self._nothing = device, device.empty(np.float64, 1)
 
     def add(self, view: View, hits: HitBuffer, material: Material, fragments: FragmentLists, number: int) -> None:
-        """Add the fragments of a hit buffer, number ``number`` of those of a picture."""
+        """Add the fragments of a hit buffer, number ``number`` among those of a picture."""
         buffers = {name: fragments.buffers[name] for name in ("fragment_depths", "fragment_colors")}
         self._paint(view, hits, material, (0.0, 0.0, 0.0), {**buffers, "packed": self._nothing}, number * view.count)
 
@@ -101,7 +101,7 @@ class FragmentShader:
         kernel(view.count, {**given, **made})
 
     def _marks(self, material: Material, record: NDArray[Any]) -> dict[str, Buffer]:
-        """Marks of mesh lines and contours; the Material record is told how these are drawn."""
+        """Marks of mesh lines and contours; also sets their style in the Material record."""
         marks = {}
         for name, style, lines in (("mesh", "mesh_line", material.mesh), ("contours", "contour", material.contours)):
             if lines is None:

@@ -1,8 +1,8 @@
-"""Pictures of data in parts: each part tells which of its elements matter, and these are drawn as all would be.
+"""Pictures of data in parts: each part selects its relevant elements, and these are drawn as all would be.
 
-A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: so many go to all that draw, with
-their numbers in the whole, and every stage works on them as it is.  No pixel is compared or merged, so that pictures
-are the same to the byte, whatever the parts are.
+A cut, outer faces or an isosurface of n elements meet some n^(2/3) of them: these go to all ranks that draw, with their
+numbers in the whole, and every stage works on them without changes.  No pixels are compared or merged, so pictures are
+the same to the byte for every partition.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from elvis.scene.errors import SceneError
 _NONE = np.empty(0, np.int64)
 #: what a rank has opened
 Opened: TypeAlias = Dataset | PluginData | Portion
-#: opens files, as a reading says, and is told of plugins that fail
+#: function that opens files according to a reading, and reports plugins that fail
 Opening: TypeAlias = Callable[[Sequence[Path], Reading, Callable[[str], object]], Opened]
 
 
 @dataclass(frozen=True, eq=False)
 class RankPart:
-    """What one of several ranks has of data: elements of its part, of which each picture needs some.
+    """A rank's part of the data: its elements, of which each picture needs some.
 
-    portion  those that pictures depend on, with all that these evaluate among its fields
-    beside   what the data have beside elements and what portions have, of which names alone count
+    portion  elements on which pictures depend, with all fields that they evaluate
+    beside   other attributes of the data, of which only the names count
     """
 
     portion: Portion
@@ -74,19 +74,18 @@ def of_ranks(
     *,
     for_others: bool = False,
 ) -> dict[object, Dataset | RankPart]:
-    """For each of several ranks, the elements of its part of data that scenes depend on; where they may depend on any,
-    all that there are.
+    """For each of several ranks, the elements of its part of data on which scenes depend, or all if they may need any.
 
-    opened  what each rank has opened, its part or all; emptied, so that what is all takes no memory any longer
-    for_others  whether other scenes will be drawn that evaluate the same, so that all elements of the part stay
-    Raises SceneError for what a runtime plugin has opened, of whose elements nothing else is known.
+    opened  each rank's opened data, a part or all; emptied, so that complete data are freed
+    for_others  whether other scenes with the same quantities will be drawn, so that all elements of the part stay
+    Raises SceneError for data opened by a runtime plugin, as nothing more is known of its elements.
     """
     found: dict[object, Dataset | RankPart] = {}
     whole: dict[object, Portion] = {}
     for key in list(opened):
         data = opened.pop(key)
         if isinstance(data, PluginData):
-            raise SceneError(f"one process draws what the plugin {data.name} opens: leave mpiexec out")
+            raise SceneError(f"data opened by the plugin {data.name} are drawn by one process: run without mpiexec")
         if isinstance(data, Dataset) and not is_local(data, is_even(data), scenes[key]):
             found[key] = data
             continue
@@ -109,19 +108,19 @@ def of_ranks(
 
 
 def whole_of(part: Portion, texts: Sequence[str], ranks: Ranks) -> Dataset:
-    """All that ranks have parts of, with all that quantities are made of."""
+    """The complete data of all ranks' parts, with all inputs of quantities."""
     part = borrowing(part, texts, ranks)
     every = ranks.exchange(_with_others(part), f"all elements for {', '.join(texts)}")
     return _whole(RankPart(part.alone, ranks, _names_beside(part)), every)
 
 
 def _with_others(part: Portion) -> Portion:
-    """A rank's part of data and of others, as it is sent to all."""
+    """A rank's part of data and of others, in the form that is sent to all."""
     return replace(part.alone, others={name: other.alone for name, other in part.others.items()})
 
 
 def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
-    """All that there is, of what all ranks have, beside all of the others."""
+    """The complete data from all ranks' parts, with the complete other datasets."""
     others = part.beside["others"]
     for name, other in others.items():
         own = drawable(unite([portion.others[name] for portion in every]))
@@ -130,7 +129,7 @@ def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
 
 
 def _names_beside(part: Portion) -> dict[str, Any]:
-    """What data have beside a part, which has all that is evaluated: names alone, so that the rest takes no memory."""
+    """Attributes of data in addition to a complete part: only names, so that the rest is freed."""
     dataset = part.dataset
     others = {
         name: replace(other.of(_NONE).dataset, rates=BorrowedRates.of(other.dataset))
@@ -140,7 +139,7 @@ def _names_beside(part: Portion) -> dict[str, Any]:
 
 
 def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
-    """What opens a rank's part of files of which nothing but pictures of scenes is made, all where these need that."""
+    """Function that opens a rank's part of files for pictures of scenes, or all if these need that."""
 
     def opening(paths: Sequence[Path], reading: Reading, report: Callable[[str], object]) -> Opened:
         return open_part(paths, replace(reading, ranks=ranks), report)
@@ -149,13 +148,13 @@ def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
 
 
 def comes_in_parts(scenes: Sequence[Scene]) -> bool:
-    """Whether ranks may read parts of data of which scenes are made: no lines go through steps of a series."""
+    """Whether ranks may read parts of the data of scenes: no lines pass through steps of a series."""
     items = [item for each in scenes for item in each.every_object]
     return not any(isinstance(item, Streamlines) and item.since is not None for item in items)
 
 
 def beside(dataset: Dataset) -> dict[str, Any]:
-    """What a dataset has beside elements and what portions have."""
+    """Attributes of a dataset in addition to its elements and the attributes of portions."""
     return {name: getattr(dataset, name) for name in ("others", "shared", "rates", "surfaces")}
 
 

@@ -1,4 +1,4 @@
-"""What draws something about pieces of lines: tubes and ribbons, tile by tile."""
+"""Drawing of shapes around pieces of lines: tubes and ribbons, tile by tile."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Shown = TypeVar("Shown")
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """What a view sees of pieces on the device, and how much each tile has to do."""
+    """Pieces in a view on the device, and the work of each tile."""
 
     view: View
     girth: Girth
@@ -35,7 +35,7 @@ class _Prepared:
 class PieceDrawer(ABC, Generic[Shown]):
     """Draws about pieces of lines in a loaded volume; what the last view saw of each object is kept."""
 
-    #: of the kernel, and what it calls its records
+    #: names of the kernel and of its records
     kernel_name: ClassVar[str]
     list_name: ClassVar[str]
 
@@ -58,7 +58,7 @@ class PieceDrawer(ABC, Generic[Shown]):
         kernel = self.loaded.device.kernel(self.kernel_name)
         own = self._known.get(shown)
         if own is None or (own.view, own.girth) != (view, girth):
-            # what was there is given back before more is taken
+            # release previous buffers before allocating new ones
             self._known.pop(shown, None)
             self._known[shown] = own = self._prepared(view, shown, girth)
         radius, growth = girth.in_view(view)

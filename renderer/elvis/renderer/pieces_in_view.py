@@ -1,4 +1,4 @@
-"""Pieces of lines that a view sees, with what is drawn about them: halved while they are large in the picture."""
+"""Pieces of lines in a view, with their shapes; they are subdivided while they are large in the picture."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Girth:
     width: float | None
 
     def in_view(self, view: View) -> tuple[float, float]:
-        """The radius at the plane of the eye, and what it grows by with depth."""
+        """The radius at the plane of the eye, and its growth with depth."""
         if self.width is None:
             assert self.radius is not None
             return self.radius, 0.0
@@ -63,7 +63,7 @@ def part_of(points: Floats, place: Floats) -> Floats:
 
 
 def pieces_in_view(view: View, pieces: Pieces, girth: Girth, chosen: Ints) -> PiecesInView:
-    """What a view sees of some pieces, halved while they are large in the picture, nearest first."""
+    """Visible pieces, subdivided while they are large in the picture, nearest first."""
     number, points = chosen, pieces.points[chosen]
     place = np.tile([0.0, 1.0], (len(chosen), 1))
     found: list[PiecesInView] = []
@@ -88,7 +88,7 @@ def pieces_in_view(view: View, pieces: Pieces, girth: Girth, chosen: Ints) -> Pi
 
 
 def _bounds(view: View, points: Floats, girth: Girth) -> tuple[Floats, Floats, Floats, Floats]:
-    """Where tubes about curves (n, 8, 3) may be seen, as `bounds_of_balls`: those of their control points hold them."""
+    """Bounds in the picture of tubes about curves (n, 8, 3), as `bounds_of_balls`, from balls at control points."""
     control = bernstein_of(points)
     radius, growth = girth.in_view(view)
     return bounds_of_balls(view, control, radius + growth * np.abs(view.depth_of(control)))

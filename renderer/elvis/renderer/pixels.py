@@ -19,11 +19,11 @@ BORDER = 1e-10
 
 @dataclass
 class Pixels:
-    """Who owns which pixel.
+    """Owners of pixels.
 
-    owner      (n,) indices of elements in the volume, NOBODY where nothing is seen
+    owner      (n,) indices of elements in the volume, NOBODY for empty pixels
     status     (n,) see frame.Status
-    committed  candidates that won since they were drawn; of those to one pixel the last one counts
+    committed  candidates that won since they were drawn; the last one for a pixel counts
     """
 
     owner: NDArray[np.uint32]
@@ -32,9 +32,9 @@ class Pixels:
 
 
 def resolve(pixels: Pixels, candidates: list[NDArray[Any]]) -> None:
-    """Give disputed pixels to one element each: what is well inside comes first, then the lowest number.
+    """Assign disputed pixels to one element each: interior candidates first, then the lowest number.
 
-    A pixel with candidates on borders alone is ambiguous; one that nobody owns and no search could decide has failed.
+    A pixel with candidates only on borders is ambiguous; one without an owner that no search could decide has failed.
     """
     if not candidates:
         return

@@ -1,8 +1,8 @@
 """Integrals over data that a runtime plugin opens, by the plugin's own kernels and rules that are refined.
 
-Nothing is known of the functions but their values, so that rules with more and more points are tried, in all elements
-alike, until two of them agree; twice the last difference is the error.  On the faces of elements the tangents are the
-columns of the map's Jacobian along the face, and the area for each unit of its coordinates is that of their product.
+Only values of the functions are known, so rules with more and more points are tried, the same in all elements, until
+two of them agree; twice the last difference is the error.  On the faces of elements the tangents are the columns of the
+map's Jacobian along the face, and the area per unit of its coordinates is the length of their cross product.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from elvis.plugins.volume_checks import Samples
 #: modes of rules that are tried in turn, and the most points of a rule
 _MODES, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1 << 22
 _DOMAIN, _ALL, _NORMALS = "domain", "all", ("nx", "ny", "nz")
-#: how much more than the difference of two rules the error is, and rounding in parts of the sum of magnitudes
+#: safety factor on the difference of two rules, and rounding relative to the sum of magnitudes
 _SAFETY, _ROUNDING = 2.0, 64 * float(np.finfo(np.float64).eps)
 
 
@@ -38,7 +38,7 @@ class Sample(Protocol):
     """Samples in a part's elements (n,) at reference points (n, 3), of a quantity or of the part's own field."""
 
     def __call__(self, number: int, elements: Ints, reference: Floats, *, quantity: str | None) -> Samples:
-        """Those of some points."""
+        """Samples at some points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class _Points:
 class PluginIntegration:
     """Integrals over a plugin's volume.
 
-    rule    of a part, for functions of so many modes
+    rule    of a part, for functions with a number of modes
     """
 
     volume: Volume
@@ -89,7 +89,7 @@ class PluginIntegration:
         return self.sample(number, elements, reference, quantity=quantity)
 
     def _chooser(self, name: str) -> Callable[[int], Iterator[_Points]]:
-        """What gives the points of a target for a number of modes."""
+        """Function that gives the points of a target for a number of modes."""
         if name == _DOMAIN:
             return self._inside
         faces = faces_of(None, self.volume) if self.volume.dimension == 3 else None
@@ -112,7 +112,7 @@ class PluginIntegration:
             yield _Points(number, elements, reference, shares, place.position)
 
     def _on_faces(self, faces: Faces, chosen: Sequence[Ints], modes: int) -> Iterator[_Points]:
-        """Of faces, whose rows are chosen by block."""
+        """Points on faces, whose rows are chosen by block."""
         for block, rows in zip(faces.blocks, chosen, strict=True):
             if not len(rows):
                 continue
@@ -123,7 +123,7 @@ class PluginIntegration:
             reference = frames[:, 0] + np.einsum("nk,nkd->nd", steps, frames[:, 1:])
             place = self._sampled(block.part, elements, reference)
 
-            # the normal is a gradient: that of what grows out of the element in reference coordinates
+            # the normal is the gradient of the reference coordinate that grows out of the element
             across = np.cross(frames[:, 1], frames[:, 2])
             outwards = np.sign(np.einsum("nd,nd->n", across, reference - place.center))[:, None] * across
             normals = np.linalg.solve(place.jacobian.transpose(0, 2, 1), outwards[:, :, None])[:, :, 0]

@@ -22,13 +22,13 @@ from elvis.scene.frame import Status
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Where n points are; of several elements that hold a point, the one with the greatest margin, then the first.
+    """Locations of n points; if several elements contain a point, the one with the largest margin, then the first.
 
-    owner      (n,)    index of the element (see DeviceVolume), NOBODY where no element holds the point
-    element    (n,)    element id, -1 where no element holds the point
+    owner      (n,)    index of the element (see DeviceVolume), NOBODY if no element contains the point
+    element    (n,)    element id, -1 if no element contains the point
     reference  (n, 3)  reference coordinates, NaN outside
     field      (n,)    NaN outside
-    status     (n,)    see Status; FAILED where an element may hold the point but its map did not invert
+    status     (n,)    see Status; FAILED if an element may contain the point but its map could not be inverted
     """
 
     owner: NDArray[np.uint32]
@@ -39,7 +39,7 @@ class Places:
 
     @staticmethod
     def none(count: int) -> Places:
-        """So many places outside."""
+        """Locations of ``count`` points outside."""
         nan, status = np.full(count, np.nan), np.zeros(count, np.uint8)
         return Places(np.full(count, NOBODY, np.uint32), np.full(count, -1), np.tile(nan[:, None], 3), nan, status)
 
@@ -54,14 +54,14 @@ class Finder:
 
     def __init__(self, loaded: DeviceVolume) -> None:
         if not loaded.first[-1]:
-            raise SceneError("there is no element to look in: none carries the field")
+            raise SceneError("no element to search: none has the field")
         self._loaded, self._parts, self._first = loaded, loaded.parts, loaded.first
         self._kernels = [loaded.device.kernel("locate", part) for part in self._parts]
         self._trees = loaded.once("trees", lambda: [BoxTree.build(part.boxes) for part in self._parts])
         self._buffers = loaded.once("trees on the device", lambda: [self._upload(tree) for tree in self._trees])
 
     def find(self, points: Floats) -> Places:
-        """Places of world points (n, 3); those that rounding may have put outside of all elements are ambiguous."""
+        """Locations of world points (n, 3); points that rounding may have put outside of all elements are ambiguous."""
         places = self._find(points)
         missed = np.flatnonzero(places.status == Status.MISS)
         if self._loaded.is_far and len(missed):

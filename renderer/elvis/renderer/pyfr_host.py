@@ -22,10 +22,10 @@ from elvis.renderer.in_situ import Session
 
 
 class Host:
-    """What the plugin adds to PyFR's base of plugins: pictures, which the first rank draws of what all send.
+    """The addition to PyFR's base class of plugins: pictures that the first rank draws from the data of all.
 
-    Its section has ``scene``, a scene file; ``output``, a picture with {step} or {time} in its name, in place of those
-    of the scene; ``every`` and ``when``, as of `Session`.  What is wrong with these ends the run before its first step.
+    Its section has ``scene``, a scene file; ``output``, a picture with {step} or {time} in its name, which replaces the
+    outputs of the scene; ``every`` and ``when``, as of `Session`.  Errors in these end the run before its first step.
     """
 
     name = "elvis"
@@ -60,7 +60,7 @@ class Host:
             self._session.show(step, float(intg.tcurr), lambda: self._joined(names, parts))
 
     def _wanted(self) -> list[int]:
-        """Which variables are sent: those that the last picture needed; all before there is one."""
+        """Numbers of the variables to send: those that the last picture needed; all before there is one."""
         every = range(len(self._names))
         carried = () if self._states is None else self._states.carried
         return [number for number in every if self._names[number] in carried] or list(every)

@@ -1,11 +1,11 @@
-"""Pictures of which each of several ranks draws a band of rows.
+"""Pictures drawn by several ranks, each of which draws a band of rows.
 
-Of its part of the data each rank sends the elements that may be seen in a band to the rank that draws it: none has more
-than its part and its band's elements.
+Each rank sends the elements of its part of the data that may be visible in a band to the rank that draws it: none has
+more than its part and its band's elements.
 
-Three steps: elements that decide what holds for the picture altogether go to all; the view is found, by small pictures
-that are drawn in bands, too; all count how many of their elements reach into which rows, which tells where bands are to
-end, and send them.
+Three steps: elements that decide global properties of the picture go to all; the view is found, by small pictures that
+are also drawn in bands; all count how many of their elements reach into which rows, which determines the ends of bands,
+and send them.
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ class RankPicture:
         return self._dealt(asked)
 
     def _boxes(self) -> list[Boxes]:
-        """Those of elements that decide, by the volume's parts; and where a plane alone is shown, of what it meets."""
+        """Boxes of deciding elements, by the volume's parts; a single plane adds the elements that it meets."""
         plane = self._scene.only_plane
         some = [self._deciding, self._part.portion.of(self._ids)] if plane else [self._deciding]
         return Relevance(self._part.united(some), self._scene).boxes()
 
     def _extent(self, own: Floats) -> Floats:
-        """The extent of what all see, of those that each sees."""
+        """The combined visible extent of all ranks."""
         every = np.array(self._ranks.exchange(own, "what is seen of boxes"))
         return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
 
@@ -84,9 +84,9 @@ class RankPicture:
 
 
 def _cut(portion: Portion, ids: Sequence[Ints]) -> list[Portion | None]:
-    """The elements of a portion with ids (n,) for each band, None where there are none.
+    """The elements of a portion with ids (n,) for each band, None for bands without any.
 
-    Halves are cut first, and bands of these: what bands don't have in common is gone through a few times alone.
+    Halves are cut first, and bands from these: elements outside common ranges are then processed only a few times.
     """
     every = np.unique(np.concatenate(ids))
     if not len(every):

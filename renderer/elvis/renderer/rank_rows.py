@@ -1,4 +1,4 @@
-"""Rows of one picture that ranks draw, each its own, and what they tell each other about them."""
+"""Rows of one picture that ranks draw, each its own, and their exchange of facts."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ T = TypeVar("T")
 class RankRows:
     """The ranks of one picture.
 
-    A picture that is begun again, on a device that is opened again, goes on where the ranks are: what they have told
-    each other is known already.
+    A picture that is restarted, on a reopened device, continues with the facts that the ranks have already exchanged.
     """
 
     ranks: Ranks = ALONE
@@ -48,13 +47,13 @@ class RankRows:
         return window, slice(first - window.top, last - window.top)
 
     def together(self, found: T) -> list[T]:
-        """What all ranks have found of the picture before it is coloured, for each of them."""
+        """Findings of all ranks on the picture before it is coloured, for each of them."""
         if not self._told:
             self._told = self.ranks.exchange(found, "a picture's ranges")
         return list(self._told)
 
     def gathered(self, found: T) -> list[T]:
-        """What all have found in the end, for the first one."""
+        """Final findings of all ranks, for the first one."""
         return self.ranks.gather(found, "a picture's rows")
 
 

@@ -1,8 +1,8 @@
-"""Which elements of a part of the data a picture depends on: what is drawn of these alone is what is drawn of all.
+"""Relevant elements of a part of the data for a picture: drawing only these gives the same picture as drawing all.
 
-Each stage looks at elements of which it isn't certain that nothing of them is there: those whose boxes a surface
-meets, those whose certified bounds hold a value, those that have chosen faces.  Of what a picture depends on
-altogether, such as its view or ranges over all data, those elements count that decide it.  More than these do no harm.
+Each stage processes elements that are not proved to be irrelevant: elements whose boxes a surface meets, whose
+certified bounds contain a value, or which have chosen faces.  For global dependencies of a picture, such as its view or
+ranges over all data, the elements that decide them count.  Additional elements do no harm.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from elvis.scene.view import named_camera
 
 #: part of the greatest coordinate by which surfaces may be off
 _SLACK = 1e-9
-#: elements that are looked at together where there are many
+#: number of elements that are processed together if there are many
 _AT_ONCE = 1 << 16
 #: times the rounding of a Jacobian up to which it may be none at all
 _FLAT = 1e3
@@ -61,11 +61,11 @@ _FLAT = 1e3
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """What tells of n elements which of them are shown.
+    """Facts about n elements that determine which of them are visible.
 
     ids     (n,)
     boxes   (n, 6)
-    ends    by quantity (n, 2): an element shows no value outside; infinite where that isn't known
+    ends    by quantity (n, 2): an element shows no value outside; infinite if unknown
     chosen  by word (n,) which have faces that it chooses
     """
 
@@ -91,7 +91,7 @@ class Relevance:
         expressions = [Expression.of(self.dataset, text) for text in self.texts]
         beyond = not all(each.is_borrowed for each in expressions)
         is_line = Kind.of(self.dataset) is Kind.LINE
-        # elements of others that aren't those of the dataset may be anywhere
+        # elements of others that aren't in the dataset may be anywhere
         apart = self.dataset.others.keys() != self.dataset.shared.keys()
         return not (goes_through or beyond or is_line or apart)
 
@@ -109,9 +109,9 @@ class Relevance:
         return np.union1d(self.deciding(), self.shown()[0])
 
     def shown(self) -> tuple[Ints, Boxes]:
-        """(n,) ids of the elements of which something may be seen, and (n, 6) their boxes.
+        """Ids (n,) of the elements that may be visible, and their boxes (n, 6).
 
-        What a pixel shows depends on those alone whose boxes are seen near it, and on those that decide.
+        A pixel depends only on elements whose boxes are near it in the picture, and on deciding ones.
         """
         masks = [np.zeros(len(part), bool) for part in self._volume.parts]
         for mask, part in zip(masks, self._volume.parts, strict=True):
@@ -128,19 +128,19 @@ class Relevance:
         return [part.boxes if masks is None else part.boxes[masks[number]] for number, part in enumerate(parts)]
 
     def deciding(self) -> Ints:
-        """(n,) ids of the elements that decide what holds for the picture altogether, or that are counted."""
+        """Ids (n,) of the elements that decide global properties of the picture, or that are counted."""
         # what needs no volume comes before there is one
         found = [*self._first_ones(), *self._ends(), self._inverted()]
         masks = [self._outermost(part) | self._counted(part) for part in self._volume.parts]
         for chosen in self._of_faces.values():
-            # that there is one: a word that names nothing is an error
+            # existence check: a word without a match is an error
             for mask, own in zip(masks, chosen, strict=True):
                 mask[np.flatnonzero(own)[:1]] = True
         return np.unique(np.concatenate([*found, self._ids_of(masks)]))
 
     @property
     def decided_by(self) -> Hashable:
-        """What `deciding` depends on but for the elements, and for values on surfaces, whose holders are shown."""
+        """Dependencies of `deciding` apart from the elements and from values on surfaces, whose elements are shown."""
         every = self.scene.every_object
         counted = [item.quantity for item in every if isinstance(item, Isosurface | VolumeRendering)]
         axes = None if self._axes is None else self._axes.tobytes()
@@ -148,12 +148,12 @@ class Relevance:
 
     @property
     def shown_by(self) -> Hashable:
-        """What `shown` depends on but for the elements."""
+        """Dependencies of `shown` apart from the elements."""
         surfaces = [item.surface for item in self.scene.every_object if isinstance(item, CutSurface)]
         return self.texts, tuple(self.levels()), tuple(surfaces), self.words, has_volumes(self.scene)
 
     def looked_at(self) -> Iterator[Looked]:
-        """What tells which elements are shown, for each part of the volume."""
+        """Facts that determine the visible elements, for each part of the volume."""
         for number, part in enumerate(self._volume.parts):
             ends = {name: _values_held(self._quantity(part, name), len(part)) for name, _ in self.levels()}
             chosen = {word: masks[number] for word, masks in self._of_faces.items()}
@@ -201,7 +201,7 @@ class Relevance:
         """(n,) elements at the ends of the domain, along the axes and as the camera sees it."""
         mask = np.zeros(len(part), bool)
         every = [some.start + self._ends_of(part.boxes[some]) for some in chunks(len(part), _AT_ONCE)]
-        # the ends of all are ends of those that are looked at together
+        # the ends of all are among the ends of groups
         rows = np.concatenate([np.empty(0, np.int64), *every])
         mask[rows[self._ends_of(part.boxes[rows])]] = True
         return mask
@@ -231,9 +231,12 @@ class Relevance:
         return np.array(camera.basis()[:2]).T
 
     def _counted(self, part: Part) -> Bools:
-        """(n,) elements that are counted though they aren't drawn, as their quantity is not a number, or is an
-        isosurface's value all over them; those whose rounding isosurfaces' values are compared with; and those of
-        isosurfaces that are halved until they are too many, of which there must be as many wherever they are drawn."""
+        """Elements (n,) that are counted although they aren't drawn.
+
+        Their quantity is not a number, or equals an isosurface's value everywhere in them; or their rounding is
+        compared with isosurfaces' values; or their isosurfaces are subdivided beyond the limit, whose count must not
+        depend on the rank.
+        """
         mask = np.zeros(len(part), bool)
         for item in self.scene.every_object:
             if not isinstance(item, Isosurface | VolumeRendering):
@@ -267,7 +270,7 @@ class Relevance:
         if not _volumes(self.scene):
             return np.empty(0, np.int64)
         found = validity(self.dataset)
-        # that of a straight tetrahedron may be computed in another way, which has other rounding
+        # the Jacobian of a straight tetrahedron may be computed in another way, with other rounding
         is_doubtful = (found.status != ValidityStatus.POSITIVE) | (found.least <= _FLAT * found.error)
         return np.asarray(found.element_ids[is_doubtful])
 
@@ -288,7 +291,7 @@ class Relevance:
         return np.zeros(len(part), bool)
 
     def _level(self, part: Part, name: str, value: float) -> Bools:
-        """(n,) elements that may have a value, or don't know it: their own bounds, and what is drawn in their place."""
+        """Elements (n,) that may have a value, or are unknown: by their own bounds and their replacements'."""
         own = self._quantity(part, name)
         mask = _may_have(own, len(part), value)
         stand_in = own.level(value) if own.level is not None else None
@@ -309,7 +312,7 @@ class Relevance:
         chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in self.words}
         faces = faces_of(self.dataset, self._volume)
         for word, masks in chosen.items():
-            # what no part has is missed where all are together
+            # words that no part has are errors only for the complete data
             with suppress(ElvisError):
                 for block, rows in zip(faces.blocks, faces.select((word,)), strict=True):
                     masks[block.part][block.element[rows]] = True
@@ -344,7 +347,7 @@ def _values_held(own: Part | Quantity, count: int) -> Floats:
     if own.bounds is None or own.level is not None:
         return np.tile([-np.inf, np.inf], (count, 1))
     low, high = own.bounds()
-    # the rounding beside an infinite end depends on the value that is asked for
+    # the rounding next to an infinite end depends on the requested value
     is_known, rounding = np.isfinite(low) & np.isfinite(high), 8.0 * _rounding(own, 0.0)
     return np.stack([np.where(is_known, low - rounding, -np.inf), np.where(is_known, high + rounding, np.inf)], axis=1)
 
@@ -375,9 +378,9 @@ def _greatest(boxes: Boxes) -> float:
 
 
 def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
-    """(n,) whether a plane, a sphere, a cylinder or a cone may meet boxes with these corners (n, 6).
+    """Flags (n,) whether a plane, a sphere, a cylinder or a cone may meet boxes with these corners (n, 6).
 
-    Distances from them change by no more than one moves: from the middle of a box by half its diagonal, along a
+    Distances from them change by at most the displacement: from the middle of a box by half its diagonal, along a
     plane's normal by half its sides together.
     """
     with np.errstate(invalid="ignore"):

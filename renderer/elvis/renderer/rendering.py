@@ -1,4 +1,4 @@
-"""From a dataset and a scene to a frame."""
+"""Rendering of a dataset and a scene to a frame."""
 
 from __future__ import annotations
 
@@ -73,18 +73,18 @@ def render(
     progress: Progress | None = None,
     **keywords: Any,
 ) -> Frame:
-    """A picture of a dataset, of what a runtime plugin has opened, or of files of any format.
+    """A picture of a dataset, of data opened by a runtime plugin, or of files of any format.
 
     As ``render("case.xml", "case.fld", "u")``, or ``render(ds, "speed", contours=10, plane=(point, normal))``.
 
-    data      what `read` returns, or files and scene files; then the quantity that colours the picture, or a Scene
-    scene     what to draw, which keywords change
+    data      result of `read`, or files and scene files; then the quantity that colours the picture, or a Scene
+    scene     scene to draw, which keywords change
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
-    progress  called with how much of how much is done
+    progress  called with the amounts done and in total
     keywords  options of ``elvis render`` and keys of scenes, by name (docs/scene.md); ``output`` writes the picture
 
-    Raises SceneError where nothing can be seen or the field is unknown, DeviceError where the device can't be used,
-    KeywordError, which is also a TypeError, with a near name for a keyword that there is not.
+    Raises SceneError if nothing is visible or the field is unknown, DeviceError if the device can't be used,
+    KeywordError, which is also a TypeError, with a similar name for an unknown keyword.
     """
     asked = Request.of(data, scene, keywords)
     at_hand = _at_hand(asked)
@@ -111,22 +111,22 @@ def _at_hand(asked: Request) -> Dataset | PluginData | Bricks:
 
 
 def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
-    """What is to be drawn, by dimension."""
+    """The kind of picture, by dimension."""
     return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
 def _is_exact(scene: Scene) -> bool:
-    """Whether the scene asks for more than colours, such as what hides the box, or doesn't say what it is for."""
+    """Whether the scene needs more than colours, such as depths that hide the box, or has no outputs."""
     return scene.box or not scene.outputs or not all(name.lower().endswith(PIXELS) for name in scene.outputs)
 
 
 class Pictures:
-    """Pictures of the same data, one after another: the device and what was brought to it are kept.
+    """Pictures of the same data, one after another: the device and the data on it are kept.
 
     device    ``auto``, ``vulkan``, ``vulkan:N``, ``cuda``, ``cpu``, or a device plugin such as ``reference``
-    progress  called with how much of how much of a picture is done
-    ranks     that draw rows of the pictures, each of its part of the data or of all; but for the first one these are
-              incomplete
+    progress  called with the amounts of a picture done and in total
+    ranks     that draw rows of the pictures, each from its part of the data or from all; only the first rank's pictures
+              are complete
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class Pictures:
         self._take(data)
 
     def _take(self, data: Dataset | PluginData | RankPart | Bricks) -> None:
-        """Begin with data of which nothing is known."""
+        """Start with data without any known facts."""
         self._part = data if isinstance(data, RankPart) else None
         self._bricks = data if isinstance(data, Bricks) else None
         self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
@@ -193,14 +193,14 @@ class Pictures:
         return note(frame, asked, data, (*remarks, *self._remarks))
 
     def camera(self, scene: Scene) -> Camera:
-        """The camera of that picture, for which the view alone is found where a Renderer draws it."""
+        """The camera of that picture; if a Renderer draws it, only the view is computed."""
         _, shown, data, _ = self._arranged(scene)
         if other_device(self.device) is not None or self._kind is Kind.LINE:
             return self.draw(scene).view.camera
         return self._with_volume(data, shown).view(shown).camera
 
     def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
-        """What is asked for, the scene that shows it, the data of its picture and what is to be said of them."""
+        """The requested scene, the scene that shows it, the data of its picture and remarks on them."""
         data = self._on_geometry(scene)
         if scene.range == "series":
             raise SceneError("range: series needs the files of a series: expected seen, all or two values")
@@ -239,7 +239,7 @@ class Pictures:
         return self._deformed[1]
 
     def _tell_conversion(self, data: Dataset | PluginData, scene: Scene) -> None:
-        """Note how far what is shown is from the source of converted data, once for the same quantities."""
+        """Record the error of the conversion in the shown quantities, once for the same quantities."""
         shown = quantities(scene), scene.time
         if isinstance(data, Dataset) and self._conversion[0] != shown:
             self._conversion = shown, tuple(remarks_on_conversion(data, scene))
@@ -255,7 +255,7 @@ class Pictures:
         if scene.memory is None and self._bricks is None:
             return data
         if isinstance(data, PluginData):
-            raise SceneError(f"memory: what the plugin {data.name} opens is drawn as a whole: leave it out")
+            raise SceneError(f"memory: data opened by the plugin {data.name} are drawn as a whole: remove this setting")
         self._bricks = self._bricks or Bricks(InMemory(data), lambda: data)
         found = self._bricks.elements(scene)
         if found is not self._drawn:
@@ -346,7 +346,7 @@ class Renderer:
     def stages(self) -> Stages:
         """The stages over the volume; ElvisError where there is none yet."""
         if self._stages is None:
-            raise ElvisError("load a dataset first: there is nothing to draw, to probe or to sample")
+            raise ElvisError("no dataset is loaded; load one before drawing, probing or sampling")
         return self._stages
 
     def probe(self, points: Floats) -> Places:
@@ -411,7 +411,7 @@ class Renderer:
             except DeviceLostError as error:
                 most //= 8
                 if most < FEWEST:
-                    raise DeviceError(f"{error}, even where it draws a few rows of the picture at a time") from error
+                    raise DeviceError(f"{error}, even if it draws a few rows of the picture at a time") from error
                 self._reopen()
 
     def _draw(self, scene: Scene, references: bool, most: int, rows: RankRows) -> Frame:

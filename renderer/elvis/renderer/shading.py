@@ -330,7 +330,7 @@ class Painter:
         found = list(self.stages.remarks(self.scene, self.volume_counts))
         for draw_call in draw_calls:
             if id(draw_call) not in self._shown:
-                found.append(f"{draw_call.name} shows nothing")
+                found.append(f"{draw_call.name} is not visible")
             contours = draw_call.style.contours
             if contours is not None:
                 quantity = self.of_contours(draw_call)

@@ -170,20 +170,20 @@ class Stages:
         """What a user should know of volumes, of what rays meet in them, and of what isosurfaces leave out."""
         volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if volumes and self.inverted_elements:
-            yield f"elements that are inverted, all or in part, and drawn nonetheless: {self.inverted_elements}"
+            yield f"inverted elements, wholly or in part, which are still drawn: {self.inverted_elements}"
         for name in dict.fromkeys(item.quantity or scene.field for item in volumes):
             if left := len(self._undefined(self.parts_quantity(name, scene))):
-                yield f"elements left out of a volume because their {name} is not a number: {left}"
+                yield f"elements excluded from a volume because their {name} is not a number: {left}"
         levels = [item for item in scene.every_object if isinstance(item, Isosurface)]
         for name in dict.fromkeys(item.quantity or scene.field for item in levels):
             if left := len(self._undefined(self.parts_quantity(name, scene))):
-                yield f"elements left out of an isosurface because their {name} is not a number: {left}"
+                yield f"elements excluded from an isosurface because their {name} is not a number: {left}"
         for name, value in dict.fromkeys((item.quantity or scene.field, v) for item in levels for v in item.values):
             if flat := self._flat(self.parts_quantity(name, scene), value):
-                yield f"elements left out of an isosurface because their {name} is {value:g} all over: {flat}"
+                yield f"elements excluded from an isosurface because their {name} is {value:g} everywhere: {flat}"
         yield from self.flow.remarks(scene)
         if counts["lost"]:
-            yield f"places along rays in a volume that were not found: {counts['lost']}"
+            yield f"points along rays in a volume that could not be located: {counts['lost']}"
 
     def _flat(self, own: str | None, value: float) -> int:
         """Elements whose quantity is a value all over them, to rounding."""
@@ -205,7 +205,7 @@ class Stages:
             known = quantity_range(data, Expression.of(data, name)) if data else None
             self._ranges[name] = (known.lower, known.upper) if known else self._of_parts(name)
         if not np.isfinite(self._ranges[name]).all():
-            raise SceneError(f"no bounds of {name!r} over all data are known: give two values for the range, or seen")
+            raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or seen")
         return self._ranges[name]
 
     def _of_parts(self, name: str) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""What is to be drawn and what was seen, as plain Python: objects, cameras, frames.  Needs no device."""
+"""Scenes and frames as plain Python: objects and cameras to draw, and the pictures.  Needs no device."""
 
 from __future__ import annotations
 

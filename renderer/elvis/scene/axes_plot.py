@@ -39,9 +39,9 @@ def plot_frame(frame: Frame, axes: Any, colorbar: bool) -> Any:
 
 
 class _Place:
-    """Where the pixels lie in the axes.
+    """Position of the pixels in the axes.
 
-    names   of the coordinates along columns and rows; none where the view is along no axis
+    names   coordinates along columns and rows; empty if the view is not along an axis
     extent  left, right, bottom and top edge
     """
 

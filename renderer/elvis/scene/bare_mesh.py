@@ -1,4 +1,4 @@
-"""What is drawn of a mesh without fields: its elements in one colour, with their borders."""
+"""Scenes for a mesh without fields: elements in one colour, with their borders."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from elvis.scene.whole import Scene
 NOTHING = "1"
 #: of the elements, as CSS's lightsteelblue
 COLOR = (0.690, 0.769, 0.871)
-REMARK = "the data hold a mesh but no field: elements are shown in one colour, with their borders"
+REMARK = "the data contain a mesh but no field: elements are shown in one colour, with their borders"
 
 
 def of_mesh(scene: Scene) -> Scene:
-    """The scene with surfaces in one colour and with mesh lines, but for those that say what colours them.
+    """The scene with surfaces in one colour and with mesh lines, except for objects with a colour of their own.
 
-    SceneError where an object needs the field that is missing.
+    SceneError if an object needs the missing field.
     """
     return replace(scene, field=NOTHING, plane=None, objects=tuple(map(_plain, scene.every_object or (Faces(),))))
 
@@ -29,7 +29,7 @@ def _plain(item: SceneObject) -> SceneObject:
     if isinstance(item, (Isosurface, VolumeRendering)) and item.quantity is None:
         option = item.option.option.split()[0]
         raise SceneError(
-            f"{option}: the data hold a mesh but no field: give the field file too, or name a quantity, such as x"
+            f"{option}: the data contain a mesh but no field: also give the field file, or name a quantity, such as x"
         )
     if isinstance(item, VolumeRendering) or item.style.color is not None or item.style.quantity is not None:
         return item

@@ -1,9 +1,9 @@
-"""Paths of a camera through cameras that are given, its keys: smooth, with a horizon that doesn't tilt between them.
+"""Smooth paths of a camera through given cameras, its keys, with a horizon that doesn't tilt between them.
 
-The direction of the view and what is upwards go along Bézier curves on the sphere, whose points de Casteljau's
-algorithm finds with great circles for lines (Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985).  The
-place that is looked at, and the logarithms of distance, field of view and height, go along cubics.  At a key all have
-the mean velocity of the two steps beside it (Catmull and Rom 1974); between two keys alone all are steady.
+View direction and up direction follow Bézier curves on the sphere; de Casteljau's algorithm evaluates them with great
+circles as lines (Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985).  The point that the camera faces,
+and the logarithms of distance, field of view and height, follow cubics.  At a key all have the mean velocity of the
+two adjacent steps (Catmull and Rom 1974); with only two keys all velocities are constant.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from elvis.core.arrays import Floats
 from elvis.scene.errors import SceneError
 from elvis.scene.whole import Camera
 
-#: of unit vectors: those nearer than this are the same, and those that are opposite but for this have no way between
+#: tolerance for unit vectors: closer ones are equal; opposite ones, within it, have no unique path between them
 _NEAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class CameraPath:
-    """A path through cameras, at equal parts of it.
+    """A path through cameras at equal intervals.
 
     forward, up  (n, 3) unit vectors
-    numbers      (n, 5) place that is looked at, logarithms of the distance and of field of view or height
+    numbers      (n, 5) point that the camera looks at, logarithms of the distance and of field of view or height
     """
 
     cameras: tuple[Camera, ...]
@@ -39,8 +39,9 @@ class CameraPath:
     def of(cls, cameras: Sequence[Camera]) -> CameraPath:
         """The path.
 
-        Raises SceneError for fewer than two cameras, for some in perspective beside parallel ones, and where two that
-        follow each other look, or stand, in opposite directions.
+        Raises SceneError for fewer than two cameras, for a mix of perspective and parallel cameras, and if two
+        successive
+        cameras have opposite view or up directions.
         """
         if len(cameras) < 2:
             raise SceneError(f"expected two or more cameras of a path, found {len(cameras)}")
@@ -50,9 +51,7 @@ class CameraPath:
         up = np.array([np.divide(camera.up, np.linalg.norm(camera.up)) for camera in cameras])
         for vectors in (forward, up):
             if (np.sum(vectors[:-1] * vectors[1:], axis=1) < _NEAR - 1).any():
-                raise SceneError(
-                    "expected no two cameras after each other that are turned by 180 degrees: add one between"
-                )
+                raise SceneError("expected successive cameras less than 180 degrees apart: add one in between")
         return cls(tuple(cameras), forward, up, np.array([_numbers(camera) for camera in cameras]))
 
     def at(self, share: float) -> Camera:
@@ -86,7 +85,7 @@ def _cubic(numbers: Floats, first: int, part: float) -> Floats:
 
 
 def _mean_of_steps(steps: Floats, key: int) -> Floats:
-    """Of the steps (n - 1, k) between n keys, the mean of the two beside one."""
+    """Mean of the two steps next to a key, of the steps (n - 1, k) between n keys."""
     return np.asarray(steps[max(key - 1, 0) : key + 1].mean(axis=0))
 
 

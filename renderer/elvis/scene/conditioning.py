@@ -14,7 +14,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 _ROUNDINGS = 8
 #: part of a depth up to which it may be uncertain and yet certain, as in iso.slang
 MOST = 1e-8
-#: cosines, and heights in parts of the greatest coordinate, above which no ray runs along a plane
+#: cosines, and heights relative to the maximum coordinate, above which no ray runs along a plane
 _NEAR = 1e-6
 
 
@@ -27,8 +27,10 @@ def misplaced(view: View, extent: float) -> float:
 
 
 def uncertainties(view: View, pixel: Ints, depth: Floats, normal: Floats, extent: float) -> Floats:
-    """(n,) how far the depths (n,) of hits in pixels (n,) may be from those of the surface, whose normals (n, 3) are
-    given: a place next to it is that much over the cosine farther along the ray.  Without a normal the cosine is 1."""
+    """Uncertainties (n,) of the depths (n,) of hits in pixels (n,) on surfaces with normals (n, 3).
+
+    A displacement d of the surface moves the hit by d over the cosine along the ray.  Without a normal the cosine is 1.
+    """
     directions = view.rays_of(pixel)[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs(np.einsum("ni,ni->n", directions, normal)) / np.linalg.norm(directions, axis=1)
@@ -42,9 +44,9 @@ def doubt(status: NDArray[np.uint8], uncertain: Bools) -> NDArray[np.uint8]:
 
 
 def slanted(view: PlaneView, extent: float) -> Bools | None:
-    """(n,) pixels whose rays run so nearly along the plane that places on it are uncertain; None: none do.
+    """Pixels (n,) whose rays run so nearly along the plane that hits on it are uncertain; None if there are none.
 
-    From an eye that isn't near the plane such rays meet it far off.
+    From an eye away from the plane, such rays meet it at a great distance.
     """
     greatest = extent + float(np.abs(view.camera.eye).max())
     height = abs(float(np.subtract(view.camera.eye, view.plane.point) @ view.across))

@@ -1,4 +1,4 @@
-"""What can go wrong between a scene and its picture."""
+"""Errors between a scene and its picture."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ class SceneError(ElvisError, ValueError):
 
 
 class AbsentError(SceneError):
-    """A scene of which these data show nothing, others may: a value that isn't there, an empty picture."""
+    """A scene that shows nothing of these data but may show something of others: an absent value, an empty picture."""
 
 
 class KeywordError(SceneError, TypeError):
-    """A keyword that there is not."""
+    """An unknown keyword."""

@@ -61,13 +61,14 @@ def settings(scene: Scene) -> AbstractContextManager[Any]:
         from matplotlib import font_manager
     except ImportError as error:
         raise SceneError(
-            "figures with axes, labels, bars of one's own or vectors take matplotlib: pip install 'elvis-viz[figures]'"
+            "figures with axes, labels, own colour bars or vector graphics need matplotlib: "
+            "pip install 'elvis-viz[figures]'"
         ) from error
     own: dict[str, Any] = {"svg.fonttype": "none", "svg.hashsalt": SALT, "pdf.fonttype": 42}
     if scene.font is not None:
         known = sorted({font.name for font in font_manager.fontManager.ttflist})
         if scene.font not in known:
-            raise SceneError(f"no font {scene.font!r} is here: expected one of {', '.join(known)}")
+            raise SceneError(f"no font {scene.font!r} is installed: expected one of {', '.join(known)}")
         is_roman = any(word in scene.font.lower() for word in ("serif", "times", "roman", "stix"))
         own |= {"font.family": [scene.font, "DejaVu Sans"], "mathtext.fontset": "stix" if is_roman else "dejavusans"}
     context: Callable[[Any], AbstractContextManager[Any]] = matplotlib.rc_context
@@ -75,7 +76,7 @@ def settings(scene: Scene) -> AbstractContextManager[Any]:
 
 
 def _check_mathematics(frames: Sequence[Frame]) -> None:
-    """SceneError where a title has something between dollars that is no mathematics."""
+    """SceneError if text between dollar signs in a title is not valid mathematics."""
     from matplotlib.mathtext import MathTextParser
 
     titles = [frame.scene.title or "" for frame in frames]
@@ -118,7 +119,7 @@ class Page:
             self._arrange(common)
 
     def measure(self) -> Any:
-        """What tells how large texts are."""
+        """The renderer that measures the size of texts."""
         renderer: Callable[[], Any] = self.canvas.get_renderer
         return renderer()
 
@@ -150,7 +151,7 @@ class Page:
             self.panels[0].common_bar(common, np.array([ends[:, :2].min(axis=0), ends[:, 2:].max(axis=0)]))
 
     def bounds(self) -> Any:
-        """The page in inches, in whole pixels, so that those of the pictures stay what they are."""
+        """The page in inches, in whole pixels, so that the pixels of the pictures remain unchanged."""
         from matplotlib.transforms import Bbox
 
         if self.plain:
@@ -161,7 +162,7 @@ class Page:
         return Bbox(np.array([low, high]) / self.scene.dpi)
 
     def layout(self, bounds: Any) -> Layout:
-        """Where the first picture and its bars lie within bounds in inches; rows are counted from above."""
+        """The layout of the first picture and its bars within bounds in inches; rows are counted from the top."""
         low, high = np.asarray(bounds.get_points()) * self.scene.dpi
         panel = self.panels[0]
         left, lower = panel.corner - low
@@ -184,7 +185,7 @@ def _common(frames: Sequence[Frame]) -> Legend | None:
 
 
 def _is_same(one: Legend, other: Legend) -> bool:
-    """Whether two bars tell the same."""
+    """Whether two colour bars are equal."""
     assert one.palette is not None
     assert other.palette is not None
     ends = one.palette.low, one.palette.high, one.title, one.bar

@@ -1,7 +1,7 @@
 """Scene files: TOML, YAML and JSON.  File names in them are relative to the file.
 
-A scene may come from somebody else, so it does no harm: it reads data, but runs no code of its own, and writes nothing
-but pictures and statistics, next to itself or below.  What goes further is given on the command line.
+A scene may come from an untrusted source, so its rights are limited: it reads data but runs no code, and writes only
+pictures and statistics, next to itself or below.  Everything else must be given on the command line.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ LARGEST = 1 << 20  # bytes
 
 
 def is_scene_file(path: Path) -> bool:
-    """Whether the name is that of a scene file."""
+    """Whether the name has the suffix of a scene file."""
     return path.suffix.lower() in SUFFIXES
 
 
 def read_scene(path: str | Path, given: Iterable[str] = ()) -> Scene:
-    """The scene in a file; SceneError that names the file, the key, what was expected and what was found.
+    """The scene in a file; SceneError names the file, the key, the expected value and the value found.
 
-    given  keys that the caller sets otherwise: what the file says of them is left out, whatever it is
-    FormatError where it is no plain file
+    given  keys that the caller sets otherwise: their values in the file are ignored
+    FormatError if the path is not a plain file
     """
     path = Path(path)
     check_plain(path)
@@ -73,9 +73,9 @@ def write_scene(scene: Scene, path: str | Path, outputs: Outputs | None = None) 
 
 
 def scene_text(scene: Scene, path: Path) -> str:
-    """What a scene file of that name holds; what has its default is left out, and what a file may not say.
+    """The text of a scene file of that name, without defaults and without settings that a file may not contain.
 
-    SceneError where it can't hold the names of files, which need not be text.
+    SceneError if the format can't store file names, which need not be valid text.
     """
     usual: dict[str, Any] = {field.name: field.default for field in fields(Scene)}
     permitted = replace(scene, **{key: usual[key] for key in forbidden(scene, path.parent)})
@@ -119,7 +119,7 @@ def _read_toml(text: str) -> Table:
 
 
 def toml_value(text: str) -> Any:
-    """What a value says in TOML; a text where it says nothing there."""
+    """The value of a TOML text, or the text itself if it is not valid TOML."""
     try:
         return _read_toml(f"value = {text}")["value"]
     except ValueError:
@@ -127,7 +127,7 @@ def toml_value(text: str) -> Any:
 
 
 def _yaml(text: str) -> Any:
-    """What a text says, by the safe loader; ValueError where it is no YAML."""
+    """The contents of a YAML text, by the safe loader; ValueError for invalid YAML."""
     import yaml
 
     try:

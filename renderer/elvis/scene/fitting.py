@@ -15,8 +15,8 @@ from elvis.scene.view import MARGIN, fit_camera, named_camera
 
 #: width and height of automatic pictures in pixels, and the least of either
 LARGEST, LEAST = (1000, 800), 160
-#: a glance has this many times fewer pixels each way, more where it would have more pixels than these; LEAST each way,
-#: of elements, which are no thin lines, as many as the picture where this has fewer
+#: a glance has this many times fewer pixels in each direction, and more if it would exceed GLANCE_PIXELS; it has at
+#: least LEAST in each direction, or for elements, which are not thin lines, as many as a smaller picture
 GLANCE, GLANCE_PIXELS = 4, 1 << 21
 #: most glances
 GLANCES = 4
@@ -30,16 +30,16 @@ def automatic(
     glance: Callable[[Scene], Bools],
     together: Callable[[Floats], Floats] = lambda own: own,
 ) -> Scene:
-    """The scene with a size, and with a camera of known field of view or height; one that has neither is fitted.
+    """The scene with a size, and with a camera of known field of view or height, which is fitted if it has neither.
 
-    boxes   (n, 6) arrays: low and high corners of boxes that hold the elements
-    glance  draws a small picture: (h, w) where something is seen.  Boxes promise more than there is.
-    together  of the extent (2, 2) of what is seen of these boxes that of all, where others have more of them: least
-            coordinates, then greatest ones, infinite where nothing is seen
-    Raises SceneError where there is no box, and where the view must be fitted but a plane misses every box.
+    boxes   (n, 6) arrays: low and high corners of boxes that contain the elements
+    glance  draws a small picture: (h, w) true where something is visible.  Boxes are larger than the elements.
+    together  combines the visible extent (2, 2) of these boxes with that of boxes elsewhere: minimum coordinates, then
+            maximum ones, infinite if nothing is visible
+    Raises SceneError if there is no box, or if the view must be fitted but a plane misses every box.
     """
     if not sum(map(len, boxes)):
-        raise SceneError("there is no element to draw: none carries the field")
+        raise SceneError("nothing to draw: no element has the field")
     camera, plane = scene.camera, faced_plane(scene)
     if scene.region is not None and plane is None:
         raise SceneError("region: expected 2D data or a single plane, found other objects: choose a camera for these")
@@ -67,7 +67,7 @@ def automatic(
 
 
 def is_of_elements(scene: Scene) -> bool:
-    """Whether the view depends on scene and elements alone: values have no part in where something is seen."""
+    """Whether the view depends only on scene and elements: field values don't affect where something is visible."""
     surfaces = [clip.surface for clip in scene.clip]
     surfaces += [item.surface for item in scene.every_object if isinstance(item, CutSurface)]
     others = [item for item in scene.every_object if not isinstance(item, CutSurface | Faces)]
@@ -80,7 +80,7 @@ def is_given(camera: Camera | str | None) -> bool:
 
 
 def faced_plane(scene: Scene) -> Plane | None:
-    """The plane that a fitted camera looks straight at: what is shown alone, or a region with lines and glyphs."""
+    """The plane that a fitted camera faces: a plane that is the only object, or a region with lines and glyphs."""
     if scene.region is None:
         return scene.only_plane
     solid = [item for item in scene.every_object if not isinstance(item, Streamlines | Glyphs)]
@@ -90,8 +90,10 @@ def faced_plane(scene: Scene) -> Plane | None:
 
 
 def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Floats:
-    """(2, 2) least and greatest coordinates, along the camera's right and up axes, of what is seen of boxes; infinite
-    where that is nothing."""
+    """Visible extent (2, 2) of boxes: minimum and maximum coordinates along the camera's right and up axes.
+
+    The extent is infinite if nothing is visible.
+    """
     plane = scene.only_plane
     if plane and not scene.box:
         points = np.concatenate([crossings(some, plane) for some in boxes])
@@ -105,7 +107,7 @@ def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Fl
 def _extent_by_glances(
     scene: Scene, camera: Camera, extent: Floats, box: Floats, glance: Callable[[Scene], Bools]
 ) -> Floats:
-    """The extent of what there is within that of the boxes; where that is little, a second glance shows it better."""
+    """The extent of the visible objects within that of the boxes; if it is small, a second glance refines it."""
     for _ in range(GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
@@ -175,7 +177,7 @@ def crossings(boxes: Boxes, plane: Plane) -> Floats:
     cut = (np.minimum(a, b) <= slack) & (np.maximum(a, b) >= -slack)
     a, b, ends = a[cut], b[cut], ends[cut]
 
-    # an edge within the plane is met in all its points: its ends are those of other edges too
+    # an edge within the plane meets it in all its points; its ends also belong to other edges
     share = np.divide(a, a - b, out=np.zeros_like(a), where=a != b)
     share = np.clip(share, 0.0, 1.0)[:, None]
     return np.asarray((1 - share) * ends[:, 0] + share * ends[:, 1])
@@ -195,4 +197,4 @@ def empty_picture_remark(plane: Plane | None, box: Floats) -> str:
     if plane is not None:
         point, normal = (", ".join(f"{x:g}" for x in v) for v in (plane.point, plane.normal))
         what = f"the plane through ({point}) with normal ({normal})"
-    return f"the picture is empty: nothing of {what} is seen; the domain lies between ({low}) and ({high})"
+    return f"the picture is empty: nothing of {what} is visible; the domain lies between ({low}) and ({high})"

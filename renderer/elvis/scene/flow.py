@@ -29,9 +29,10 @@ from elvis.scene.time_limit import check_time
 K = TypeVar("K")
 V = TypeVar("V")
 
-#: radius of tubes where nothing says it, in parts of the diagonal of the box
+#: default radius of tubes, relative to the diagonal of the box
 RADIUS = 0.003
-#: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals beside a width in pixels; radius by length
+#: lengths of arrow heads: in radii, in widths of a ribbon, in diagonals for lines with a width in pixels; radius
+#: relative to length
 _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
 #: what lines are: of streamlines and cores, of particles since when, how many releases of them, along which wall
 _Key: TypeAlias = tuple[Course, float | None, int | None, CoreLimits | None, str | None]
@@ -43,7 +44,7 @@ _STRIPS: WeakKeyDictionary[Curves, dict[Vector | None, Ribbons]] = WeakKeyDictio
 
 
 def course_of(item: Streamlines) -> Course:
-    """What the lines of an object follow."""
+    """The course of the lines of an object."""
     return Course(
         item.seeds,
         components_of(item.velocity),
@@ -78,12 +79,12 @@ def curves_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) ->
         known.clear()
     found = _kept(known, key, lambda: _followed(data, *key, make))
     if not found.lines and item.seeds:
-        raise SceneError("seeds of streamlines: expected some in the elements, found all outside")
+        raise SceneError("seeds of streamlines: all lie outside the mesh")
     return found
 
 
 def _kept(known: dict[K, V], key: K, make: Callable[[], V]) -> V:
-    """What is known by a key, made where nothing is; SceneError for what making it raises."""
+    """The cached value of a key, computed if absent; SceneError if computing it fails."""
     if key not in known:
         try:
             known[key] = make()
@@ -104,11 +105,11 @@ def _followed(
     """Streamlines, or since a time paths or streaks of particles, or cores of vortices, or a wall, as curves."""
     if along is not None:
         if not isinstance(data, Dataset):
-            raise ElvisError("along: expected native data, found what a runtime plugin opens")
+            raise ElvisError("along: expected native data, found data of a runtime plugin")
         return drawn_curves(data, along)
     if cores is not None:
         if not isinstance(data, Dataset):
-            raise ElvisError("cores: expected native data, found what a runtime plugin opens")
+            raise ElvisError("cores: expected native data, found data of a runtime plugin")
         return core_curves(data, course.velocity, cores, lambda *_: check_time())
     if since is None:
         return curves(data, course, make)
@@ -123,7 +124,7 @@ def _followed(
 
 
 def ribbons_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Ribbons:
-    """The ribbons of an object, likewise; SceneError, too, where the velocity has no derivatives."""
+    """The ribbons of an object; SceneError also if the velocity has no derivatives."""
     # before lines are followed, which may take long
     try:
         check_space(data)

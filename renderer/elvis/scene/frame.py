@@ -27,7 +27,7 @@ _AT_ONCE = 1 << 20
 
 
 class Status(IntEnum):
-    """What is known of a pixel."""
+    """Status of a pixel."""
 
     MISS = 0
     CERTAIN = 1
@@ -41,10 +41,10 @@ _STATUSES = {status.name.lower(): int(status) for status in Status}
 
 @dataclass(frozen=True, eq=False)
 class Arrow:
-    """A glyph of a round magnitude, as it is seen from the side.
+    """A glyph of a round magnitude, seen from the side.
 
-    outline  (k, 2) pixels to the right of its beginning, and above it
-    text     what magnitude it has
+    outline  (k, 2) pixels to the right of its base, and above it
+    text     its magnitude
     """
 
     outline: Floats
@@ -53,13 +53,13 @@ class Arrow:
 
 @dataclass(frozen=True, eq=False)
 class Legend:
-    """What colours, lines or lengths mean.
+    """Meaning of colours, lines or lengths.
 
-    palette  None for lines of what nothing is coloured by, and for lengths
+    palette  None for lines of a quantity that colours nothing, and for lengths
     marks    values of contour lines and their colours
-    bar      how the scene wants it
-    constant  the only value that is seen, where there is no more: one colour needs no bar
-    arrow    how long glyphs are
+    bar      settings of the bar in the scene
+    constant  the single visible value, if there is only one: one colour needs no bar
+    arrow    key to the lengths of glyphs
     """
 
     title: str
@@ -72,13 +72,13 @@ class Legend:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What several surfaces show together; arrays as in Frame.
+    """The combined picture of several surfaces; arrays as in Frame.
 
-    color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as numbers of 8 bits
-    uncertainty  NaN also where the surface is analytic
-    line_status  (h, w) Status of the pixels' contours, MISS where there are none; None where none is known
-    strokes      lines over the pixels, which have none then
-    through      (h, w) part of the background that comes through; None: as where nothing is seen
+    color        (h, w, 3) in [0, 1], or in whole steps of 1/255 as 8-bit integers
+    uncertainty  also NaN where the surface is analytic
+    line_status  (h, w) Status of the pixels' contours, MISS for pixels without; None if none is known
+    strokes      lines over the pixels, which then contain no lines
+    through      (h, w) visible share of the background; None: visible where nothing else is
     """
 
     depth: Floats
@@ -95,14 +95,13 @@ class Drawing:
 class Frame:
     """A picture; row 0 is the top.
 
-    field      (h, w)     NaN where nothing is seen
-    element    (h, w)     global element ids, -1 where nothing is seen
-    reference  (h, w, 3)  reference coordinates in the element, NaN where nothing is seen; None where they were not
-                          asked for
+    field      (h, w)     NaN where nothing is visible
+    element    (h, w)     global element ids, -1 where nothing is visible
+    reference  (h, w, 3)  reference coordinates in the element, NaN where nothing is visible; None if not requested
     status     (h, w)     see Status
     stats      seconds, bytes and counts by name
-    box        (2, 3) low and high corner of the domain, where the picture is to show it
-    instant    which moment of a series is shown, None of data that are none
+    box        (2, 3) low and high corner of the domain, if the picture shows it
+    instant    time of a series that is shown, None for data that are not a series
     drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
@@ -119,7 +118,7 @@ class Frame:
 
     @property
     def title(self) -> str:
-        """The scene's own title, else that of the only colour map; then the moment of a series and how it was found."""
+        """The scene's own title, else that of the only colour map; then time and interpolation in a series."""
         if self.scene.title is not None:
             title = self.scene.title
         else:
@@ -128,7 +127,7 @@ class Frame:
         return ", ".join(filter(None, (title, str(self.instant or ""))))
 
     def at(self, instant: Instant) -> Frame:
-        """The same as the picture of a moment of a series, which its statistics tell."""
+        """The frame as a picture of a time in a series, which its statistics record."""
         return replace(self, instant=instant, stats={**self.stats, "moment": instant.facts()})
 
     @cached_property
@@ -138,7 +137,7 @@ class Frame:
 
     @cached_property
     def position(self) -> Floats:
-        """(h, w, 3) world position of what is seen, NaN elsewhere."""
+        """World positions (h, w, 3) of the visible points, NaN elsewhere."""
         position = np.full((*self.element.shape, 3), np.nan)
         step = max(1, _AT_ONCE // self.element.shape[1])
         for first in range(0, len(self.element), step):
@@ -148,7 +147,7 @@ class Frame:
         return position
 
     def points_of(self, columns: Ints, rows: Ints) -> Floats:
-        """(n, 3) world positions of what is seen at pixels (n,)."""
+        """World positions (n, 3) of the visible points at pixels (n,)."""
         if self.drawing is None:
             return self._plane.points_of(columns, rows)
         origins, directions = self.view.rays(columns, rows)
@@ -181,9 +180,9 @@ class Frame:
 
     @property
     def line_status(self) -> NDArray[np.uint8]:
-        """(h, w) what is known of how far contours cover the pixels, and of hits, together.
+        """Combined status (h, w) of contour coverage and of hits.
 
-        Where nothing is proved of contours, as statistics and records ask for it, hits that have some are ambiguous.
+        If nothing is proved about contours, as for statistics and records, hits with contours are ambiguous.
         """
         told = None if self.drawing is None else self.drawing.line_status
         if told is None and has_contours(self.scene):
@@ -209,7 +208,7 @@ class Frame:
 
     @cached_property
     def palette(self) -> Palette:
-        """The first colour map; that of the scene's field where nothing is coloured by a map."""
+        """The first colour map; the map of the scene's field if no object is coloured by a map."""
         if self.drawing is not None:
             maps = [legend.palette for legend in self.drawing.legends if legend.palette]
             if maps:
@@ -220,13 +219,13 @@ class Frame:
 
     @property
     def legends(self) -> tuple[Legend, ...]:
-        """What the colours and lines of the picture mean; of files that distances are measured to the bare names."""
+        """Legends of the colours and lines; distances are labelled with bare file names."""
         found = (self._legend,) if self.drawing is None else self.drawing.legends
         return tuple(replace(one, title=renamed(one.title, os.path.basename)) for one in found)
 
     @property
     def _legend(self) -> Legend:
-        """That of a plane alone."""
+        """The legend of a single plane."""
         return Legend(self.scene.field, self.palette, bar=self.scene.bar, constant=constant_of(self.scene, self.field))
 
     @cached_property
@@ -271,11 +270,11 @@ class Frame:
 
     @property
     def _colors(self) -> Floats:
-        """(steps + 2, 3) the colours of the palette, of what is not a number, of the background."""
+        """Colours (steps + 2, 3): the palette, the colour for values that are not numbers, the background."""
         return np.vstack([self.palette.table, NOT_A_NUMBER, self.scene.backdrop])
 
     def counts(self) -> dict[str, int]:
-        """Pixels by status, and those that are seen but are not finite numbers."""
+        """Number of pixels by status, and of visible pixels whose values are not finite."""
         # some rows at a time, as pictures may be large
         rows = max(1, _AT_ONCE // max(1, self.status.shape[1]))
         blocks = (self.status[first : first + rows].ravel() for first in range(0, len(self.status), rows))

@@ -21,11 +21,12 @@ from elvis.scene.style import Style
 from elvis.scene.view import View
 from elvis.scene.whole import Scene
 
-#: length of the greatest where nothing says it, in parts of the diagonal of the box
+#: default length of the longest glyph, relative to the diagonal of the box
 LENGTH = 0.05
-#: of an arrow, in parts of its head's radius: radius of the shaft, length of the head; how far the shaft is in the head
+#: proportions of an arrow, relative to the radius of its head: radius of the shaft, length of the head, overlap of
+#: shaft and head
 _SHAFT, _HEAD, _WITHIN = 0.4, 3.0, 0.3
-#: length of the glyph in the key at most, in parts of the picture's width
+#: maximum length of the glyph in the key, relative to the width of the picture
 KEY = 0.2
 #: objects in the same data whose solids are kept
 _MOST = 8
@@ -36,17 +37,17 @@ _KNOWN: WeakKeyDictionary[FlowSource, dict[Glyphs, Frusta]] = WeakKeyDictionary(
 class Frusta:
     """Solids between two discs across one axis: cylinders, and cones, whose second disc is a point.
 
-    base       (n, 3)  middle of the first disc
+    base       (n, 3)  centre of the first disc
     axis       (n, 3)  unit vector to the second
-    length     (n,)    between them
+    length     (n,)    distance of the discs
     radii      (n, 2)  of both; the second is the smaller
-    reference  (n, 3)  of the anchor in its element
+    reference  (n, 3)  reference coordinates of the anchor in its element
     element    (n,)    ids of the anchors' elements
     points     (m, 3)  the anchors
-    name       of the vector
-    magnitude  that has the object's length
-    left       why points have no glyph, and how many
-    size       length of the magnitude, in world units
+    name       name of the vector
+    magnitude  magnitude that corresponds to the object's length
+    left       reasons why points have no glyph, with counts
+    size       length of that magnitude, in world units
     """
 
     base: Floats
@@ -111,7 +112,7 @@ def _made(data: FlowSource, item: Glyphs) -> Frusta:
 
 
 def _parts(item: Glyphs, length: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """Of glyphs of lengths (n,): where each solid begins (n,), its length (n,) and its radii (n, 2).
+    """Solids of glyphs of lengths (n,): start (n,), length (n,) and radii (n, 2) of each.
 
     A cone, or the head of an arrow and its shaft, which ends within the head.
     """
@@ -125,9 +126,10 @@ def _parts(item: Glyphs, length: Floats) -> list[tuple[Floats, Floats, Floats]]:
 
 
 def keys_of(data: FlowSource, scene: Scene, view: View) -> tuple[Legend, ...]:
-    """How long each object's glyphs of a round magnitude are, where lengths tell magnitudes.
+    """Length of each object's glyphs of a round magnitude, for objects whose lengths show magnitudes.
 
-    In perspective that is the length at the mean depth of those that begin in the picture; no key where none do.
+    In perspective this is the length at the mean depth of the glyphs that start in the picture; without any there is no
+    key.
     """
     found = []
     for item in scene.every_object:

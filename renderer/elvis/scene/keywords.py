@@ -1,7 +1,7 @@
-"""Scenes from keywords of Python, by the names of the command line and of scene files: ``contours=10, plane=(p, n)``.
+"""Scenes from Python keywords named like options and keys of scene files: ``contours=10, plane=(p, n)``.
 
-Names, checks and sentences are those of the models.  A value may be the model's own (``Plane(p, n)``), plain numbers
-and names (``(p, n)``, ``10``, ``"turbo"``), or the text that the option takes (``"0,0,0:0,0,1"``).
+Names, checks and messages come from the models.  A value may be a model (``Plane(p, n)``), plain numbers and names
+(``(p, n)``, ``10``, ``"turbo"``), or the text that the option accepts (``"0,0,0:0,0,1"``).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from elvis.scene.tables import scene_of, table_of
 #: keys of a scene that say nothing of one picture in Python, and what to do instead
 ELSEWHERE = {
     "stats": "numbers are in .stats of the picture",
-    "data": "data stand first, without a keyword",
+    "data": "data come first, without a keyword",
     "scenes": "several scenes are drawn one by one",
     "panels": "several scenes are drawn one by one",
     "fields": 'reader={"fields": "u,p"} reads some of the fields',
@@ -58,7 +58,7 @@ _SURFACES = get_args(Surface)
 
 @dataclass(frozen=True)
 class Keyword:
-    """What a keyword sets: the key of the scene, of its style, or the kind of an object."""
+    """Target of a keyword: a key of the scene or of its style, or a kind of object."""
 
     key: str
     setting: Setting
@@ -80,15 +80,15 @@ def keywords() -> dict[str, Keyword]:
 
 
 def scene_of_keywords(given: Mapping[str, Any], base: Scene | None = None, files: Sequence[Path] = ()) -> Scene:
-    """The scene that keywords say, over ``base`` or over the scene file among ``files``, whose others are its data.
+    """The scene of keywords, based on ``base`` or on the scene file among ``files``; the other files are its data.
 
-    KeywordError with a near name for a keyword that there is not, SceneError for a value that can't be.
+    KeywordError with a similar name for an unknown keyword, SceneError for an invalid value.
     """
     options: dict[str, Any] = {}
     for name, value in given.items():
         keyword = _keyword(name)
         if keyword.key in options:
-            raise KeywordError(f"{name}: it is given twice, under two names")
+            raise KeywordError(f"{name}: given twice, under two names")
         if value is not None:
             options[keyword.key] = _meaning(name, keyword, value)
     base = base or Scene()
@@ -102,18 +102,18 @@ def scene_of_keywords(given: Mapping[str, Any], base: Scene | None = None, files
 
 
 def _keyword(name: str) -> Keyword:
-    """What a name sets; KeywordError where it is none."""
+    """The target of a name; KeywordError for an unknown name."""
     known = keywords()
     own = name if name in known else SAME.get(name, name)
     if own in known:
         return known[own]
     if advice(name):
-        raise KeywordError(f"there is no keyword {name!r} here: {advice(name)}")
+        raise KeywordError(f"unknown keyword {name!r}: {advice(name)}")
     if name in ELSEWHERE:
-        raise KeywordError(f"there is no keyword {name!r} here: {ELSEWHERE[name]}")
+        raise KeywordError(f"unknown keyword {name!r}: {ELSEWHERE[name]}")
     near = nearest(name, known)
     told = f"did you mean {near}?" if near else f"there are {', '.join(sorted(known))}"
-    raise KeywordError(f"there is no keyword {name!r}: {told}")
+    raise KeywordError(f"unknown keyword {name!r}: {told}")
 
 
 def _meaning(name: str, keyword: Keyword, value: Any) -> Any:
@@ -134,7 +134,7 @@ def _meaning(name: str, keyword: Keyword, value: Any) -> Any:
 
 
 def _one(setting: Setting, form: Callable[[Any], Any], value: Any) -> Any:
-    """A single value, from a text of the command line or from plain values; those of the models stay."""
+    """A single value from a text of the command line or from plain values; instances of models remain unchanged."""
     if isinstance(value, str) and setting.parse:
         return getattr(parameters, setting.parse)(value)
     return form(value)

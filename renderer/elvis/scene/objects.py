@@ -1,4 +1,4 @@
-"""What a scene shows: cut surfaces, faces, isosurfaces, volumes, streamlines, glyphs."""
+"""Objects of a scene: cut surfaces, faces, isosurfaces, volumes, streamlines, glyphs."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -72,7 +72,7 @@ class Isosurface(Model, of="an isosurface"):
     )
 
     def check(self) -> None:
-        """SceneError where there is no value."""
+        """SceneError if there is no value."""
         check(len(self.values), "values of an isosurface", "at least one", "none")
 
 
@@ -238,17 +238,17 @@ class Streamlines(Model, of="streamlines"):
     )
 
     def check(self) -> None:
-        """SceneError where nothing says where lines begin, for a direction that there is not, and for two sizes."""
+        """SceneError if there are no seeds, for an unknown direction, and if more than one size is given."""
         check(len(self.seeds) or self.cores or self.along, "seeds of streamlines", "at least one", "none")
         directions = ("forward", "backward", "both")
         check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
         sizes = [name for name in ("radius", "width", "ribbon") if getattr(self, name) is not None]
         check(len(sizes) < 2, "streamlines", "a radius, a width or a ribbon", " and ".join(sizes))
         check(self.across is None or any(self.across), "across of streamlines", "a direction", "zero")
-        check(self.across is None or self.ribbon, "across of streamlines", "the width of a ribbon, too", "none")
+        check(self.across is None or self.ribbon, "across of streamlines", "also the width of a ribbon", "none")
         check(self.arrows_by in ("length", "time"), "arrows_by of streamlines", "length or time", self.arrows_by)
         alone = self.arrow_length is None and self.arrows_by == "length"
-        check(self.arrows or alone, "arrows of streamlines", "how far apart they are", "nothing")
+        check(self.arrows or alone, "arrows of streamlines", "their spacing", "nothing")
         check(self.wall is None or not self.ribbon, "ribbons", "lines in elements", f"lines on the wall {self.wall}")
         others = self.wall, self.ribbon, self.duration, self.arrows
         is_plain = self.direction == "forward" and all(own is None for own in others)
@@ -260,7 +260,7 @@ class Streamlines(Model, of="streamlines"):
         check(not self.style.on_surfaces, "style of streamlines", "no contours, no mesh lines and no lic", "some")
 
     def _check_cores(self) -> None:
-        """SceneError where settings of lines from seeds are given of cores, or those of cores without."""
+        """SceneError if seeds are combined with cores, or if settings of cores are given without cores."""
         if self.cores is None:
             alone = not self.least_swirl and not self.least_length
             check(alone, "streamlines", "cores with least_swirl and least_length", "none")
@@ -272,7 +272,7 @@ class Streamlines(Model, of="streamlines"):
         self._check_no_seeds("cores")
 
     def _check_no_seeds(self, kind: str) -> None:
-        """SceneError for settings of lines from seeds, beside what is in place of them."""
+        """SceneError for settings of lines from seeds that are combined with a replacement of seeds."""
         default = Streamlines(("",))
         followed = (
             "direction",
@@ -346,7 +346,7 @@ class Glyphs(Model, of="glyphs"):
     )
 
     def check(self) -> None:
-        """SceneError where nothing says where they stand, and for a shape or lengths that there are not."""
+        """SceneError if there are no points, and for an unknown shape or an unknown kind of lengths."""
         check(len(self.points), "points of glyphs", "at least one", "none")
         check(self.shape in ("arrow", "cone"), "shape of glyphs", "arrow or cone", self.shape)
         check(self.lengths in ("magnitude", "equal"), "lengths of glyphs", "magnitude or equal", self.lengths)

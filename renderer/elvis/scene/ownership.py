@@ -46,7 +46,7 @@ def check_own(names: Iterable[str]) -> None:
     for name in names:
         if os.path.lexists(name) and not is_own(name):
             raise SceneError(
-                f"{name}: not written: the scene file names it, and ElVis did not write what is there; "
+                f"{name}: not written: the scene file names it, but ElVis did not write the existing file; "
                 "name another output with -o or --stats, or pass --overwrite"
             )
 

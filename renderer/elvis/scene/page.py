@@ -25,9 +25,9 @@ AT_ONCE = 1 << 20
 
 
 class Part:
-    """A small drawing on a page; places are those of the page, and what lies beyond it is cut off.
+    """A small drawing on a page, in positions of the page, cropped to its size.
 
-    corner  column and row of the page where it begins
+    corner  column and row of the page at which it begins
     """
 
     def __init__(self, corner: tuple[int, int], image: Image.Image) -> None:
@@ -44,11 +44,11 @@ class Part:
         return place[0] - self.corner[0], place[1] - self.corner[1]
 
     def text(self, place: Place, text: str, **how: Any) -> None:
-        """As ImageDraw.text, without control characters."""
+        """Draw text as ImageDraw.text does, without control characters."""
         self._draw.text(self._own(place), visible(text), **how)
 
     def line(self, one: Place, other: Place, **how: Any) -> None:
-        """As ImageDraw.line, between two places."""
+        """Draw a line between two positions, as ImageDraw.line does."""
         self._draw.line([self._own(one), self._own(other)], **how)
 
     def rectangle(self, one: Place, other: Place, **how: Any) -> None:
@@ -69,11 +69,11 @@ class Part:
 
 @dataclass(frozen=True)
 class BarPlace:
-    """Where a colour bar lies.
+    """Position of a colour bar.
 
-    legend   what it tells
+    legend   legend that it shows
     box      left, top, width and height in pixels of the page
-    upright  low values are below; else to the left
+    upright  low values are at the bottom; else on the left
     """
 
     legend: Legend
@@ -83,10 +83,10 @@ class BarPlace:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where things lie on a picture with all that explains it, in pixels from its upper left corner.
+    """Positions on a picture with all its annotations, in pixels from the upper left corner.
 
     size    width and height
-    corner  column and row where the image begins
+    corner  column and row at which the image begins
     """
 
     size: tuple[int, int]
@@ -110,7 +110,7 @@ class Page:
 
     @property
     def layout(self) -> Layout:
-        """Where the image and its colour bars lie."""
+        """Positions of the image and its colour bars."""
         return Layout((self.width, self.height), self.corner, self.bars)
 
     def rows(self, first: int, last: int) -> Pixels:
@@ -132,7 +132,7 @@ class Page:
             yield self.rows(first, min(first + step, self.height))
 
     def part(self, box: tuple[int, int, int, int]) -> Part:
-        """What the page shows in a box, cut off at its border, to be drawn upon; it belongs to the page."""
+        """The contents of the page in a box, cropped at its border, as a part of the page for drawing."""
         left, right = np.clip((box[0], box[2]), 0, self.width)
         top, bottom = np.clip((box[1], box[3]), 0, self.height)
         shown = np.ascontiguousarray(self.rows(int(top), int(bottom))[:, left:right])
@@ -147,6 +147,6 @@ def _put(page: Pixels, what: Pixels, corner: tuple[int, int]) -> None:
     if what.strides[1] == what.shape[2]:
         place[...] = what
         return
-    # what has gaps between its pixels is copied colour by colour, many times faster than pixel by pixel
+    # arrays with gaps between their pixels are copied colour by colour, many times faster than pixel by pixel
     for color in range(what.shape[2]):
         place[..., color] = what[..., color]

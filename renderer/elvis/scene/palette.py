@@ -19,7 +19,7 @@ from elvis.scene.errors import SceneError
 
 #: a function of many values at once
 Change: TypeAlias = Callable[[Floats], Floats]
-#: colour of what is seen but is not a finite number
+#: colour of visible values that are not finite
 NOT_A_NUMBER = (1.0, 0.0, 1.0)
 STEPS = 256
 #: part of its size by which the rounding of a constant's evaluation may change it
@@ -63,7 +63,7 @@ class Palette:
         if bar.scale == "log" and not self.low > 0.0:
             raise SceneError(
                 f"a logarithmic scale: expected a range above zero, found {self.low:g} to {self.high:g}: "
-                "give two values for the range, or scale=symlog"
+                "use two values for the range, or scale=symlog"
             )
         count = bar.bands or STEPS
         table = self.table if bar.bands is None else self.table[np.rint(np.linspace(0, STEPS - 1, count)).astype(int)]
@@ -118,7 +118,7 @@ def linear_part(bar: ColorBar, low: float, high: float) -> float:
 
 
 def scales(bar: ColorBar, low: float, high: float) -> tuple[Change, Change]:
-    """What goes evenly with colours as a function of the values (k,) of a range, and its inverse."""
+    """Function from the values (k,) of a range to a scale linear in colour, and its inverse."""
     if bar.scale == "log":
         return np.log, np.exp
     if bar.scale == "linear":
@@ -182,9 +182,9 @@ def points_in(file: str) -> list[tuple[float, ...]]:
 
 
 def automatic_range(values: Floats) -> tuple[float, float]:
-    """Least and greatest finite value; (0, 1) where there is none; half as much and half as much again of a constant.
+    """Minimum and maximum finite value; (0, 1) without finite values; for a constant, 50 % below and above it.
 
-    A constant is also what varies by rounding alone, by less than CONSTANT of its size.
+    Values that differ only by rounding, by less than CONSTANT of their size, count as constant.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -204,5 +204,5 @@ def text_color_on(background: Vector) -> Vector:
 
 
 def is_constant(low: float, high: float) -> bool:
-    """Whether values between two vary by rounding alone."""
+    """Whether values between two bounds differ only by rounding."""
     return high - low <= CONSTANT * max(abs(low), abs(high))

@@ -113,7 +113,7 @@ class Panel:
             self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.page.points, va="bottom")
 
     def common_bar(self, legend: Legend, span: Floats) -> None:
-        """A bar along all panels, with the corners (2, 2), beside what stands around them."""
+        """A bar along all panels, next to their annotations, with the corners (2, 2) of the pictures."""
         every = np.concatenate([panel.edges() + panel.corner for panel in self.page.panels])
         box = np.array([every.min(axis=0), every.max(axis=0)])
         self._add_bar(Bar(self, legend, box - self.corner, span - self.corner))
@@ -148,7 +148,7 @@ class Panel:
         self._text(x + 0.5, self.height - 0.5 - y, ruler.name, style="italic", **align)
 
     def _draw_arrows(self) -> None:
-        """Arrows along x, y and z below the picture's left corner, those that point away from the viewer first."""
+        """Arrows along x, y and z below the picture's left corner; those pointing away from the viewer are first."""
         right, up, forward = self.frame.view.camera.basis()
         middle = np.array([2.2 * self.unit, 2.2 * self.unit])
         for axis in np.argsort(-forward):
@@ -185,7 +185,7 @@ class Panel:
         self._text(right + self.unit, y, arrow.text, fontsize=0.9 * self.page.points)
 
     def _draw_notes(self) -> None:
-        """Sentences that tell what nothing else tells, below the picture."""
+        """Notes below the picture with information that no legend shows."""
         most = max(20, int(self.width / (self.page.points * self.page.scene.dpi / 72 * 0.55)))
         labelled = any(stroke.labels for stroke in (self.frame.drawing.strokes if self.frame.drawing else ()))
         lines = [line for text in sentences(self.frame, contours=not labelled) for line in wrap(text, most)]
@@ -195,7 +195,7 @@ class Panel:
 
 
 class Bar:
-    """A colour bar beside a box (2, 2) of pixels, along the span (2, 2) of the pictures; both from a panel's corner."""
+    """A colour bar next to a box (2, 2) of pixels, along the span (2, 2) of the pictures, from a panel's corner."""
 
     def __init__(self, panel: Panel, legend: Legend, box: Floats, span: Floats) -> None:
         from elvis.scene.style import ColorBar

@@ -1,4 +1,4 @@
-"""What a scene file may not say, as it may come from anybody: which code to run, and what to write elsewhere."""
+"""Limits of scene files, which may come from untrusted sources: code that runs, and files outside their folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from elvis.scene.whole import Scene
 
 #: suffixes of pictures and records
 JPEG = (".jpg", ".jpeg")
-#: those that hold colours of pixels alone
+#: formats that store only pixel colours
 PIXELS = (".png", *JPEG)
 PICTURES = (*PIXELS, ".svg", ".pdf", ".exr", ".npz")
 #: suffixes of files that a scene may write, by key
@@ -21,21 +21,21 @@ SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
 
 
 def check_permitted(table: Table, folder: Path) -> None:
-    """SceneError where a scene file in ``folder`` names a plugin's file, or what it may not write.
+    """SceneError if a scene file in ``folder`` names a plugin's file, or an output that it may not write.
 
     table  of a valid scene
     """
     if _is_plugin_file(table.get("plugin")):
         raise SceneError(
-            f"plugin: expected the name of an installed plugin, found {table['plugin']!r}: a scene runs no file; "
-            "one that you trust is named with --plugin"
+            f"plugin: expected the name of an installed plugin, found {table['plugin']!r}: a scene may not run files; "
+            "name a trusted file with --plugin"
         )
     for key in SUFFIXES:
         for place, name in _file_names(key, table.get(key)):
             fault = fault_of(name, SUFFIXES[key], folder)
             if fault:
                 option = settings(Scene)[key].option.split()[0]
-                raise SceneError(f"{place}: expected {fault}, found {name!r}; other places are named with {option}")
+                raise SceneError(f"{place}: expected {fault}, found {name!r}; use {option} for other places")
 
 
 def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:
@@ -73,7 +73,7 @@ def _file_names(key: str, value: Any) -> list[tuple[str, str]]:
 
 
 def fault_of(name: str, suffixes: tuple[str, ...], folder: Path) -> str:
-    """What the name of a file to be written by a scene in ``folder`` should have been; nothing where it is good."""
+    """The expected form of the name of an output of a scene in ``folder``; empty if the name is valid."""
     path = Path(name)
     if path.is_absolute() or ".." in path.parts:
         return "a name next to the scene or in a folder below"
@@ -85,5 +85,5 @@ def fault_of(name: str, suffixes: tuple[str, ...], folder: Path) -> str:
         return f"a name that ends in {', '.join(suffixes)}"
     home = Path(os.path.realpath(folder))
     if home not in Path(os.path.realpath(folder / path)).parents:
-        return "a name that no link leads out of the scene's folder"
+        return "a name without links out of the scene's folder"
     return ""

@@ -40,7 +40,7 @@ def picture(frame: Frame, *, plain: bool = False) -> Image.Image:
 
 
 def page(frame: Frame, *, plain: bool = False) -> Page:
-    """The same, of which some rows can be had at a time."""
+    """The page of a picture, which provides rows on request."""
     if not plain:
         return _add_frame(frame)
     height, width = frame.rgb.shape[:2]
@@ -59,7 +59,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     if not narrowest < span < 1e301:
         return [low, high]
 
-    # the shortest step of which few enough multiples lie in the range
+    # the shortest step with few enough multiples in the range
     power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
     for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
         step = power * factor
@@ -71,7 +71,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def labels(values: list[float]) -> list[str]:
-    """Texts that tell neighbouring ticks apart, in as few digits as that takes."""
+    """Labels that distinguish neighbouring ticks, with as few digits as possible."""
     if len(values) < 2:
         return [f"{value:.6g}" for value in values]
     step = max(values[1] - values[0], 5e-324)
@@ -86,7 +86,7 @@ def labels(values: list[float]) -> list[str]:
 
 
 def _add_frame(frame: Frame) -> Page:
-    """The image on its background with its axes; the title above, a bar for each colour map beside it, notes below."""
+    """The image on its background with its axes; title above, colour bars on the right, notes below."""
     image_height, image_width = frame.rgb.shape[:2]
     unit = max(10, round(min(image_width, image_height) / 45))
     font = ImageFont.load_default(1.4 * unit)
@@ -99,7 +99,7 @@ def _add_frame(frame: Frame) -> Page:
     bar_height = max(image_height, 6 * unit if mapped else 0)  # what numbers of a bar need
     bars = [_Bar(legend, len(mapped) > 1, unit, bar_height, small, text_color) for legend in mapped]
 
-    # the page: a unit of margin, and what is above, beside and below the image
+    # the page: a unit of margin, and the parts above, to the right of and below the image
     width_of_image = image_width + 2 * unit + sum(bar.width for bar in bars)
     keys = [_Key(legend.arrow, unit) for legend in frame.legends if legend.arrow]
     width = max([width_of_image, *(key.width(small) + 2 * unit for key in keys)])
@@ -246,9 +246,10 @@ def notes(frame: Frame, width: float, font: Font) -> list[str]:
 
 
 def sentences(frame: Frame, *, contours: bool) -> list[str]:
-    """What bars don't tell: the only value of what has no bar and, where wanted, the values of contours.
+    """Notes on values without a bar: single visible values and, if requested, the values of contours.
 
-    Values of the scene are printed exactly, others with the digits that tell them well apart from their neighbours.
+    Values given in the scene are printed exactly, others with enough digits to distinguish them clearly from their
+    neighbours.
     """
     return [" ".join(words) for words in _notes(frame, contours=contours)]
 
@@ -281,7 +282,7 @@ def typed_values(frame: Frame) -> set[float]:
 
 
 def _contour_note(legend: Legend, typed: set[float]) -> list[str]:
-    """What contours are of, word by word."""
+    """Quantity and values of contours, word by word."""
     words = [f"{text}," for text in mark_texts(legend, typed)]
     if len(words) > 16:
         words = [*words[:3], "…", words[-1]]
@@ -290,12 +291,12 @@ def _contour_note(legend: Legend, typed: set[float]) -> list[str]:
 
 
 def mark_texts(legend: Legend, typed: set[float]) -> list[str]:
-    """The values of contours: those that the scene has exactly, others as far as it takes to tell them well apart."""
+    """Values of contours: given ones exactly, others with enough digits to distinguish them clearly."""
     return value_labels([value for value, _ in legend.marks], typed)
 
 
 def value_labels(values: Sequence[float], typed: Set[float] = frozenset()) -> list[str]:
-    """Texts of values in as many digits as tell them well apart from their neighbours; of ``typed`` ones in all."""
+    """Texts of values with enough digits to distinguish neighbours clearly; all digits for ``typed`` values."""
     gaps = np.diff(np.unique(values))
     narrowest = gaps.min() if len(gaps) else 1e-4 * abs(values[0])
     decimals = 1 - int(np.floor(np.log10(max(narrowest, 1e-300))))
@@ -326,7 +327,7 @@ def fitted(text: str, width: float, font: Font) -> str:
 
 
 def _length(text: str, font: Font) -> float:
-    """Width of a text in pixels; of a long one that of its beginning."""
+    """Width of a text in pixels; for a long text the width of its beginning."""
     return font.getlength(text[:MAX_MEASURED])
 
 
@@ -353,9 +354,9 @@ _FINER = 4
 
 
 def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
-    """Arrows along x, y and z in a corner of the image, those that point away from the viewer first.
+    """Arrows along x, y and z in a corner of the image; those pointing away from the viewer are first.
 
-    Where all corners show data, a pale disc keeps them legible.
+    If all corners show data, a pale disc keeps the arrows legible.
     """
     side = 7 * unit
     column, row, is_free = _emptiest(frame, side)

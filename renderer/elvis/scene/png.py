@@ -33,10 +33,11 @@ def write_png(file: BinaryIO, width: int, height: int, strips: Iterable[NDArray[
 
 
 def _filtered(strip: NDArray[np.uint8], above: NDArray[np.uint8]) -> bytes:
-    """The rows of a strip, each with the number of its filter, after the row (width, 3) above them.
+    """The rows of a strip, each preceded by the number of its filter, after the row (width, 3) above them.
 
-    Of the filters that leave a row as it is (0), take the pixel to the left (1) or that above (2) from each, a row has
-    the one whose differences are least in sum, taken as signed numbers: the standard's advice.
+    The filters leave a row unchanged (0), or subtract the pixel to the left (1) or above (2).  Each row takes the
+    filter
+    with the smallest sum of absolute differences, as signed numbers, as the standard recommends.
     """
     left = strip.copy()
     left[:, 1:] -= strip[:, :-1]

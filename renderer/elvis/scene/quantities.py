@@ -1,4 +1,4 @@
-"""What a scene evaluates."""
+"""Quantities that a scene evaluates."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def quantities(scene: Scene) -> tuple[str, ...]:
 
 
 def vector_components(scene: Scene) -> tuple[str, ...]:
-    """What the vectors of a scene are made of, each once; the speed stands for a velocity that nothing names."""
+    """Components of the vectors of a scene, each once; the speed replaces an unnamed velocity."""
     given: list[str | None] = []
     for item in scene.every_object:
         if isinstance(item, Streamlines) and item.along is None:
@@ -53,9 +53,9 @@ def velocities(scene: Scene) -> tuple[tuple[str, ...], ...]:
 
 
 def with_velocities(scene: Scene, names: Names, kind: Kind) -> Scene:
-    """The scene with the velocities that its streaks follow, named; SceneError for those that can't be.
+    """The scene with the velocities of its streaks named; SceneError for invalid ones.
 
-    names  what the data have
+    names  names in the data
     Curves have no streaks.
     """
     dimension = 2 if kind is Kind.PLANE else 3
@@ -70,7 +70,7 @@ def _has_streaks(item: SceneObject) -> bool:
 
 
 def _with_velocity(item: SceneObject, names: Names, dimension: int) -> SceneObject:
-    """The same of one object; where nothing is said, what is customary in the data."""
+    """An object with the velocity of its streaks named, by default the velocity of the data."""
     if isinstance(item, VolumeRendering) or item.style.lic is None:
         return item
     lic = item.style.lic

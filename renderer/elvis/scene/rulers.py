@@ -1,6 +1,6 @@
-"""Where world coordinates are in a picture: ticks beside it or along the domain's box, edges of that, scale bars.
+"""World coordinates in a picture: ticks next to it or along the domain's box, edges of the box, scale bars.
 
-Places are columns and rows of the picture, as in elvis.scene.strokes.
+Positions are columns and rows of the picture, as in elvis.scene.strokes.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def seen_of(view: View, points: Floats) -> Floats:
 
 
 def box_edges(frame: Frame) -> list[Floats]:
-    """What nothing hides of the edges of the domain's box: polylines (k, 2)."""
+    """Visible parts of the edges of the domain's box: polylines (k, 2)."""
     assert frame.box is not None
     found = []
     for _, ends in edges_of(frame.box):
@@ -138,7 +138,7 @@ def _ruler(view: View, axis: int, ends: Floats, line: Floats, middle: Floats) ->
 
 
 def _is_silhouette(view: View, box: Floats, axis: int, ends: Floats) -> bool:
-    """Whether one of the two sides of a box beside an edge faces the eye and the other does not."""
+    """Whether one of the two sides of a box at an edge faces the eye and the other does not."""
     middle = box.mean(axis=0)
     towards = view.camera.basis()[2]
     if view.perspective:

@@ -79,7 +79,7 @@ def _save_pixels(frame: Frame, stream: BinaryIO, plain: bool) -> Layout:
 
 
 def _save_jpeg(frame: Frame, path: Path, make: Callable[[BinaryIO], object]) -> None:
-    """Write as JPEG what is made as PNG; SceneError for a transparent background, and for sides that are too long."""
+    """Write as JPEG a picture made as PNG; SceneError for a transparent background and for sides that are too long."""
     if frame.scene.is_clear:
         raise SceneError("background: JPEG has no transparency: expected three numbers, or a .png")
     pixels = BytesIO()

@@ -1,7 +1,7 @@
-"""What is stated of each setting of a scene, once, next to its name, type and default: see Setting.
+"""Settings of a scene, each stated once, next to its name, type and default: see Setting.
 
-The options of commands, the checks, the errors, the JSON schema and docs/scene.md are made of it.  Loads neither NumPy
-nor pydantic, so that commands start quickly; `validation` has what needs pydantic.
+The options of commands, the checks, the errors, the JSON schema and docs/scene.md are generated from them.  Loads
+neither NumPy nor pydantic, so that commands start quickly; `validation` contains the parts that need pydantic.
 """
 
 import operator
@@ -32,18 +32,18 @@ def check(holds: object, what: str, expected: str, found: object) -> None:
 class Setting:
     """A setting: ``opacity: Annotated[float, Setting("Opacity of the object.", gt=0, le=1)] = 1.0``.
 
-    help            what it does, in a sentence
+    help            its meaning, in a sentence
     gt, ge, lt, le  bounds of the number, or of each number of a list
     finite          whether numbers without bounds must be finite; those with bounds must, unless ``le`` is infinite
     unit            of the numbers
-    expected        what the numbers are to be, where bounds and unit don't say it
-    names           all texts that are possible
-    default         the default in words, where its value doesn't say it
-    option          names of the option of the command line, with blanks between; empty: there is none
-    metavar         how the option's value is written
+    expected        valid numbers in words, if bounds and unit don't describe them
+    names           all possible texts
+    default         the default in words, if its value doesn't describe it
+    option          names of the command line option, separated by blanks; empty: there is no option
+    metavar         form of the option's value
     parse           the function of ``commands.parameters`` that reads it; empty: its type does
     repeatable      whether the option may be given several times
-    option_help     sentence of the option, where it is not that of the setting
+    option_help     help of the option, if it differs from that of the setting
     """
 
     help: str
@@ -70,7 +70,7 @@ class Setting:
 
     @property
     def values_text(self) -> str:
-        """What the numbers are to be: ``0 to 1``, ``seconds above 0``; empty where any will do."""
+        """Valid numbers in words: ``0 to 1``, ``seconds above 0``; empty if all numbers are valid."""
         what, bounds = self.unit or "a number", {name: f"{bound:g}" for name, bound in self.bounds.items()}
         if self.expected or not bounds:
             return self.expected or ("a finite number" if self.finite else "")
@@ -144,11 +144,11 @@ def _check_length(value: Any, what: str) -> None:
 class Text:
     """A text that names files, by its kind.
 
-    file        it is a name
-    palette     it is one where it ends in .xml
-    expression  it may measure distances to triangles in files
-    seeds       it is one where it has none of the other forms of seeds
-    other       a name in expressions, =, and files with commas between them
+    file        the name of a file
+    palette     the name of a file if it ends in .xml
+    expression  may contain distances to triangles in files
+    seeds       the name of a file if it has no other form of seeds
+    other       a name in expressions, =, and files separated by commas
     """
 
     kind: Literal["file", "palette", "expression", "seeds", "other"]
@@ -185,7 +185,7 @@ PaletteName: TypeAlias = Annotated[str, Text("palette")]
 Seeds: TypeAlias = Annotated[str, Text("seeds")]
 #: a field, an expression or a predefined quantity
 Quantity: TypeAlias = Annotated[str, Text("expression")]
-#: a velocity that is followed, or None for what is customary
+#: a velocity that lines follow, or None for the default
 Components: TypeAlias = Annotated[
     Quantity | None,
     Setting(
@@ -215,9 +215,9 @@ Memory: TypeAlias = Annotated[
 
 
 class Model:
-    """What the dataclasses of a scene have in common: settings that are checked, and a text of those that are set.
+    """Base of the dataclasses of a scene: settings that are checked, and a representation of those that are set.
 
-    noun  says in errors whose setting it is
+    noun  names the owner of a setting in errors
     """
 
     noun: ClassVar[str] = ""
@@ -225,7 +225,7 @@ class Model:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 
     def __new__(cls: type[Made], *values: Any, **named: Any) -> Made:
-        """An empty object; KeywordError with a near name for a keyword that there is not."""
+        """An empty object; KeywordError with a similar name for an unknown keyword."""
         known = cls.__dataclass_fields__  # type: ignore[attr-defined]
         for name in named.keys() - known.keys():
             near = nearest(name, known)
@@ -251,7 +251,7 @@ class Model:
             _check_length(getattr(self, field.name), f"{field.name}{self.noun}")
 
     def check(self) -> None:
-        """SceneError where settings are not what they should be, for more than their own bounds."""
+        """SceneError for invalid settings, beyond their own bounds."""
 
     def __repr__(self) -> str:
         given = [f"{name}={value!r}" for name, value in given_values(self).items()]
@@ -304,14 +304,14 @@ def given_values(item: Any) -> dict[str, Any]:
 
 
 def text_of(hint: Any) -> Text | None:
-    """What is known of the texts in a place of some type, also of those in a list."""
+    """The kind of texts in a place of some type, also in a list."""
     found = _of_kind(Text, hint)
     parts = () if found else get_args(hint)
     return found or next(filter(None, map(text_of, parts)), None)
 
 
 def _of_kind(kind: type, hint: Any) -> Any:
-    """What of a kind annotates a type, None where nothing does."""
+    """The annotation of a kind in a type, None if there is none."""
     return next((item for item in getattr(hint, "__metadata__", ()) if isinstance(item, kind)), None)
 
 
@@ -324,12 +324,12 @@ def choices(hint: Any) -> tuple[Any, ...]:
 
 
 def is_free(hint: Any) -> bool:
-    """Whether a type is that of lists of any length."""
+    """Whether a type is a list of any length."""
     return get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis
 
 
 def type_words(hint: Any) -> str:
-    """What stands in a place of some type, for errors and pages: ``a finite number``, ``a list of 3``."""
+    """Description of the values of a type, for errors and pages: ``a finite number``, ``a list of 3``."""
     text = _of_kind(Text, hint)
     own = choices(hint)
     if text:

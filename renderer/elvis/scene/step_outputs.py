@@ -1,4 +1,4 @@
-"""Files of pictures of steps that are to come, each of which may have its own: ``u_{step:04}.png``."""
+"""Files for the pictures of later steps, each of which may have its own name: ``u_{step:04}.png``."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def save_step(frame: Frame, step: int, time: float, is_from_file: bool) -> list[
 
 
 def first_outputs(scene: Scene) -> list[str]:
-    """Those of the first step; SceneError for what can't be drawn of steps that are to come, or can't be written."""
+    """Outputs of the first step; SceneError if later steps can't be drawn, or if an output can't be written."""
     if scene.range == "series":
-        raise SceneError("range: the steps to come are not known: expected seen, all or two values")
+        raise SceneError("range: later steps are not known: expected seen, all or two values")
     outputs = outputs_of(scene, 0, 0.0)
     for name in outputs:
         check_suffix(Path(name))

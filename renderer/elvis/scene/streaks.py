@@ -67,9 +67,9 @@ def _mixed(values: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 @lru_cache(maxsize=1)
 def _covariance() -> tuple[float, float]:
-    """Variance of the noise at a place, and the integral of its covariance along a line, in cells; means over both.
+    """Variance of the noise at a point, and the integral of its covariance along a line, in cells; means over both.
 
-    In each direction the noise is white numbers times _SMOOTH times a hat, so that its covariance is their
+    In each direction the noise is white numbers times _SMOOTH times a hat function, so its covariance is their
     autocorrelation: that of _SMOOTH between cubic B-splines.
     """
     weights = np.convolve(_SMOOTH, _SMOOTH)
@@ -101,12 +101,12 @@ def weights(length: float) -> tuple[float, Floats]:
 
 
 def tones(mean: Floats, weight: Floats, squares: Floats, width: float) -> Floats:
-    """(n,) from -1 to 1, as dark or bright as means of the noise (n,) are, so that all have the same contrast.
+    """Tones (n,) from -1 to 1, from means (n,) of the noise along lines, scaled to equal contrast.
 
-    weight, squares  (n,) integrals of the weights, and of their squares, along the lines as far as they went
+    weight, squares  (n,) integrals of the weights, and of their squares, along the lines
 
-    The variance of a mean is known: for long lines the integral of the covariance times squares over weight², for
-    short ones that of the noise; in between, squares of the inverses of both add up, exactly so where covariance and
+    The variance of a mean is known: for long lines it is the integral of the covariance times squares over weight², for
+    short ones that of the noise; in between, the squares of the inverses of both add up, exactly so if covariance and
     weights are Gaussian.
     """
     variance, integral = spread(width)

@@ -15,7 +15,7 @@ from elvis.scene import Vector
 
 #: ends of short lines that are nearer than this are one, in pixels
 SAME = 0.04
-#: how far a curve may be from the short lines that it is made of, in pixels
+#: maximum distance of a curve from its short lines, in pixels
 STRAIGHT = 0.005
 #: how far from where borders meet the distances to them are those to single ones, in pixels
 ROOM = 2.5
@@ -113,10 +113,10 @@ def simplify(line: Floats) -> Floats:
 
 
 def meet_at_corners(lines: tuple[Floats, ...]) -> tuple[Floats, ...]:
-    """Borders (k, 2) of elements with better ends where three or more meet.
+    """Borders (k, 2) of elements with improved ends where three or more meet.
 
-    Distances to the nearest border say nothing of the other ones beside a vertex: there lines go on as they do ROOM
-    away, to the point that is nearest to all of them.
+    Next to a vertex, distances to the nearest border give no information about the others.  There each line is extended
+    straight from ROOM away, to the point that is nearest to all of them.
     """
     better = list(lines)
     for place, ends in _ends_by_place(lines).items():
@@ -143,7 +143,7 @@ def _ends_by_place(lines: tuple[Floats, ...]) -> dict[tuple[float, ...], list[tu
 
 
 def _from_end(line: Floats, is_last: bool) -> Floats:
-    """A line that begins at its last point, or as it is; and back again."""
+    """A line reversed if it starts at its last point, else unchanged; applied twice, the line itself."""
     return line[::-1] if is_last else line
 
 
@@ -181,12 +181,13 @@ def _nearest_to(tails: list[_Tail]) -> Floats | None:
 def borders(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[Floats, Floats, Ints]:
     """Short lines between pixels of different owners: starts and ends (n, 2), and the pixel (n,) each lies on.
 
-    owner     (h, w) whose the pixels are, -1 where nothing is
-    distance  (h, w) pixels to the nearest border of the owner's element, infinite where that is not known
-    depth     (h, w) of two surfaces the nearer one ends here
+    owner     (h, w) owners of the pixels, -1 for empty pixels
+    distance  (h, w) pixels to the nearest border of the owner's element, infinite if unknown
+    depth     (h, w) depths: of two surfaces the nearer one ends at the border
     first     (2,) column and row of the first pixel
-    Between two centres the border is where the distances from both say; where one side is empty, or another surface
-    behind, where the distance goes to zero.  Where more than two owners meet, lines go to the middle.
+
+    Between two centres the border follows from both distances; next to an empty side, or another surface behind, it is
+    where the distance reaches zero.  If more than two owners meet, lines go to the middle.
     """
     crossings, is_crossed = _square_sides(owner, distance, depth, first)
     count = np.count_nonzero(is_crossed, axis=2)
@@ -208,7 +209,7 @@ def borders(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[
 
 
 def _square_sides(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[Floats, Bools]:
-    """Where borders cross the sides of the squares between centres: (h - 1, w - 1, 4, 2), and whether they do.
+    """Crossings (h - 1, w - 1, 4, 2) of borders with the sides of the squares between centres, and whether they exist.
 
     Sides are the upper, the lower, the left and the right one.
     """
@@ -236,7 +237,8 @@ def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bo
     with np.errstate(invalid="ignore", divide="ignore"):
         between = left / sum_of_both
 
-    # one ends alone, where nothing or another surface is: the distance from the one that is there, or nearer
+    # only one element ends at an empty pixel or at another surface: use the distance of the one present, or of the
+    # nearer one
     start = _border_distance(owner, distance)
     end = 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
     nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)

@@ -8,7 +8,7 @@ from elvis.scene.convolution import Lic
 from elvis.scene.settings import Model, PaletteName, Quantity, Setting, check
 from elvis.scene.surfaces import Vector
 
-#: what is the same for all colours
+#: common settings of all colours
 COLOR: dict[str, Any] = {
     "ge": 0,
     "le": 1,
@@ -83,7 +83,7 @@ class ColorBar(Model, of="a colour bar"):
     ] = "right"
 
     def check(self) -> None:
-        """SceneError for a scale or a place that there is not."""
+        """SceneError for an unknown scale or position."""
         check(self.scale in ("linear", "log", "symlog"), "scale of a colour bar", "linear, log or symlog", self.scale)
         places = ("right", "left", "top", "bottom", "none")
         check(self.position in places, "position of a colour bar", " or ".join(places), self.position)
@@ -146,7 +146,7 @@ class Style(Model):
 
     @property
     def on_surfaces(self) -> bool:
-        """Whether it has what is drawn on surfaces alone."""
+        """Whether it has a setting that applies only to surfaces."""
         return any(part is not None for part in (self.contours, self.mesh_lines, self.lic))
 
     def check(self) -> None:

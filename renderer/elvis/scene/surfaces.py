@@ -26,7 +26,7 @@ def unit(vector: "Vector | Floats", what: str) -> "Floats":
 
 
 def cross(a: "Floats", b: "Floats") -> "Floats":
-    """The cross product of two vectors (3,), to the bit that of NumPy, which is slow with single ones."""
+    """The cross product of two vectors (3,), bitwise equal to NumPy's, which is slow for single vectors."""
     import numpy as np
 
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()

@@ -33,7 +33,7 @@ def scene_of(table: Table, folder: str = "") -> Scene:
 
 
 def table_of(item: Any, folder: str | None = None) -> Table:
-    """The table of a scene or of a part of it, without what has its default; file names relative to ``folder``."""
+    """The table of a scene or of a part of it, without defaults, with file names relative to ``folder``."""
     if folder is not None:
         item = with_files(item, lambda name: os.path.relpath(name, folder or "."))
     given = {name: _plain(value) for name, value in given_values(item).items() if value is not None}
@@ -46,7 +46,7 @@ def steps_of(key: str) -> list[int | str]:
 
 
 def input_files(scene: Scene) -> list[Path]:
-    """The files that a scene reads: data, triangles, colour maps; not those that it writes."""
+    """The input files of a scene: data, triangles, colour maps."""
     found: list[Path] = []
 
     def note(name: str) -> str:

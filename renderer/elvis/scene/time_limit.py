@@ -1,6 +1,6 @@
-"""What ends a picture in the making: its time limit, or a caller that has no use for it any more.
+"""Limits that end an unfinished picture: its time limit, or a caller that no longer needs it.
 
-All that takes long, in the renderer and in the reference, looks at both from within.
+All long computations, in the renderer and in the reference, check both.
 """
 
 from __future__ import annotations
@@ -53,4 +53,4 @@ def check_time() -> None:
         raise SceneError(f"the picture was not done after {known[1]:g} s, the time limit: nothing is written")
     is_obsolete = _is_obsolete.get()
     if is_obsolete is not None and is_obsolete():
-        raise ObsoleteError("nobody waits for this picture any more")
+        raise ObsoleteError("the picture is no longer requested")

@@ -24,15 +24,15 @@ _NAMED, _MARKED = 10, 60
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Values of quantities at places over time.
+    """Values of quantities at points over time.
 
     times   (n,)
     places  the name of each curve, "" for one that needs none
-    values  (places, n) by quantity, NaN where there is none
-    over    what ``times`` are, where they are none
-    is_reversed  whether values grow downwards
-    is_logarithmic  whether both axes are
-    overlays     points (n, 2) that are drawn too, by what they are called
+    values  (places, n) by quantity, NaN if missing
+    over    meaning of ``times`` if they are not times
+    is_reversed  whether the y axis is reversed
+    is_logarithmic  whether both axes are logarithmic
+    overlays     points (n, 2) to plot in addition, by label
     """
 
     times: Floats
@@ -82,7 +82,7 @@ class Plot:
 
 
 def _alone(curve: Floats) -> Bools:
-    """(n,) which of the values (n,), NaN where there is none, have no other beside them: a line shows none of these."""
+    """Flags (n,) of the values (n,), NaN if missing, that have no neighbour: a line plot does not show them."""
     known = np.pad(np.isfinite(curve), 1)
     return np.asarray(known[1:-1] & ~known[:-2] & ~known[2:])
 
@@ -124,7 +124,7 @@ def _save(path: Path, build: Callable[[], Any]) -> None:
 
 
 def _panels(count: int, is_shared: bool) -> tuple[Any, Any]:
-    """A figure, and its panels one below the other, which may share what is below them."""
+    """A figure and its panels, stacked, which may share their x axis."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

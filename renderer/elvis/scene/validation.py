@@ -25,7 +25,7 @@ from elvis.scene.whole import Scene
 
 #: errors of pydantic about keys that a table hasn't
 UNKNOWN = ("unexpected_keyword_argument", "invalid_key")
-#: errors of pydantic about the key that tells tables apart
+#: errors of pydantic about the key that distinguishes tables
 KIND = ("union_tag_invalid", "union_tag_not_found")
 #: words of JSON Schema for bounds
 BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
@@ -34,7 +34,7 @@ DEEPEST = 50
 
 
 def scene_from(table: Any) -> Scene:
-    """The scene in a table; SceneError that names the key and its place, what was expected and what was found."""
+    """The scene of a table; SceneError with the key and its place, the expected value and the value found."""
     _check_plain(table, "", DEEPEST)
     try:
         scene: Scene = _validator().validate_python(table)
@@ -53,7 +53,7 @@ def scene_schema() -> dict[str, Any]:
 
 
 def _plain_schema(node: Any) -> Any:
-    """A schema without titles, which repeat names, and lists of one alternative; tables told apart need their kind."""
+    """A schema without titles, which repeat names, and without lists of one alternative; unions require a kind."""
     if isinstance(node, list):
         return [_plain_schema(item) for item in node]
     if not isinstance(node, dict):
@@ -109,7 +109,7 @@ def _loosen(node: Any) -> None:
 
 
 def annotated(hint: Any) -> Any:
-    """A type of the models with what pydantic is to know of it: lengths of lists, and how it tells alternatives."""
+    """A type of the models with the annotations for pydantic: lengths of lists, and the choice between alternatives."""
     if is_free(hint):
         items: Any = annotated(get_args(hint)[0])
         return Annotated[GenericAlias(tuple, (items, ...)), Field(max_length=LONGEST)]
@@ -125,7 +125,7 @@ def annotated(hint: Any) -> Any:
 
 
 def filled(schema: Any) -> Any:
-    """A schema of texts that aren't empty; they may hold what is no UTF-8, as names of files do."""
+    """A schema of texts that are not empty; they may be invalid UTF-8, like file names."""
 
     def check_filled(text: str) -> str:
         if not text:

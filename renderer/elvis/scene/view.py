@@ -1,7 +1,7 @@
-"""Cameras turned into numbers: from pixels to rays and plane points, and from world points to pixels.
+"""Numerical cameras: from pixels to rays and plane points, and from world points to pixels.
 
 Pixel (i, j) is column i from the left and row j from the top; integer coordinates are pixel centres.  In windows of a
-picture pixels keep their columns and rows, so that what is computed for them is the same to the last bit.
+picture, pixels keep their columns and rows, so that computed values are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Shown = TypeVar("Shown", bound="View")
 
 #: cosine between a view and the plane's normal below which the plane is a line
 EDGE_ON = 1e-9
-MARGIN = 1.04  # a fitted view is this much larger than what it shows
+MARGIN = 1.04  # size of a fitted view relative to its contents
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class View:
         return replace(self, top=first, height=last - first, part_of=self.whole)
 
     def shifted(self, x: float, y: float) -> View:
-        """The same pixels, whose rays are those of points so many columns and rows beside their centres."""
+        """The view with rays through points shifted by x columns and y rows from the pixel centres."""
         shift = np.array([x, y, 0.0])[:, None] * self.to_pixel[2]
         corner = self.corner + x * self.column + y * self.row
         part_of = None if self.part_of is None else self.part_of.shifted(x, y)
@@ -111,7 +111,7 @@ class View:
         return np.asarray((rows - self.top) * self.width + (columns - self.left))
 
     def shows_same(self, other: View) -> bool:
-        """Whether the rays of all pixels are those of another view."""
+        """Whether the rays of all pixels equal those of another view."""
         if self is other:
             return True
         if any(getattr(self, name) != getattr(other, name) for name in ("camera", "width", "height", "left", "top")):
@@ -235,9 +235,9 @@ class PlaneView(View):
 
 
 def view_of(scene: Scene) -> View:
-    """The view of a scene whose camera and size are known (see fitting.automatic); a plane alone is in it.
+    """The view of a scene whose camera and size are known (see fitting.automatic).
 
-    Raises SceneError where the camera looks along the plane.
+    A view of a single plane contains the plane.  Raises SceneError if the camera looks along it.
     """
     assert isinstance(scene.camera, Camera)
     assert scene.size is not None
@@ -246,14 +246,14 @@ def view_of(scene: Scene) -> View:
         return view
     view = PlaneView.on(view, scene.only_plane)
     if view.edge_on:
-        raise SceneError("the camera looks along the plane, so that nothing of it can be seen: choose another view")
+        raise SceneError("the camera looks along the plane, so it is not visible: choose another view")
     return view
 
 
 def _plane_point(view: View, plane: Plane) -> Floats:
     """Numerators and weights of plane points: ray o + d w meets the plane through p in o - w n.(o - p) / n.w.
 
-    Of o and w, functions of a pixel, one is the same everywhere, so that numerators are linear in column and row.
+    One of o and w, which are functions of a pixel, is constant, so numerators are linear in column and row.
     """
     normal, point = unit(plane.normal, "the normal of the plane"), np.asarray(plane.point, dtype=np.float64)
     from_point, forward = view.camera.eye - point, view.camera.basis()[2]

@@ -62,8 +62,8 @@ class Camera(Model):
     def basis(self) -> "tuple[Floats, Floats, Floats]":
         """Unit vectors right, up and forward.
 
-        Where the camera looks along ``up``, y is upwards, and z where it looks along that.
-        Raises SceneError where the view or ``up`` has no direction.
+        If the camera looks along ``up``, y is upward, or z if it looks along y.
+        Raises SceneError if the view or ``up`` has no direction.
         """
         return self._axes
 
@@ -113,7 +113,7 @@ class Reference(Model, of="the reference values"):
 
     @property
     def values(self) -> dict[str, float]:
-        """Those that are given, by name."""
+        """The given reference values by name."""
         return {name: value for name in settings(Reference) if (value := getattr(self, name)) is not None}
 
 
@@ -439,13 +439,13 @@ class Scene(Model):
 
     @classmethod
     def elsewhere(cls, name: str) -> str:
-        """What render's keywords call a style or an object."""
+        """A hint for names that are keywords of render and belong to a style or an object."""
         from elvis.scene.keywords import keywords
 
         near = nearest(name, [*cls.__dataclass_fields__, *keywords()])
         if not near or near in cls.__dataclass_fields__:
             return ""
-        return f"render(data, {near}=...) has, a scene has objects with styles"
+        return f"use render(data, {near}=...), or a style of an object of the scene"
 
     def check(self) -> None:
         """SceneError for a size that no picture has, an unknown view, a range that doesn't ascend."""
@@ -456,7 +456,7 @@ class Scene(Model):
         if isinstance(self.camera, str) and self.camera != "fit" and self.camera not in NAMED_VIEWS:
             meant = perhaps(self.camera, NAMED_VIEWS)
             raise SceneError(f"unknown view {self.camera!r}{meant}: expected fit, {', '.join(NAMED_VIEWS)} or a camera")
-        check(self.step is None or self.time is None, "step", "no time beside it", self.time)
+        check(self.step is None or self.time is None, "step", "no time next to it", self.time)
         check(self.between in BETWEEN, "between", "linear, cubic or nearest", repr(self.between))
         ends = self.region
         good = ends is None or (ends[0] < ends[1] and ends[2] < ends[3])
@@ -480,7 +480,7 @@ class Scene(Model):
 
     @property
     def is_traced(self) -> bool:
-        """Whether lines are drawn over the pixels, as curves: in vector graphics, with labels, around what is seen."""
+        """Whether lines are drawn as curves over the pixels: in vector graphics, with labels, or as an outline."""
         items = self.every_object
         if any(isinstance(item, VolumeRendering) for item in items):
             return False
@@ -495,7 +495,7 @@ class Scene(Model):
 
     @property
     def moment(self) -> Moment:
-        """What of a series is shown."""
+        """Step, time and interpolation of the series that is shown."""
         return Moment(self.step, self.time, self.between)
 
     @property

@@ -1,4 +1,4 @@
-"""Who may reach the viewer: token, host and origin of requests, limits of unfinished ones, a private first page."""
+"""Access to the viewer: token, host and origin of requests, limits of unfinished ones, a private first page."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ LOGGER.addFilter(_is_own_fault)
 
 
 def refusal(request: web.Request, token: str, hosts: Collection[str]) -> str | None:
-    """Why a request is refused, in one sentence; None if it may enter.
+    """Reason for rejecting a request, in one sentence; None if it is accepted.
 
-    token  that the address must have
-    hosts  host names that may stand in the address, in addition to those of this machine
+    token  that the address must contain
+    hosts  host names that the address may contain, in addition to those of this machine
     """
     given = request.query.get("token", "")
     if not hmac.compare_digest(given.encode(), token.encode()):
@@ -92,7 +92,7 @@ def _is_same_origin(origin: str, request: web.Request) -> bool:
 class Connections:
     """Protocols of new connections, each of which must send the head of a request in time.
 
-    make  the protocol that answers requests
+    make  creates the protocol that answers requests
     """
 
     def __init__(self, make: Callable[[], asyncio.Protocol]) -> None:
@@ -145,7 +145,7 @@ class _Connection(asyncio.Protocol):
         self._inner.connection_lost(exc)
 
     def eof_received(self) -> bool | None:
-        """No more data will come."""
+        """Pass on the end of the data."""
         return self._inner.eof_received()
 
     def pause_writing(self) -> None:
@@ -166,7 +166,7 @@ class _Connection(asyncio.Protocol):
 def open_browser(address: str, pages: ExitStack) -> None:
     """Show an address in the browser by a `private_page`, which is removed with ``pages``.
 
-    Where no such page can be written the browser stays closed: the address is printed anyway.
+    If no such page can be written, the browser stays closed; the address is printed in any case.
     """
     with suppress(OSError):
         page = pages.enter_context(private_page(address, cache_folder("view")))

@@ -82,7 +82,7 @@ class Drawer:
 
     @property
     def pid(self) -> int | None:
-        """Of the process, None while there is none."""
+        """Id of the process, None if there is none."""
         return None if self._process is None else self._process.own.pid
 
     def close(self) -> None:
@@ -96,8 +96,8 @@ class Drawer:
         if process.is_alive():
             process.kill()
             process.join()
-        # The end of the process ends a wait for its answer; only then may the pipe be closed: a pipe that is closed
-        # while a thread reads it leaves that thread with no descriptor, or with that of another file.
+        # The end of the process ends a wait for its answer.  The pipe may only be closed after that: closing a pipe
+        # while a thread reads it leaves that thread with no descriptor, or with the descriptor of another file.
         if self._waiting is not None:
             self._waiting.join(2)
             if self._waiting.is_alive():

@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
-#: rows, or columns, of pixels that tell where the middle of what is seen is
+#: rows, or columns, of pixels sampled to find the middle of the visible part
 SAMPLES = 64
 Table = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Source:
-    """What is looked at: files, or data at hand, which the process gets a copy of.
+    """Source of the data: files, or data in memory, of which the process gets a copy.
 
-    reading  how files become data, None as by default
+    reading  options for reading the files, None for the defaults
     device   as of ``elvis render``
-    is_live  whether files are those of a run that goes on, whose newest step is shown
-    opening  what opens the files of one state, None for `elvis.plugins.data.open_data`
+    is_live  whether the files belong to a running solver, whose newest step is shown
+    opening  function that opens the files of one state, None for `elvis.plugins.data.open_data`
     """
 
     files: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ def run(pipe: Connection, newest: Any) -> None:
 
 
 def _import_ahead() -> None:
-    """Import what every picture takes, while the server still finds out what is wanted."""
+    """Import the modules of every picture while the server still processes the command."""
     import elvis.plugins.data
     import elvis.renderer.rendering
     import elvis.scene.saving  # noqa: F401
@@ -169,7 +169,7 @@ class _Drawing:
         return self._data
 
     def _facts(self, _: int, __: Any) -> Table:
-        """What the page offers: quantities, boundaries, the box around the data."""
+        """Choices that the page offers: quantities, boundaries, bounding box of the data."""
         from elvis.core.dataset import Dataset
         from elvis.core.distances.boundaries import bodies, names_of_boundaries
         from elvis.core.picturing import Kind
@@ -214,7 +214,7 @@ class _Drawing:
         self._take(self._moments.at(scene.moment))
         if content["is_draft"]:
             scene = draft_of(scene, content["part"])
-        # statistics ask for what is proved of contours
+        # statistics request the proved status of contours
         scene = replace(scene, stats="proof.json") if content["proof"] and is_final else scene
         with stopped_when(lambda: self._newest.value > number), nullcontext() if is_final else drafted():
             frame = self._pictures.draw(scene)
@@ -240,7 +240,7 @@ class _Drawing:
             self.__dict__.pop(name, None)
 
     def _follow(self, _: int, __: Any) -> bool:
-        """Whether there is a newer step of a run than the last that was told."""
+        """Whether a run has a newer step than the last one reported."""
         return self._moments.look()
 
     def _history(self, _: int, content: Table) -> Table:
@@ -252,9 +252,9 @@ class _Drawing:
         return self._moments.range_of(text)
 
     def _pick(self, _: int, content: Table) -> Table | None:
-        """What the last whole picture shows at a column and row of its pixels.
+        """Value of the last complete picture at a column and row of its pixels.
 
-        content  ``row``, ``column``; ``number`` of the picture that the page shows: None where that is another one
+        content  ``row``, ``column``; ``number`` of the picture that the page shows: None if it is another one
         """
         from elvis.core.errors import ElvisError
         from elvis.scene.frame import Status
@@ -291,7 +291,7 @@ class _Drawing:
         return [[float(value) for value in end] for end in ends]
 
     def _known_of(self, position: list[float]) -> Table:
-        """Order and Jacobian determinant of the element at a point, where the data tell."""
+        """Order and Jacobian determinant of the element at a point, if the data provide them."""
         import numpy as np
 
         from elvis.core.errors import ElvisError
@@ -306,7 +306,7 @@ class _Drawing:
 
     @cached_property
     def _element_sampler(self) -> Any:
-        """What finds elements and tells of them, made once; None for the data of runtime plugins."""
+        """The sampler that locates and describes elements, made once; None for the data of runtime plugins."""
         from elvis.core.dataset import Dataset
         from elvis.core.quantities import Expression, evaluator
         from elvis.plugins.serving import names_of
@@ -330,9 +330,9 @@ class _Drawing:
         }
 
     def _linear(self, number: int, content: Table) -> Table:
-        """What linear elements would show in place of the last picture, as the file of its image in base64.
+        """The last picture with linear elements, as the file of its image in base64.
 
-        content  ``level``: cuts of each element
+        content  ``level``: refinement of each element
         """
         from elvis.core.errors import ElvisError
         from elvis.scene.time_limit import stopped_when
@@ -345,7 +345,7 @@ class _Drawing:
 
     @cached_property
     def _linear_pictures(self) -> Any:
-        """What draws linear elements, which few need; ElvisError where the data are no dataset."""
+        """The renderer of linear elements, made on first use; ElvisError if the data are not a dataset."""
         from elvis.plugins.registry import load
 
         dataset = self._dataset("linear elements")
@@ -399,7 +399,7 @@ class _Drawing:
 
 
 def _facts_of(frame: Frame, layout: Layout) -> Table:
-    """What the page knows of a picture: its camera, where the image lies in it, counts, ranges, remarks."""
+    """Facts of a picture for the page: its camera, the position of the image, counts, ranges, remarks."""
     from elvis.scene.tables import table_of
 
     height, width = frame.element.shape
@@ -418,9 +418,9 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
 
 
 def _grouped(names: Names, of_elements: Sequence[str]) -> dict[str, list[str]]:
-    """What colours a picture, by chapter; in each by the alphabet, with numbers by their size.
+    """Quantities that can colour a picture, by chapter; each sorted alphabetically, with numbers by their value.
 
-    of_elements  what is known of elements
+    of_elements  quantities of elements
     """
     chapters = {
         "fields": names.fields,
@@ -442,7 +442,7 @@ def _natural(name: str) -> list[tuple[bool, int, str]]:
 
 
 def _middle_of(frame: Frame) -> list[float] | None:
-    """(3,) the middle of the box around what is seen, of pixels that lie apart; None where nothing is seen."""
+    """The middle (3,) of the box around visible points, from sampled pixels; None if nothing is visible."""
     import numpy as np
 
     step = max(1, min(frame.seen.shape) // SAMPLES)
@@ -457,7 +457,7 @@ def _middle_of(frame: Frame) -> list[float] | None:
 
 
 def _facts_of_bar(bar: BarPlace) -> Table:
-    """Where a colour bar lies, and which values are at its ends."""
+    """Position of a colour bar, and the values at its ends."""
     from elvis.scene.palette import linear_part
 
     palette = bar.legend.palette

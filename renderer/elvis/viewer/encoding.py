@@ -43,7 +43,7 @@ def lossless(frame: Frame) -> tuple[bytes, Layout]:
 
 
 def lossy(frame: Frame) -> tuple[bytes, Layout]:
-    """The image alone as JPEG."""
+    """The bare image as JPEG."""
     from PIL import Image
 
     from elvis.scene.page import Layout
@@ -67,7 +67,7 @@ def png(color: Floats) -> bytes:
 
 
 def with_proof(file: bytes, frame: Frame, corner: tuple[int, int]) -> bytes:
-    """The picture in grey, with what is not certain in colours."""
+    """The picture in grey, with uncertain pixels in colours."""
     import numpy as np
     from PIL import Image
 

@@ -1,4 +1,4 @@
-"""What pages may send: the messages, checked before the session acts on them."""
+"""Messages from pages, checked before the session acts on them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Text: TypeAlias = Annotated[str, Field(max_length=LONGEST_TEXT)]
 Key: TypeAlias = Annotated[str, Field(max_length=MAX_KEY)]
 Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 Place: TypeAlias = Annotated[list[Number], Field(min_length=2, max_length=3)]
-#: by which a page tells answers apart
+#: key by which a page distinguishes answers
 Id: TypeAlias = int | Key
 
 
@@ -93,7 +93,7 @@ class Level(Message):
 
 
 class Linear(Message):
-    """What linear elements would show."""
+    """Request for the picture of linear elements."""
 
     type: Literal["linear"]
     id: Id
@@ -109,7 +109,7 @@ class Pixel(Message):
 
 
 class Pick(Message):
-    """What a pixel shows."""
+    """Request for the value at a pixel."""
 
     type: Literal["pick"]
     id: Id
@@ -156,7 +156,7 @@ class OfQuantity(Message):
 
 
 class Seen(Message):
-    """The box of what is seen."""
+    """Request for the box of the visible points."""
 
     type: Literal["seen"]
     id: Id
@@ -194,7 +194,7 @@ _ADAPTER: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(disc
 
 
 def parsed(message: object) -> AnyMessage:
-    """The message in a table; ElvisError with its first fault for what is none."""
+    """The message in a table; ElvisError with its first fault for an invalid message."""
     try:
         return _ADAPTER.validate_python(message)
     except ValidationError as error:
@@ -206,7 +206,7 @@ def parsed(message: object) -> AnyMessage:
 
 
 def table_of_text(text: str) -> Any:
-    """What a text in JSON holds; ElvisError for another text, and for numbers that are not finite."""
+    """The value of a JSON text; ElvisError for invalid JSON, and for numbers that are not finite."""
     try:
         return json.loads(text, parse_constant=_refuse, parse_float=_finite)
     except RecursionError:

@@ -1,4 +1,4 @@
-"""What a viewer looks at: one state, or the moments of a series and what is told of all of them."""
+"""Data of a viewer: one state, or the steps of a series and the facts about all of them."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ MOST_STEPS = 200
 def source_of(
     scene: Scene, data: Dataset | PluginData | None = None, *, is_kept: bool = True, is_live: bool = False
 ) -> Source:
-    """What a scene is of: data that are at hand, or its files, in bricks where it limits memory.
+    """The source of a scene: data in memory, or its files, in bricks if the scene limits memory.
 
-    is_kept  whether conversions are kept
+    is_kept  whether conversions are cached
     is_live  see `Source`
     """
     from elvis.renderer.bricks import opening_for
@@ -38,9 +38,9 @@ def source_of(
 
 
 class Moments:
-    """The data of a viewer at one moment after another.
+    """The data of a viewer at successive times.
 
-    data   those of the moment that was shown last
+    data   of the time that was shown last
     """
 
     def __init__(self, source: Source) -> None:
@@ -81,7 +81,7 @@ class Moments:
 
     @property
     def times(self) -> list[float]:
-        """Those of the steps, none where there is one state."""
+        """Times of the steps, empty for one state."""
         return [] if self.series is None else [float(time) for time in self.series.times]
 
     def look(self) -> bool:

@@ -15,7 +15,7 @@ from elvis.scene.permissions import check_texts
 from elvis.scene.tables import Table, input_files, scene_of, steps_of
 from elvis.scene.whole import Scene
 
-#: keys of a scene that say what is read, run or written, or what is no matter of a page
+#: keys of a scene that define inputs, code and outputs, or that have no meaning on a page
 FIXED = {"data", "plugin", "reader", "others", "device", "outputs", "stats", "scenes", "panels", "timeout"}
 #: keys of objects
 _OBJECT = re.compile(r"plane|(objects|clip)\[(\d{1,9})\]")
@@ -72,7 +72,7 @@ def without(table: Table, key: str) -> tuple[Table, Table]:
 
 
 def put_back(table: Table, hidden: Table) -> Table:
-    """The table with an object where it was, or at the end; a plane beside another one becomes a cut."""
+    """The table with an object at its previous place, or at the end; a second plane becomes a cut."""
     name, number = _place(hidden["key"])
     result, item = deepcopy(table), deepcopy(hidden["item"])
     if number is None and name not in result:
@@ -110,5 +110,5 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
 
 
 def folder_of(own: Scene) -> Path:
-    """Where a saved scene is thought to stand: next to the data."""
+    """Assumed folder of a saved scene: that of the data."""
     return Path(own.data[0]).parent if own.data else Path()

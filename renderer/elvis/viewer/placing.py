@@ -1,4 +1,4 @@
-"""Where a page may have files written: under names in the folder of the data or below, once the viewer allows it."""
+"""Files that a page may write: with names in the folder of the data or below, if the viewer allows it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The page of a session on localhost: files of the page, one socket for each page, files that are saved.
 
-Whoever has the token may look and change the scene; addresses are relative, so that tunnels and proxies work.
+Everyone with the token may view and change the scene; addresses are relative, so that tunnels and proxies work.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ MOST_BYTES = 1 << 20
 MOST_WAITING = 500
 #: seconds in which most data that can't be read are found out
 DOUBT = 0.5
-#: files of the page, and what they are
+#: files of the page, and their types
 PAGE = {
     "": ("index.html", "text/html"),
     "viewer.js": ("viewer.js", "text/javascript"),
     "viewer.css": ("viewer.css", "text/css"),
 }
-#: the page runs its own code alone, and takes nothing from elsewhere
+#: the page runs only its own code and loads nothing from elsewhere
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
@@ -51,7 +51,7 @@ HEADERS = {
 class Server:
     """Serves a session.
 
-    token        what the address has to have
+    token        that addresses must contain
     allow_hosts  host names, such as those of proxies, that addresses may have in addition to those of this machine
     """
 
@@ -83,7 +83,7 @@ class Server:
             await self._runner.cleanup()
             # asyncio gives no number where the host has no address of this machine
             reason = error.strerror or "not an address of this machine"
-            raise ElvisError(f"cannot listen on {host}:{port}: {reason}; choose others with --host and --port") from error
+            raise ElvisError(f"cannot listen on {host}:{port}: {reason}; see --host and --port") from error
         self.session.start()
         return int(self._listening.sockets[0].getsockname()[1])
 
@@ -180,7 +180,7 @@ class Server:
 
 
 async def _post(socket: web.WebSocketResponse, outbox: asyncio.Queue[str | bytes]) -> None:
-    """Send what is in an outbox, one message after another, until the page is gone."""
+    """Send the messages of an outbox in order until the page disconnects."""
     with suppress(ConnectionError, RuntimeError):
         while True:
             message = await outbox.get()
@@ -200,7 +200,7 @@ def _how(request: web.Request) -> dict[str, Any]:
 
 
 def page_facts() -> dict[str, Any]:
-    """What the page makes its controls from: the schema of scenes, the names of colour maps."""
+    """Facts from which the page makes its controls: the schema of scenes, the names of colour maps."""
     from elvis.scene.validation import scene_schema
 
     return {"schema": scene_schema(), "palettes": list(PALETTES)}
@@ -214,7 +214,7 @@ PALETTES = (
 
 
 def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Tell of what nobody awaits, but for pages that go while something is sent to them, by a task of aiohttp's."""
+    """Report unhandled errors of tasks, except connections that pages reset while aiohttp sends."""
     if not isinstance(context.get("exception"), ConnectionResetError):
         loop.default_exception_handler(context)
 

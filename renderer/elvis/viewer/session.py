@@ -1,4 +1,4 @@
-"""A scene that is looked at: its history, the process that draws it, and those who look."""
+"""A scene in the viewer: its history, the process that draws it, and its viewers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ WATCH = 2.0
 DEATHS = 3
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
-#: size of bodies in parts of the data's box, above which the edges of the box are shown too
+#: size of bodies relative to the data's box, above which the edges of the box are also shown
 LARGE_BODY = 0.3
 #: objects that can be hidden
 MOST_HIDDEN = 1000
@@ -50,7 +50,7 @@ Shown: TypeAlias = tuple[Table, tuple[Table, ...]]
 
 
 async def refuse(viewer: Viewer, reason: str, message: object = None) -> None:
-    """Send a sentence about a message to the page that sent it."""
+    """Send the reason for rejecting a message to the page that sent it."""
     answer: Table = {"type": "error", "text": reason}
     own = id_of(message)
     if own is not None:
@@ -60,12 +60,12 @@ async def refuse(viewer: Viewer, reason: str, message: object = None) -> None:
 
 @dataclass(eq=False)
 class Session:
-    """A scene and those who look at it.
+    """A scene and its viewers.
 
-    scene      what is shown first; its files are the data
-    source     the same for the process that draws
-    may_write  whether pages may have files written, in the folder of the data or below
-    process    one that draws and has been started already
+    scene      shown first; its files are the data
+    source     of the data, for the drawing process
+    may_write  whether pages may write files in the folder of the data or below
+    process    a drawing process that has already been started
     """
 
     scene: Scene
@@ -93,7 +93,7 @@ class Session:
         self._sizing = Sizing()
         self._number = 0
         self._deaths = 0
-        #: the last scene of which there is a whole picture, or a sentence why there is none
+        #: the last scene with a complete picture, or with a reason why there is none
         self._settled = -1
         self._leavable = 0
         self._has_shown = False
@@ -101,7 +101,7 @@ class Session:
         self.on_unreadable: Callable[[str], bool] = lambda reason: False
         self._drawer = Drawer(self.source, self.process)
         self._files = WatchedFiles(self.scene.data)
-        #: what has changed on disk since the data were read
+        #: changes on disk since the data were read
         self._stale = ""
         self._wake = asyncio.Event()
         self._wake.set()
@@ -127,13 +127,13 @@ class Session:
         self._wake.set()
 
     def leave(self, viewer: Viewer) -> None:
-        """Somebody looks no more."""
+        """Remove a viewer."""
         self.viewers.discard(viewer)
 
     # what a page asks for
 
     async def receive(self, viewer: Viewer, message: object) -> None:
-        """A message of a page; what is wrong with it goes back as a sentence."""
+        """Handle a message of a page; errors are sent back as a sentence."""
         try:
             answer = await self._answer(viewer, parsed(message))
         except ElvisError as error:
@@ -170,7 +170,7 @@ class Session:
         return None
 
     async def _content_for(self, message: Question) -> Any:
-        """What a page asks for."""
+        """The content that a page requests."""
         match message:
             case messages.Copy():
                 return self.lines(message.content)
@@ -183,7 +183,7 @@ class Session:
         return await self._drawer.ask(message.type, known)
 
     def _resize(self, size: Sequence[float]) -> None:
-        """Draw in another size, within what is possible."""
+        """Draw in another size, within the limits."""
         width, height = (min(max(int(side), LEAST), MOST) for side in size)
         if (width, height) != self.size:
             self.size = width, height
@@ -194,7 +194,7 @@ class Session:
         await self._take(patched(self.table, changes), self.hidden, is_moving, by)
 
     async def hide(self, key: str) -> None:
-        """Keep an object, ``plane``, ``objects[n]`` or ``clip[n]``, and show it no more; SceneError for another key."""
+        """Hide an object, ``plane``, ``objects[n]`` or ``clip[n]``, and keep it; SceneError for another key."""
         if len(self.hidden) >= MOST_HIDDEN:
             raise SceneError(f"{MOST_HIDDEN} objects are already hidden; delete some of them")
         table, item = without(self.table, key)
@@ -251,12 +251,12 @@ class Session:
 
     @property
     def current(self) -> Scene:
-        """The scene as it is, with the size of the picture."""
+        """The current scene, with the size of the picture."""
         return replace(scene_of_page(self.table, self.scene), size=self.size)
 
     @property
     def name(self) -> str:
-        """That of the data, without their suffix, for titles and files; ``elvis`` for data that are no files."""
+        """The name of the data without suffix, for titles and files; ``elvis`` for data that are not files."""
         first = next(iter(self.scene.data), "elvis")
         return Path(Path(first).name.removesuffix(".gz")).stem or "elvis"
 
@@ -265,16 +265,16 @@ class Session:
         return scene_text(self.current, folder_of(self.scene) / f"scene{suffix}")
 
     def lines(self, language: str) -> str:
-        """What makes this picture elsewhere: the ``command`` or the lines of ``Python``; SceneError where none do."""
+        """A ``command`` or lines of ``Python`` that reproduce this picture; SceneError if there are none."""
         from elvis.scene.commandline.writing import command_of, python_of
 
         writers = {"command": command_of, "Python": python_of}
         return writers[language](self.current)
 
     async def content_of(self, suffix: str, how: Mapping[str, Any] = MappingProxyType({})) -> bytes:
-        """What is saved: the scene, or the picture or record of it; ElvisError for another suffix.
+        """The contents of a file to save: the scene, its picture or record; ElvisError for another suffix.
 
-        how  ``size`` and ``samples`` of a picture where they differ from the scene's; SceneError where they can't be
+        how  ``size`` and ``samples`` of a picture if they differ from the scene's; SceneError for invalid values
         """
         if suffix in SUFFIXES:
             return self.text(suffix).encode()
@@ -298,9 +298,9 @@ class Session:
         return {"wrote": str(place)}
 
     async def whole_message(self, patience: float) -> bytes | None:
-        """The whole picture of the scene as it is, with its facts; the last one that there was where it has none.
+        """The complete picture of the current scene, with its facts; the previous picture if there is none.
 
-        patience  seconds that this waits at most
+        patience  seconds to wait at most
         """
         end = perf_counter() + patience
         while self._settled < self.revision and perf_counter() < end:
@@ -350,7 +350,7 @@ class Session:
                 await self._give_up(fault_sentence(error))
 
     async def _watch_for_ever(self) -> None:
-        """Tell when files change that were read."""
+        """Report changes of the files that were read."""
         while True:
             await asyncio.sleep(WATCH)
             if self.source.is_live:
@@ -379,7 +379,7 @@ class Session:
                 await self._send_state()
 
     async def _read_again(self) -> None:
-        """Read the data as they are now; the scene stays."""
+        """Read the data again; the scene remains unchanged."""
         await self._drawer.restart()
         self.facts, self._stale = None, ""
         self.revision += 1
@@ -398,7 +398,7 @@ class Session:
         await self._send_state()
 
     def _begin(self, facts: Table) -> None:
-        """Show bodies alone where nothing says what to show, and a far field would hide them."""
+        """Show only bodies if no objects are given and a far field would hide them."""
         is_untouched = self.revision == 0 and not self._undo and self.table is self._start
         if not (is_untouched and facts.get("bodies")) or self.scene.every_object:
             return
@@ -423,7 +423,7 @@ class Session:
         except ElvisError:
             if not is_draft:
                 raise
-            # the whole picture tells what is wrong, if it is: a small one may miss all that there is
+            # only the complete picture reports errors: a small one may miss all visible points
             found, self._has_shown = None, True
         now = perf_counter()
         if is_draft:
@@ -471,12 +471,12 @@ class Session:
             await viewer.take(self._number, message, bool(facts["final"]))
 
     async def _give_up(self, text: str, is_empty: bool = False) -> None:
-        """There is no picture of this scene, and why; of an empty one another view may show something."""
+        """Report why there is no picture of this scene; for an empty one, another view may show something."""
         self._settled = self.revision
         await self._tell(text, is_empty)
 
     async def _tell(self, text: str, is_empty: bool = False) -> None:
-        """Tell those who look what is wrong; the terminal, where nobody looks yet."""
+        """Report an error to the viewers, or on the terminal while there are none."""
         if not self.viewers:
             warn(text)
         for viewer in list(self.viewers):

@@ -20,7 +20,7 @@ ERROR = 0.03
 
 
 class Sizing:
-    """What the last pictures took; times are those of one clock, in seconds."""
+    """Durations of the last pictures; times are those of one clock, in seconds."""
 
     def __init__(self) -> None:
         #: by the part of the full size: what a draft took, and when it was there
@@ -37,7 +37,7 @@ class Sizing:
         self._drafts, self._whole = {}, seconds
 
     def part(self, now: float) -> float:
-        """The greatest part that is likely to be drawn in time, else the smallest one; no more than twice the last."""
+        """The largest size that can probably be drawn in time, else the smallest; at most twice the last."""
         last = max((when for _, when in self._drafts.values()), default=now)
         known = {part: own for part, (own, when) in self._drafts.items() if now - when < AGE or when == last}
         if not known and self._whole is None:
@@ -56,9 +56,9 @@ class Sizing:
 
 
 def _expected(part: float, known: dict[float, float]) -> float:
-    """Seconds of a picture of some part: those that it took; else by the next larger one, as costs go with pixels.
+    """Expected seconds of a picture of some size: measured, or from the next larger one, as costs scale with pixels.
 
-    Where only smaller ones are known, half of the costs are taken to be the same for all sizes.
+    If only smaller sizes are known, half of the cost is assumed to be independent of the size.
     """
     larger = [other for other in known if other >= part]
     if larger:
@@ -71,7 +71,7 @@ def _expected(part: float, known: dict[float, float]) -> float:
 def draft_of(scene: Scene, part: float) -> Scene:
     """The scene with fewer pixels, one sample for each, and volumes to a coarse tolerance.
 
-    A picture, as records alone need reference coordinates.
+    It is a picture, since only records need reference coordinates.
     """
     assert scene.size is not None
     width, height = (max(16, round(part * side)) for side in scene.size)

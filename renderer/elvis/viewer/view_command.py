@@ -59,7 +59,7 @@ def view(
     """
     from elvis.viewer.drawing_process import spawn
 
-    # the process that draws gets ready while this one finds out what is wanted
+    # the drawing process starts while this one processes the command
     process = spawn()
     import asyncio
     from contextlib import ExitStack, suppress
@@ -79,7 +79,7 @@ def view(
     if not scene.data:
         raise SceneError("the scene names no data; also give the mesh and field files")
     if live and scene.range == "series":
-        raise SceneError("range: expected seen, all or two values with --live, as later steps are unknown; found series")
+        raise SceneError("range: later steps are not known: expected seen, all or two values")
     scene = with_range(scene, not no_cache)
     for path in expanded(tuple(map(Path, scene.data))) if not live else ():
         check_plain_or_folder(path)

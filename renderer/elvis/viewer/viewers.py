@@ -1,4 +1,4 @@
-"""Those who look at a session: pages and notebooks, which get pictures as fast as they show them."""
+"""Viewers of a session: pages and notebooks, which receive pictures as fast as they show them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Viewer:
     waiting: bytes | None = None
 
     async def take(self, number: int, message: bytes, is_final: bool) -> None:
-        """Send a picture, or keep a final one until there is room; others are left out."""
+        """Send a picture, or keep a final one until there is room; others are skipped."""
         if self.sent - self.confirmed >= UNCONFIRMED:
             self.waiting = message if is_final else self.waiting
             return

@@ -1,16 +1,16 @@
-"""Whether the files that were read are still what they were."""
+"""Detection of changes in the files that were read."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable
 
-#: what is known of a file: when it was changed, bytes; None where there is none
+#: stamp of a file: time of the last change, size in bytes; None for a missing file
 Stamp = tuple[int, int] | None
 
 
 class WatchedFiles:
-    """Files, and folders of files, that are compared with what they were when they were read."""
+    """Files, and folders of files, that are compared with their state at the time of reading."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._names = tuple(names)
@@ -21,7 +21,7 @@ class WatchedFiles:
         self._known = self._stamps()
 
     def sentence(self) -> str:
-        """What has changed since; empty where nothing has."""
+        """A sentence on changes since reading; empty if there are none."""
         now = self._stamps()
         changed = [name for name, known in self._known.items() if now.get(name) != known]
         if not changed:
@@ -38,7 +38,7 @@ class WatchedFiles:
 
 
 def _content(name: str) -> list[str]:
-    """The paths of what is in a folder; nothing where it is none."""
+    """The paths of the contents of a folder; empty for anything else."""
     try:
         return sorted(os.path.join(name, each) for each in os.listdir(name))
     except OSError:

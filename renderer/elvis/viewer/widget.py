@@ -38,18 +38,18 @@ PATIENCE = 20.0
 def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: Any) -> NotebookViewer:
     """A viewer of data in a notebook: ``view("wing.xml", "wing.fld")``, ``view(ds, "speed", plane=(point, normal))``.
 
-    data      what `read` returns, or files and scene files; then the quantity that colours the picture, or a Scene
-    scene     what is shown first, which keywords change
+    data      result of `read`, or files and scene files; then the quantity that colours the picture, or a Scene
+    scene     initial scene, which keywords change
     height    of the widget in pixels
     keywords  as of `render`
 
-    Raises as `render`; ElvisError where anywidget is not installed.
+    Raises as `render`; ElvisError if anywidget is not installed.
     """
     return NotebookViewer(Request.of(data, scene, keywords), height)
 
 
 class NotebookViewer:
-    """What a cell shows; the scene in Python and on the page is the same."""
+    """The output of a cell; the scene in Python and on the page is the same."""
 
     def __init__(self, request: Request, height: int) -> None:
         anywidget = require_module("anywidget", "view in a notebook", "notebook")
@@ -88,7 +88,7 @@ class NotebookViewer:
         asyncio.run_coroutine_threadsafe(self._answer(content), self._loop)
 
     async def _answer(self, content: Any) -> None:
-        """A message of the page; one that has just been opened is told all."""
+        """Handle a message of the page; a page that was just opened receives the complete state."""
         message = content if isinstance(content, dict) else {}
         if message.get("type") == "hello":
             await self._send(json.dumps({"type": "schema", **page_facts()}))
@@ -125,16 +125,16 @@ class NotebookViewer:
 
     @property
     def frame(self) -> Frame:
-        """The exact record of what is shown, drawn here."""
+        """The exact record of the current view, drawn here."""
         return self._drawn(self.scene)
 
     def save(self, path: str | Path, *, size: tuple[int, int] | None = None, samples: int | None = None) -> None:
-        """Write the picture, or the record, of what is shown.
+        """Write the picture, or the record, of the current view.
 
         size     width and height in pixels; those of the window by default
-        samples  samples each way whose mean a pixel is; those of the scene by default
+        samples  samples per pixel in each direction; those of the scene by default
 
-        Raises SceneError where these are none, or the name ends in no suffix of a picture or record.
+        Raises SceneError for invalid values, or for a name without a suffix of a picture or record.
         """
         scene = self.scene
         if size is not None:

@@ -1,1 +1,1 @@
-"""The commands of this area, one a module; each imports what is heavy inside its functions."""
+"""The commands of this area, one per module; each imports heavy modules inside its functions."""

@@ -133,7 +133,7 @@ def animate(
             return
         ranks = ALONE
     moving = [Key.of(*key) for key in keys]
-    folder, films = of_first(ranks, lambda: _places(outputs, data, overwrite), "the places of a film")
+    folder, films = of_first(ranks, lambda: _places(outputs, data, overwrite), "the outputs of an animation")
     is_new = not any(folder.glob("frame-*.png"))
     with ExitStack() as until_end:
         team = None if crew is None else until_end.enter_context(Team(crew, scene, not no_cache))
@@ -156,7 +156,7 @@ def animate(
 
 
 def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) -> tuple[Path, list[Path]]:
-    """The folder of frames and the films; ElvisError for what can't be written."""
+    """The folder of frames and the animations; ElvisError for invalid outputs."""
     from elvis.core.files.output import check_folder_place, check_places
     from elvis.renderer.film_files import FILMS, check_film
 
@@ -242,19 +242,19 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     of = {"field": scene.field, "between": scene.between, "files": files}
     of |= {"reader": list(scene.reader), "others": list(scene.others)}
     of |= {"reference": [f"{name}={value!r}" for name, value in scene.reference.values.items()]}
-    known = of_first(film.ranks, lambda: known_range(folder, of, film.files), "the range of a film")
+    known = of_first(film.ranks, lambda: known_range(folder, of, film.files), "the range of an animation")
     found = with_range(scene, is_kept, film.series, film.ranks) if known is None else replace(scene, range=known)
     return found, {"of": of, "range": found.range}
 
 
 def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | None) -> FrameFolder:
-    """Draw the frames that are missing, and tell what the series told."""
+    """Draw the missing frames, and report the remarks of the series."""
     from dataclasses import replace
 
     from elvis.core.terminal import note, track
     from elvis.renderer.bricks import peak_note
 
-    missing = of_first(film.ranks, frames.begin, "the frames of a film")
+    missing = of_first(film.ranks, frames.begin, "the frames of an animation")
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]
     told: list[str] = []
     drawn = film.write(shots) if team is None or not shots else team.write(shots, told)

@@ -1,4 +1,4 @@
-"""What ``elvis probe`` is asked at points."""
+"""The request of ``elvis probe`` at points."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked at points.
+    """Request for values at points.
 
     texts  quantities; None for all fields
-    every  whether every element that holds a point has a row
-    clip   a surface whose inside is left out, as `elvis.core.integrals.integrate` has it
+    every  whether every element that contains a point has a row
+    clip   a surface whose inside is excluded, as in `elvis.core.integrals.integrate`
     ranks  that share the points, or have parts of the elements
     """
 
@@ -39,7 +39,7 @@ class Asked:
         return tuple(self.texts or ()) if self.clip is None else ()
 
     def source(self, data: Data) -> Source:
-        """What answers, of the elements of a rank where that is enough."""
+        """The source of the values, with only a rank's own elements if they suffice."""
         return data.shared(self.ranks, self.comes_apart, self.quantities)
 
     def comes_apart(self, dataset: Dataset) -> bool:
@@ -51,11 +51,11 @@ class Asked:
         return all(each.is_borrowed for each in (*expressions(dataset, self.texts), *level))
 
     def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
-        """The table of quantities at places (n, 3); what is clipped is outside."""
+        """The table of quantities at points (n, 3); clipped points are outside."""
         if self.clip is None:
             return source.probe(places, wanted, self.every, self.ranks)
         if source.dataset is None:
-            raise ElvisError("--clip: expected data of a known map, found what a plugin opens")
+            raise ElvisError("--clip: expected data with a known element map, found data opened by a plugin")
         import numpy as np
 
         from elvis.core.integrals.levels_of_elements import Level

@@ -1,4 +1,4 @@
-"""Vortex cores of ``elvis trace --cores``: their options, and what is written and told of them."""
+"""Vortex cores of ``elvis trace --cores``: their options, output and messages."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ def check_course(course: Mapping[str, Any], is_followed: bool) -> None:
     """UsageError where settings are given that cores have not."""
     given = [name for name, value in course.items() if name != "velocity" and value not in (None, (), [])]
     if is_followed:
-        raise click.UsageError("--cores: expected no --ftle, --kind or --releases, as cores aren't followed from seeds")
+        raise click.UsageError("--cores: expected no --ftle, --kind or --releases, as cores are not traced from seeds")
     if given:
-        raise click.UsageError(f"--{given[0]}: expected without --cores, which are not followed from seeds")
+        raise click.UsageError(f"--{given[0]}: expected without --cores, which need no seeds")
 
 
 def check_seeds(limits: Mapping[str, Any], seeds: object) -> None:
     """UsageError where settings of cores are given without --cores, or neither seeds nor --cores."""
     for name, value in limits.items():
         if value not in (None, False):
-            raise click.UsageError(f"--{name.replace('_', '-')}: expected --cores, of which it tells which are shown")
+            raise click.UsageError(f"--{name.replace('_', '-')}: expected --cores, whose lines it selects")
     if not seeds:
         raise click.UsageError("expected --seeds, where lines begin, or --cores")
 
@@ -85,7 +85,7 @@ def trace_cores(
         check_places([output], data.inputs(), overwrite)
     source = data.source()
     if source.dataset is None:
-        raise click.UsageError("--cores searches what is native, but a runtime plugin opens these data")
+        raise click.UsageError("--cores needs native or converted data, found data of a runtime plugin")
     asked = {name: value for name, value in limits.items() if value is not None}
     with progress("searching vortex cores") as told:
         found = vortex_cores(
@@ -110,4 +110,4 @@ def _warn_of_undecided(found: VortexCores) -> None:
     if found.undecided:
         ids = ", ".join(map(str, found.undecided[:_LISTED]))
         more = ", …" if len(found.undecided) > _LISTED else ""
-        warn(f"in {len(found.undecided)} elements there may be more cores than were found: {ids}{more}")
+        warn(f"in {len(found.undecided)} elements, which are undecided, there may be more cores: {ids}{more}")

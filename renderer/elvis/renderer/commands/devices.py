@@ -1,4 +1,4 @@
-"""``elvis devices``: what can draw here."""
+"""``elvis devices``: the devices that can draw."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
         if not any(adapter.kind == "vulkan" for adapter in every):
             advice.append(f"no Vulkan device was found: {ADVICE}")
         if not any(adapter.kind == "cpu" for adapter in every):
-            advice.append(f"the device cpu is not offered: {COMPILER_ADVICE}")
+            advice.append(f"the device cpu is not available: {COMPILER_ADVICE}")
     reasons = {adapter.name: unfit(adapter) for adapter in every}
     chosen = next((adapter.name for adapter in by_preference(every) if not reasons[adapter.name]), "")
     rows = [(a.name, "software" if a.software else "GPU", a.label, a.name == chosen, reasons[a.name]) for a in every]
@@ -47,7 +47,7 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
         keys = ("name", "kind", "label", "auto", "unfit")
         print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return
-    said = [(*row[:3], "auto" if row[3] else row[4] and f"passed over: it {row[4]}") for row in rows]
+    said = [(*row[:3], "auto" if row[3] else row[4] and f"skipped: it {row[4]}") for row in rows]
     print_table(("device", "kind", "what it is", ""), said)
     for sentence in advice:
         warn(sentence)

@@ -1,4 +1,4 @@
-"""``elvis info``: what is in a dataset."""
+"""``elvis info``: the contents of a dataset."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def info(
     if strict + jacobian + predefined + extremes + critical > 1:
         raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
     if wall is not None and not critical:
-        raise click.UsageError("--wall: expected --critical, whose points on a wall it asks for")
+        raise click.UsageError("--wall: expected with --critical")
     if strict:
         _check(data.paths, ranks, as_json)
         return
@@ -113,14 +113,14 @@ def info(
     if source is None or (predefined and is_idle(ranks)):
         return
     tasks = (
-        (jacobian, "--jacobian proves", partial(_prove, as_json=as_json, many=many)),
-        (extremes, "--extrema bounds", partial(_bound, names=quantities, as_json=as_json)),
-        (critical, "--critical searches", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
+        (jacobian, "--jacobian", partial(_prove, as_json=as_json, many=many)),
+        (extremes, "--extrema", partial(_bound, names=quantities, as_json=as_json)),
+        (critical, "--critical", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
     )
     for is_asked, what, task in tasks:
         if is_asked:
             if not isinstance(source, NativeSource):
-                raise click.UsageError(f"{what} what is native, but a runtime plugin opens these data")
+                raise click.UsageError(f"{what} needs native or converted data, found data of a runtime plugin")
             task(source)
             return
     if predefined:
@@ -136,7 +136,7 @@ def info(
 
 
 def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], bool], ranks: Ranks) -> Source | None:
-    """What a rank tells of: its part, or where the data don't come apart all for the first one and None for others."""
+    """The data that a rank describes: its part; if data don't come apart, all on the first rank, else None."""
     found = data.part(ranks, comes_apart, series=series)
     if isinstance(found, NativeSource) and found.is_part:
         return found
@@ -146,16 +146,16 @@ def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], 
 
 
 def _are_borrowed(quantities: Sequence[str], dataset: Dataset) -> bool:
-    """Whether quantities on a part are made of it and of what it borrows."""
+    """Whether quantities on a part depend only on it and on the data that it borrows."""
     from elvis.core.quantities import Expression
 
     return all(Expression.of(dataset, text).is_borrowed for text in quantities)
 
 
 def _have_all_sides(quantities: Sequence[str], wall: str | None, ranks: Ranks, dataset: Dataset) -> bool:
-    """Whether quantities are those of elements by themselves, and all parts know their inner sides.
+    """Whether quantities depend only on single elements, and all parts know their inner sides.
 
-    wall  a boundary, if any, whose sides are no inner ones
+    wall  a boundary, if any, whose sides are not inner ones
     """
     from elvis.core.portions.portion import knows_inner_sides
     from elvis.core.quantities import Expression
@@ -167,7 +167,7 @@ def _have_all_sides(quantities: Sequence[str], wall: str | None, ranks: Ranks, d
 
 
 def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
-    """Print the least and the greatest value of quantities, where they are, and what is certain of them."""
+    """Print minimum and maximum of quantities, with positions and certified bounds."""
     from dataclasses import asdict
 
     from elvis.core.arguments import field_names
@@ -198,7 +198,7 @@ def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
 
 
 def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_json: bool) -> None:
-    """Print where a velocity is zero inside of the data, or its shear on a wall, with kinds, and what is undecided."""
+    """Print zeros of a velocity in the interior, or of its wall shear, with kinds, and undecided elements."""
     from elvis.core.terminal import note, print_json, print_table, stage, warn
 
     with stage("searching"):
@@ -215,9 +215,11 @@ def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_js
             rows.append((each.kind, str(each.index), place, str(each.element), values))
         print_table(("kind", "index", "place", "element", "eigenvalues"), rows)
     if found.undecided:
-        warn(f"undecided in {len(found.undecided)} elements, as along lines of zeros: {_first(found.undecided)}")
+        warn(
+            f"undecided in {len(found.undecided)} elements, for example along lines of zeros: {_first(found.undecided)}"
+        )
     if found.beside:
-        note(f"not searched beside the outer boundary, within 1/128 of {len(found.beside)} elements")
+        note(f"not searched next to the outer boundary, within 1/128 of {len(found.beside)} elements")
 
 
 def _first(ids: Sequence[int]) -> str:
@@ -262,12 +264,12 @@ def _check(data: tuple[Path, ...], ranks: Ranks, as_json: bool) -> None:
         print_json({"findings": facts})
     else:
         _print_findings("required by programs of the format:", required)
-        _print_findings("good practice, which programs of the format do without:", advised)
+        _print_findings("recommended, but not required by programs of the format:", advised)
         if not found:
-            say("all rules are kept")
+            say("all rules are met")
     if required:
-        count = f"{len(required)} that {'is' if len(required) == 1 else 'are'} broken"
-        raise ElvisError(f"expected files that keep all rules that are required, found {count}")
+        count = f"{len(required)} broken"
+        raise ElvisError(f"expected files that meet all required rules, found {count}")
 
 
 def _print_findings(title: str, found: Sequence[Finding]) -> None:
@@ -300,16 +302,17 @@ def _prove(source: NativeSource, as_json: bool, many: int | None) -> None:
     wrong, unknown = found.count(ValidityStatus.NOT_POSITIVE), found.count(ValidityStatus.UNDECIDED)
     if wrong or unknown:
         reasons = f"{wrong} where it is not and {unknown} where that could not be decided"
-        raise ElvisError(f"expected a positive Jacobian all over every element, found {reasons}")
+        raise ElvisError(f"expected a positive Jacobian everywhere in every element, found {reasons}")
 
 
 def _validity_sentence(facts: Facts) -> str:
     """One sentence on all elements."""
     if facts["range"] is None:
-        return f"{facts['elements']} elements, of none of which the Jacobian is known"
+        return f"{facts['elements']} elements, none with a known Jacobian"
     bounds = f"{facts['range']['lower']:.10g} to {facts['range']['upper']:.10g}"
     return (
-        f"{facts['positive']} of {facts['elements']} elements have a positive Jacobian all over; its range is {bounds}"
+        f"{facts['positive']} of {facts['elements']} elements have a positive Jacobian everywhere; "
+        f"its range is {bounds}"
     )
 
 

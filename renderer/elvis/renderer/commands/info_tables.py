@@ -1,4 +1,4 @@
-"""What ``elvis info`` prints of a dataset, as tables."""
+"""Tables of the facts that ``elvis info`` prints."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def print_opened(facts: Facts) -> None:
 
 
 def print_facts(facts: Facts, many: int | None) -> None:
-    """Print the facts as tables, lists of more than ``many`` cut with a word."""
+    """Print the facts as tables; lists of more than ``many`` rows are shortened, with a note."""
     from elvis.core.conversion_errors import REPORT
     from elvis.core.dataset import MAP_KEY
     from elvis.core.terminal import print_table
@@ -42,7 +42,7 @@ def print_facts(facts: Facts, many: int | None) -> None:
     orders = list(_orders(facts["fields"]))
     composites = [_composite_row(composite) for composite in facts["composites"]]
     report = RecordedReport.of(facts["metadata"])
-    # the table of the map has what these keys tell, and so has the report
+    # the table of the map shows these keys, and so does the report
     shown_elsewhere = {MAP_KEY, *((CONVERTED, REPORT) if report else ())}
     metadata = [item for item in facts["metadata"].items() if item[0] not in shown_elsewhere]
     ranges = [_range_row(*item) for item in facts.get("quantities", {}).items()]
@@ -94,7 +94,7 @@ def _steps(series: Facts) -> Iterator[tuple[object, ...]]:
 
 
 def _print_conversion(report: RecordedReport, many: int | None) -> None:
-    """Print what a conversion cost: a row for the coordinates and for each field, and what was noted."""
+    """Print the errors of a conversion: a row for the coordinates and for each field, and the notes."""
     from elvis.core.terminal import print_table, say
     from elvis.plugins.report import HEADERS
 
@@ -105,7 +105,7 @@ def _print_conversion(report: RecordedReport, many: int | None) -> None:
 
 
 def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
-    """Pairs of topic and what there is to say."""
+    """Pairs of topic and description."""
     mesh, geometry = facts["mesh"], facts["geometry"]
     yield "dimension", f"{facts['dimension']} in a space of {facts['space']}"
     counts = [f"{count} {label}" for label, count in mesh["elements"].items()]
@@ -194,7 +194,7 @@ def _composite_row(composite: Facts) -> tuple[object, ...]:
 
 
 def shortened(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
-    """At most ``many`` rows, the last of which says how many more there are."""
+    """At most ``many`` rows, the last of which states how many are missing."""
     if many is None or len(rows) <= many:
         return rows
     blank = ("",) * (len(rows[0]) - 2)

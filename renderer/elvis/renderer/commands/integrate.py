@@ -195,7 +195,7 @@ def _is_finished(found: _Moments) -> bool:
 
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
-    """Write, draw or print integrals, with a word on those that aren't what was asked for."""
+    """Write, plot or print integrals, with a warning for those that miss the requested error."""
     from elvis.core.files.columns import write_columns
     from elvis.core.integrals.integration import HEADERS
     from elvis.core.terminal import print_json, print_table, warn
@@ -242,7 +242,7 @@ def _check_histogram(
     clip: str | None,
     times: tuple[float, float, int] | str | None,
 ) -> None:
-    """UsageError where a histogram is asked for of what it isn't made of."""
+    """UsageError if a histogram is requested with unsupported options."""
     if not quantities or coefficients is not None or clip is not None or times is not None or over != ("domain",):
         raise click.UsageError(
             "--histogram: expected --field, of one state and the whole domain, found also one of --over, --clip, "
@@ -331,7 +331,7 @@ def _columns(found: _Moments) -> Columns:
 
 
 def _plot(path: Path, found: _Moments) -> None:
-    """A panel for each quantity, a curve for each of what it goes over."""
+    """Plot a panel for each quantity, with a curve for each target."""
     import numpy as np
 
     from elvis.scene.time_plot import Plot

@@ -21,7 +21,7 @@ def check_suffix(output: Path) -> None:
 
 
 def write_lines(output: Path, found: TracedLines | VortexCores, of_lines: Mapping[str, Any]) -> None:
-    """Write lines, with what is known of each, in the form that the suffix names."""
+    """Write lines, with the facts of each, in the format of the suffix."""
     from elvis.core.files.columns import write_columns
     from elvis.core.files.polydata import write_polylines
 

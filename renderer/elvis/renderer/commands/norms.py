@@ -74,7 +74,7 @@ def _facts(norm: Norm) -> dict[str, float | None]:
 
 
 def _tell_measure(quantities: tuple[str, ...], found: Mapping[str, Norm]) -> None:
-    """Say of the first constant what its norm is, and what was probably asked for: the volume."""
+    """Warn about the norm of the first constant, as its user probably expects the volume."""
     from elvis.core.errors import ElvisError
     from elvis.core.quantities import Expression, Names
     from elvis.core.terminal import warn

@@ -236,7 +236,7 @@ def probe(
 def _show(
     columns: Columns, places: Floats | None, plot: Path | None, look: Look, output: Path | None, as_json: bool
 ) -> None:
-    """Write, draw or print what was found at places (n, 3), or along curves."""
+    """Write, plot or print the values at points (n, 3), or along curves."""
     from elvis.core.files.columns import csv_lines, write_columns
     from elvis.core.terminal import print_json, visible
 
@@ -257,7 +257,9 @@ def _along(source: Source, curves: ProbeCurves, counts: tuple[int, ...] | None, 
     """The table along curves."""
     if source.dataset is None:
         name = curves.names[0]
-        raise ElvisError(f"--along: expected data of a known map, found what a plugin opens; {name} may be a --line")
+        raise ElvisError(
+            f"--along: expected data with a known element map, found data opened by a plugin; {name} may be a --line"
+        )
     context = click.get_current_context()
     if counts and (len(counts) > 1 or curves.speed is not None):
         expected = "no -n with --layers" if curves.speed is not None else "one number of points along a curve"
@@ -279,7 +281,7 @@ def _snapped(source: Source, boundary: str, places: Floats, asked: Asked) -> Col
     from elvis.core.wall_curves import at_walls
 
     if source.dataset is None:
-        raise ElvisError("--snap: expected data of a known map, found what a plugin opens")
+        raise ElvisError("--snap: expected data with a known element map, found data opened by a plugin")
     columns = at_walls(source.dataset, boundary, places, _wanted(source, asked.texts))
     note(f"points were moved onto {boundary} by up to {float(columns['distance'].max(initial=0.0)):.3g}")
     return columns
@@ -320,7 +322,7 @@ def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: 
 
 
 def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> None:
-    """Draw what was found at places (n, 3) over the times, or along curves."""
+    """Plot the values at points (n, 3) over the times, or along curves."""
     import numpy as np
 
     from elvis.scene.time_plot import Plot
@@ -344,7 +346,7 @@ def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> No
 
 
 def _columns(source: Source, places: Floats, asked: Asked) -> Columns:
-    """The table: what was asked, what was found, and one column a quantity; without rows but at the first rank."""
+    """The table: points, status, and one column per quantity; without rows except on the first rank."""
     from elvis.core.terminal import stage
 
     wanted = _wanted(source, asked.texts)
@@ -402,7 +404,7 @@ def _write_grid(
 
     opening = part(0)
     if not opening:
-        raise ElvisError("--grid: expected a quantity other than the coordinates, which are no part of a .nrrd file")
+        raise ElvisError("--grid: expected a quantity other than the coordinates, which a .nrrd file does not contain")
 
     def parts() -> Iterator[Floats]:
         yield np.column_stack(list(opening.values()))
@@ -413,9 +415,9 @@ def _write_grid(
 
 
 def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]:
-    """The quantities, all fields where none are named, but for those with the name of another column.
+    """The quantities, by default all fields, except those with the name of another column.
 
-    ElvisError where such a one is named, or there is no other.
+    ElvisError if such a quantity is named, or if no other remains.
     """
     from elvis.core.quantities.expression import taken_name
     from elvis.core.terminal import warn
@@ -431,7 +433,7 @@ def _wanted(source: Source, texts: Sequence[str] | None) -> Sequence[Expression]
         if each not in wanted:
             if texts or not wanted:
                 raise ElvisError(taken_name(each.text))
-            warn(f"{taken_name(each.text)}: it is left out")
+            warn(f"{taken_name(each.text)}: it is skipped")
     return wanted
 
 

@@ -1,4 +1,4 @@
-"""Curves of ``elvis probe``: what is asked along them, and the tables found there."""
+"""Curves of ``elvis probe``: requests along them, and the resulting tables."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ AtPoints = Callable[["Dataset", "Floats"], "Columns"]
 
 @dataclass(frozen=True)
 class ProbeCurves:
-    """The curves that values are asked along.
+    """Curves along which values are requested.
 
-    names   of curves; none where points are given in another way
-    chord   where x/c is 0 and 1 on walls
-    speed   of the boundary layers that are asked for in place of values
-    look    how values are plotted
+    names   of curves; empty if points are given in another way
+    chord   points at which x/c is 0 and 1 on walls
+    speed   of boundary layers, if these are requested instead of values
+    look    appearance of the plot
     """
 
     names: tuple[str, ...]
@@ -59,11 +59,11 @@ class ProbeCurves:
             raise click.UsageError("expected --layers with --along normal:BOUNDARY:POINT:LENGTH", context)
 
     def table(self, dataset: Dataset, texts: Sequence[str] | None, count: int, at_points: AtPoints) -> Columns:
-        """The table along all curves, with a column of their names where there are several.
+        """The table along all curves, with a column of their names if there are several.
 
         texts      quantities, None for all fields
-        count      points along each name
-        at_points  finds what is in elements of a dataset; on boundaries values come from the element behind
+        count      points along each curve
+        at_points  evaluates in elements of a dataset; on boundaries values come from the element behind
         """
         names = [own for name in self.names for own in _stations(name)]
         if self.speed is not None:
@@ -81,7 +81,7 @@ class ProbeCurves:
 
 
 def curve_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameter ``curves`` is made of the options that ask for curves."""
+    """A command whose parameter ``curves`` combines the options for curves."""
 
     @click.option(
         "--along",
@@ -137,7 +137,7 @@ def _owner(dataset: Dataset, name: str) -> tuple[Dataset, str]:
 
 
 def _layers(dataset: Dataset, names: Sequence[str], speed: str) -> Columns:
-    """The table of boundary layers, with a word on what it lacks."""
+    """The table of boundary layers, with warnings about missing values."""
     from elvis.core.integrals.boundary_layers import boundary_layers
     from elvis.core.terminal import warn
 

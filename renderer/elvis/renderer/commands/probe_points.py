@@ -48,7 +48,7 @@ def grid_counts(value: str) -> tuple[int, ...]:
 
 
 def spanned(value: str) -> tuple[Triple, ...] | str:
-    """``P:U:V`` as three triples; ``z=0.2`` as it is, since its ends are those of the data."""
+    """``P:U:V`` as three triples; ``z=0.2`` unchanged, since its ends depend on the data."""
     return value if point_and_normal(value) != value else triples(value, 3)
 
 
@@ -71,7 +71,7 @@ def chosen_points(
         n, m = counts * 2 if counts and len(counts) == 1 else counts or (ALONG, ALONG)
         return points_on_plane(*plane, (n, m))
     if counts and (line is None or len(counts) == 2):
-        expected = "no -n beside points" if line is None else "one number of points along a line"
+        expected = "no -n with points" if line is None else "one number of points along a line"
         raise click.BadParameter(f"expected {expected}", click.get_current_context(), param_hint="'-n'")
     if line is not None:
         return points_on_line(*line, counts[0] if counts else ALONG)
@@ -82,7 +82,7 @@ def chosen_points(
 
 
 def grid_of(source: Source, counts: tuple[int, int, int], box: tuple[Triple, Triple] | None) -> Grid:
-    """The grid in a box, by default that of the data; ElvisError where several points would be at one place."""
+    """The grid in a box, by default that of the data; ElvisError if several points would coincide."""
     from elvis.core.files.nrrd import Grid
 
     if box is None:

@@ -29,19 +29,19 @@ if TYPE_CHECKING:
     Opened: TypeAlias = Bricks | Dataset | PluginData | RankPart
 
 T = TypeVar("T")
-#: part of what is seen beyond which ambiguous pixels are reported
+#: share of the visible pixels above which ambiguous pixels are reported
 SHARE = 0.01
 #: why pixels are not certain
 UNSURE = {
-    "failed": "an element may be there, but its map did not invert",
-    "ambiguous": "they lie within rounding of an element's border, an edge or another surface, or it is not proved "
-    "that nothing lies before what they show; -o record.npz keeps the status of each",
+    "failed": "an element may cover them, but its map could not be inverted",
+    "ambiguous": "they lie within rounding of an element border, an edge or another surface, or it is not proved "
+    "that nothing hides what they show; -o record.npz stores the status of each pixel",
 }
 #: part of a plane cut that is ambiguous where the plane runs along borders, and what to make of it
 ALONG = 0.5
 BESIDE = (
     "the plane runs along borders of elements, so each pixel shows one of two neighbours, which have the same value "
-    "where the field is continuous; a plane a little beside it, a millionth of the domain away, has certain pixels"
+    "where the field is continuous; move the plane by a millionth of the domain for certain pixels"
 )
 EPILOG = """\b
 Examples:
@@ -147,7 +147,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
-    """The data of scenes by what they depend on, each opened once; of parts, what the pictures depend on."""
+    """The data of scenes by their dependencies, each opened once; with ranks, only the parts that are needed."""
     from elvis.renderer.bricks import opening_for
     from elvis.renderer.parts import of_ranks, opening_for_ranks
 
@@ -161,9 +161,9 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
 
 
 def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:
-    """The pictures of scenes, and what is noted of their data; for the first rank, the others have their own rows.
+    """The pictures of scenes, and notes on their data; on the first rank, while the others have their own rows.
 
-    Those that have their colours from one field are drawn in one range, so that a bar tells all.
+    Pictures that are coloured by the same field share one range, so that one bar is valid for all.
     """
     from itertools import compress
 
@@ -192,7 +192,7 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
 
 
 def _key(scene: Scene) -> object:
-    """What the data of a scene depend on."""
+    """Key of everything that the data of a scene depend on."""
     of_files = (scene.data, scene.plugin, scene.reader, scene.others, scene.reference, scene.deform)
     return *of_files, scene.step, scene.time, scene.between
 
@@ -207,7 +207,7 @@ def _open(
 
     data = scenes[0].data
     if not data:
-        raise SceneError("the scene names no data: give the mesh and field files too")
+        raise SceneError("the scene names no data; also give the mesh and field files")
     return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
@@ -246,11 +246,11 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
             drawn = scene if scene.scenes else replace(scene, camera=frame.view.camera, size=size)
             left_out = write_scene(drawn, save_scene, outputs)
     for key in left_out:
-        warn(f"{save_scene}: without {key}, which goes further than a scene file may: give it as an option again")
+        warn(f"{save_scene}: {key} is omitted, as a scene file may not contain it; give it as an option again")
 
 
 def _report(frame: Frame, known: Sequence[str]) -> None:
-    """Warnings, and notes on the data; on a terminal also what is known of the pixels."""
+    """Print warnings, and notes on the data; on a terminal also the status counts of the pixels."""
     from elvis.core.terminal import note, warn
 
     counts = frame.counts()
@@ -261,10 +261,10 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
     for name, reason in reasons.items():
         if counts[name] > (0 if name == "failed" else SHARE * shown):
             verb = "failed" if name == "failed" else f"are {name}"
-            warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of what is seen: {reason}")
+            warn(f"{counts[name]} pixels {verb}, {100 * counts[name] / shown:.3g} % of the visible pixels: {reason}")
     if counts["not_a_number"]:
-        end = ", or where other data end" if frame.scene.others else ""
-        warn(f"{counts['not_a_number']} pixels, in magenta, show what is not a finite number{end}")
+        end = ", or lie outside the other data" if frame.scene.others else ""
+        warn(f"{counts['not_a_number']} pixels, in magenta, have values that are not finite{end}")
     for remark in frame.remarks:
         (note if remark in known else warn)(remark)
     if sys.stderr.isatty():

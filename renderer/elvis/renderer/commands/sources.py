@@ -1,6 +1,6 @@
-"""What a command is asked about: files that become a dataset, or that a runtime plugin opens.
+"""Sources of data for a command: files that become a dataset, or that a runtime plugin opens.
 
-Which of the two it is is decided here, once: both answer the same questions.
+The choice between the two is made here, once; both have the same methods.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ T = TypeVar("T")
 
 
 class NotInPartsError(Exception):
-    """What is asked for can't be put together from what ranks find in their parts."""
+    """The result can't be combined from the parts of the ranks."""
 
 
 def or_alone(ranks: Ranks, work: Callable[[Ranks], T]) -> T | None:
-    """What ranks make of their parts; where these are not enough the first one does it alone, and others have None."""
+    """Combined result of ranks; if their parts don't suffice, the first computes alone, others return None."""
     try:
         return work(ranks)
     except NotInPartsError:
@@ -90,7 +90,7 @@ class Data:
         return inputs((*self.paths, *further), self.plugin, points)
 
     def reading(self, quantities: Sequence[str] = ()) -> Reading:
-        """The options, for all that the files hold, or for quantities alone (see `Reading`)."""
+        """The options, for the complete files, or only for quantities (see `Reading`)."""
         from elvis.core.moments import Moment
         from elvis.plugins.data import Reading, pairs
 
@@ -100,9 +100,9 @@ class Data:
         return replace(own, reference=self.reference, deformation=self.deformation)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
-        """What answers questions about the files, or on quantities alone, after a word on what a conversion lost.
+        """The source of the files, or only of quantities, after a note on errors of a conversion.
 
-        What a runtime plugin opens is evaluated on a device.
+        Data opened by a runtime plugin are evaluated on a device.
         """
         from elvis.core.terminal import warn
         from elvis.plugins.data import open_data
@@ -110,7 +110,7 @@ class Data:
         return self.source_of(open_data(self.paths, self.reading(quantities), warn))
 
     def shared(self, ranks: Ranks, comes_apart: Callable[[Dataset], bool], quantities: Sequence[str] = ()) -> Source:
-        """As `part`, but each rank has all where that is nothing."""
+        """Like `part`, but each rank has the complete data if `part` returns None."""
         found = self.part(ranks, comes_apart, quantities)
         return self.source(quantities) if found is None else found
 
@@ -121,10 +121,10 @@ class Data:
         quantities: Sequence[str] = (),
         series: Series | None = None,
     ) -> Source | None:
-        """As `source`, of the elements that a rank has, for what can be put together from those of all; else None.
+        """Like `source`, with the elements of a rank, if results can be combined from all ranks; else None.
 
-        comes_apart  whether it can be, of any part of the data, to the same end for all ranks
-        series       that the files are, where that is open already
+        comes_apart  whether they can, for any part of the data, with the same result on all ranks
+        series       of the files, if it is already open
         """
         from elvis.core.terminal import warn
         from elvis.plugins.data import open_part
@@ -147,7 +147,7 @@ class Data:
         return self.source_of(opened, ranks)
 
     def _is_in_parts(self, part: Portion, comes_apart: Callable[[Dataset], bool]) -> bool:
-        """Whether a part is enough for a rank; elements of other data that are not those of these may lie anywhere."""
+        """Whether a part is enough for a rank; unmatched elements of other data may lie anywhere."""
         dataset = part.dataset
         return dataset.others.keys() == dataset.shared.keys() and comes_apart(dataset)
 
@@ -176,9 +176,9 @@ class Data:
         ranks: Ranks = ALONE,
         comes_apart: Callable[[Dataset], bool] = bool,
     ) -> tuple[Series, Iterator[tuple[float, NativeSource]]]:
-        """The series that the files are, and times and sources one after another, as ``--times`` says.
+        """The series of the files, and times and sources in order, as in ``--times``.
 
-        Each step is read once, with a word on the terminal; the rest as in `part`.  ElvisError for one state,
+        Each step is read once, with progress on the terminal; the rest is as in `part`.  ElvisError for one state,
         NotInPartsError for a state that doesn't come apart.
         """
         import numpy as np
@@ -208,7 +208,7 @@ class Data:
         return series, ((time, source(time)) for time in track(moments, description, count))
 
     def tell_of(self, series: Series, times: Sequence[float], has_rates: bool = False) -> None:
-        """Say how steps of a series were brought to times (n,), and what it told of itself meanwhile."""
+        """Print how steps of a series were interpolated to times (n,), and the remarks of the series."""
         import numpy as np
 
         from elvis.core.terminal import note
@@ -220,7 +220,7 @@ class Data:
             note(remark)
 
     def source_of(self, opened: Dataset | PluginData | Portion, ranks: Ranks = ALONE) -> Source:
-        """What answers questions about data that are open, after a word on how they were come by."""
+        """The source for open data, after a note on how they were obtained."""
         from elvis.core.dataset import Dataset
         from elvis.core.portions import Portion
         from elvis.core.terminal import note, warn
@@ -237,7 +237,7 @@ class Data:
 
 
 def data_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameter ``data`` is made of its files and of all options that say how they are read."""
+    """A command whose parameter ``data`` combines its files and all options for reading them."""
 
     @data_argument
     @plugin_option
@@ -271,10 +271,10 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass
 class NativeSource:
-    """A native dataset, which answers like `Evaluation`, without a device.
+    """A native dataset with the methods of `Evaluation`, without a device.
 
-    is_quiet  whether no word is said on derivatives in time
-    portion   where the dataset is the part that one of several ranks has, which one; None where nobody asks for that
+    is_quiet  whether notes on time derivatives are suppressed
+    portion   the part of a rank that the dataset is; None if no parts are requested
     ranks     that have such parts
     """
 
@@ -290,7 +290,7 @@ class NativeSource:
 
     @property
     def names(self) -> Names:
-        """What names in expressions stand for."""
+        """Meaning of the names in expressions."""
         from elvis.core.quantities import Names
 
         return Names.of(self.dataset)
@@ -399,8 +399,9 @@ class NativeSource:
         return found
 
     def critical(self, velocity: Sequence[str], wall: str | None) -> CriticalPoints | None:
-        """Where a velocity is zero, of these components if any, or its shear on a wall; of parts None elsewhere than at
-        the first rank.
+        """Zeros of a velocity, of these components if any, or of its shear on a wall.
+
+        With parts, the result is None except on the first rank.
         """
         from elvis.core.critical_points import critical_points, shared_critical_points
         from elvis.core.portions.borrowing import borrowing
@@ -432,7 +433,7 @@ class NativeSource:
 
 
 def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
-    """Print by how much quantities are off those of the source, where a conversion lost something."""
+    """Print by how much quantities differ from those of the source, if a conversion has errors."""
     from elvis.core.quantities.conversion_radius import sentence
     from elvis.core.terminal import note
 
@@ -442,7 +443,7 @@ def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
 
 
 def _distances(dataset: Dataset, asked: Sequence[Expression]) -> Facts:
-    """What distances are measured to: how many faces, and whether they are closed, which gives distances a sign."""
+    """Targets of distances: number of faces, and whether they are closed, which gives distances a sign."""
     from elvis.core.distances import surface_of
     from elvis.core.quantities.tree import target_of
 

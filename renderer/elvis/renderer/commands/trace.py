@@ -107,7 +107,7 @@ def trace(
         trace_cores(data, course["velocity"], limits, spacing, quantities, as_json, output, overwrite)
         return
     check_seeds(limits, course["seeds"])
-    # what is not given is as in a scene, whose checks hold here, too
+    # missing settings have the defaults of a scene, whose checks also apply here
     followed = Streamlines(**{name: value for name, value in course.items() if value is not None})
     asked = {name: getattr(followed, name) for name in COURSE if name not in ("seeds", "velocity")}
     if output is not None:
@@ -202,7 +202,7 @@ def _facts(found: TracedLines) -> dict[str, Any]:
 
 
 def _exponents(ftle: Floats) -> str:
-    """A sentence on the exponents (n,) of lines, NaN where there is none."""
+    """A sentence on the exponents (n,) of lines, NaN for lines without."""
     import numpy as np
 
     known = ftle[np.isfinite(ftle)]
@@ -212,7 +212,7 @@ def _exponents(ftle: Floats) -> str:
 
 
 def _of_lines(found: TracedLines) -> dict[str, Any]:
-    """What is known of each line: its seed, how it ends and, where it was asked for, its exponent."""
+    """Facts of each line: its seed, its end and, if requested, its exponent."""
     own = {"seed": found.seed, "end": found.end}
     return own if found.ftle is None else {**own, "ftle": found.ftle}
 
@@ -226,6 +226,6 @@ def _warn_of_seeds(found: TracedLines) -> None:
     outside = found.seed[found.end == found.ends.index("outside")]
     count, total = len(np.unique(outside)), len(np.unique(found.seed))
     if count == total:
-        raise ElvisError(f"expected seeds in the elements, found all {total} outside")
+        raise ElvisError(f"all {total} seeds lie outside the mesh")
     if count:
-        warn(f"{count} of {total} seeds lie outside of all elements")
+        warn(f"{count} of {total} seeds lie outside the mesh")

@@ -92,11 +92,11 @@ def watch(
         if pictures is not None:
             pictures.close()
     if not is_drawn:
-        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or fault or 'no step was whole'}")
+        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or fault or 'no step was complete'}")
 
 
 def _check(scene: Scene, overwrite: bool) -> None:
-    """ElvisError for what can't be drawn or written, before anything is waited for."""
+    """ElvisError for invalid data or outputs, before waiting starts."""
     from elvis.core.files.output import check_places
     from elvis.scene.errors import SceneError
     from elvis.scene.step_outputs import first_outputs
@@ -104,7 +104,7 @@ def _check(scene: Scene, overwrite: bool) -> None:
     if not scene.data:
         raise SceneError("the scene names no data: give the folder of a run, or its mesh and field files")
     if not scene.outputs:
-        raise SceneError("expected -o, the picture that is to be drawn again and again")
+        raise SceneError("expected -o, the name of the picture")
     check_places(first_outputs(scene), [Path(file) for file in scene.data if Path(file).is_file()], overwrite)
     for file in map(Path, scene.data):
         if not file.exists() and "*" not in file.name:
@@ -122,9 +122,9 @@ def _shown(pictures: Any, found: Dataset, scene: Scene) -> Any:
 
 
 def _draw(pictures: Any, scene: Scene, found: Dataset, number: int, is_from_file: bool) -> str:
-    """Write the picture of the step with a number in all files, and say so; why there is none, else empty.
+    """Write the picture of a step to all files and report it; the reason if there is none, else empty.
 
-    SceneError for what isn't wrong with this step alone.
+    SceneError for errors that do not concern only this step.
     """
     from math import nan
 

@@ -1,1 +1,1 @@
-"""What the commands that draw have in common: options, and scenes made of them."""
+"""Common parts of the commands that draw: options, and scenes built from them."""

@@ -1,4 +1,4 @@
-"""Commands that draw: their options are those of a scene, made when they are first needed, and some of their own."""
+"""Commands that draw: they have the options of a scene, created on first use, and options of their own."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 
 class SceneCommand(click.Command):
-    """A command with all options of a scene, but for those of the keys that it leaves out."""
+    """A command with the options of all keys of a scene, except the keys in ``leaving``."""
 
     def __init__(self, *arguments: Any, leaving: Sequence[str] = (), **rest: Any) -> None:
         super().__init__(*arguments, **rest)
@@ -46,7 +46,7 @@ class SceneCommand(click.Command):
         return [*arguments, *self._scene_options, self._fields, *own[len(arguments) :], self._help_all]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does, but with words of other programs; a hint names what some of them need."""
+        """Parse as click does, but also accept option names of other programs; a hint replaces unsuitable ones."""
         from elvis.scene.commandline.other_programs import advice, in_own_words
 
         known = {name for parameter in self.get_params(ctx) for name in (*parameter.opts, *parameter.secondary_opts)}

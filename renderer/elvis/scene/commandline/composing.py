@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from elvis.scene import Scene, SceneObject
     from elvis.scene.frame import Frame
 
-#: what of a style is drawn on surfaces alone
+#: settings of a style that apply only to surfaces
 LINES = ("contours", "mesh_lines", "lic")
 #: keys that a scene file may set within limits, and options without
 OVERRIDDEN = {"outputs", "stats", "plugin"}
@@ -26,10 +26,10 @@ def composed(
     unused: tuple[str, ...] = (),
     base: Scene | None = None,
 ) -> Scene:
-    """The scene of a scene file among ``files``, else ``base`` or the usual one, with what the options say.
+    """The scene of a scene file among ``files``, else ``base`` or the default scene, changed by the options.
 
-    options   scene keys to values, None where an option was not given; planes and OBJECTS are added to the objects,
-              STYLES go to every object
+    options   scene keys to values, None for options that were not given; planes and OBJECTS are added to the objects,
+              STYLES apply to every object
     settings  pairs of a key such as ``objects[0].style.opacity`` and a TOML value
     unused    keys of a scene file that have no meaning for the caller
     """

@@ -68,7 +68,7 @@ def chapter_of(key: str) -> str:
 
 
 def scene_options(leaving: Sequence[str]) -> list[click.Option]:
-    """The options of a scene in the order of the help, but for those of some keys."""
+    """The options of a scene in the order of the help, except those of the keys in ``leaving``."""
     found = []
     others = [key for key in settings(Scene) if key not in FIRST]
     for key in (*FIRST, *others):
@@ -115,7 +115,7 @@ def _option(name: str, setting: Setting, hint: Any) -> click.Option:
 
 
 def _completions(names: tuple[str, ...], context: Any, parameter: Any, incomplete: str) -> list[str]:
-    """What a shell offers in place of the beginning of a name: that of a setting, or of a colour map."""
+    """Completions that a shell offers for the beginning of a name of a setting, or of a colour map."""
     if not names:
         import cmap
 

@@ -1,6 +1,6 @@
-"""Words of ParaView, PyVista, Matplotlib and GLVis for what a scene holds.
+"""Option names of ParaView, PyVista, Matplotlib and GLVis, mapped to settings of a scene.
 
-A word that can mean only one option stands for it; for all others a sentence names what to write.
+A name that can mean only one option is an alias of it; for every other name a hint says what to write.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ VIEWS: Mapping[str, str] = {
 
 
 def in_own_words(words: Sequence[str], known: Collection[str]) -> list[str]:
-    """The words of a command line with options that it has in place of those that `SAME` lists.
+    """The words of a command line, with aliases listed in `SAME` replaced by the command's own options.
 
     known  the names of its options, with their hyphens
     """
@@ -103,5 +103,5 @@ def _own(word: str, known: Collection[str]) -> str:
 
 
 def advice(name: str) -> str:
-    """A clause about a word that is not an option; empty for words that none of these programs has."""
+    """A hint for an unknown option; empty if no other program has an option of this name."""
     return INSTEAD.get(name.lstrip("-").replace("-", "_"), "")

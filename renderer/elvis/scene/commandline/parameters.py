@@ -30,9 +30,9 @@ def plane(text: str) -> scene.Plane:
 
 
 def surface(text: str) -> scene.Surface:
-    """A kind and what it takes: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION`` (see SURFACES).
+    """A surface from its kind and parameters: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION``.
 
-    A bare ``z=0.2`` is a plane.
+    A bare ``z=0.2`` is a plane; SURFACES lists the kinds.
     """
     is_plane = point_and_normal(text) != text
     kind, _, rest = with_normals(f"plane:{text}" if is_plane else text).partition(":")
@@ -103,7 +103,7 @@ def streamlines(text: str) -> scene.Streamlines:
 
 
 def glyphs(text: str) -> scene.Glyphs:
-    """Points, and ``KEY=VALUE`` likewise."""
+    """Points, and ``KEY=VALUE`` of other settings, separated by semicolons."""
     found: scene.Glyphs = _from_places(scene.Glyphs, "points", text)
     return found
 

@@ -1,7 +1,7 @@
-"""A scene as the words of a command, and as lines of Python, that make the same picture again.
+"""A scene as the words of a command, and as lines of Python, that reproduce the same picture.
 
-Options that people would write come first; what they can't say is said by ``--set KEY=VALUE``.  The words are read back
-before they are given away.
+Common options come first; ``--set KEY=VALUE`` expresses the remaining settings.  The words are parsed again for
+verification before they are returned.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from elvis.scene.style import Style
 from elvis.scene.tables import Table, table_of
 from elvis.scene.whole import Scene
 
-#: keys of a scene that are no options of its own: the data, what is written
+#: keys of a scene without an option of their own: data and outputs
 APART = ("data", "objects", "plane", "outputs", "stats")
 PICTURE = "picture.png"
 
@@ -34,8 +34,8 @@ PICTURE = "picture.png"
 def command_of(scene: Scene) -> str:
     """The ``elvis render`` command of a scene whose data are files; SceneError where they aren't."""
     if not scene.data:
-        raise SceneError("the data came from Python, so that no command can name them; copy the Python lines instead")
-    # a name that begins with a minus sign is no option
+        raise SceneError("the data come from Python, so no command can name them; copy the Python lines instead")
+    # a leading minus sign would mark an option
     data = [os.path.join(".", name) if name.startswith("-") else name for name in scene.data]
     return shlex.join(["elvis", "render", *data, *option_words(scene), "-o", PICTURE])
 
@@ -48,7 +48,7 @@ def option_words(scene: Scene) -> list[str]:
         found = _completed([*plain, *words], wanted)
         if found is not None and _normal(_read(found)) == _normal(wanted):
             return found
-    raise SceneError("no command says this scene; save it, and draw the file that you saved")
+    raise SceneError("no command line can express this scene; save it and draw the saved file")
 
 
 def python_of(scene: Scene) -> str:
@@ -73,7 +73,7 @@ def _parts(item: Any) -> Iterator[Any]:
 
 
 def _normal(scene: Scene) -> Table:
-    """What is drawn: the same for the shortcut ``plane`` and for an object."""
+    """The table of the objects drawn: equal for the shortcut ``plane`` and for an equivalent object."""
     return table_of(replace(scene, plane=None, objects=scene.every_object))
 
 

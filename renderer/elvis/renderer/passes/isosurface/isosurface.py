@@ -96,7 +96,7 @@ class IsosurfaceDrawer:
         and without a hit where something may have been overlooked.
         """
         if self.loaded.dimension != 3:
-            raise SceneError("isosurfaces are drawn of 3D data: draw contours of 2D data")
+            raise SceneError("isosurfaces need 3D data: use contours for 2D data")
         self.counts = {"flat": 0, "undefined": 0, "sub_elements": 0}
         stands_in, unproved = False, np.zeros(view.count, bool)
         held = new_arrays(self.device, view.count, _HELD, clear=("owner", "status", "depth", "doubt"))

@@ -263,7 +263,7 @@ class VolumeRenderer:
 
     def _check(self, transfer: Transfer) -> None:
         if self.loaded.dimension != 3:
-            raise SceneError("volumes are drawn of 3D data")
+            raise SceneError("volume rendering needs 3D data")
         if len(transfer.colors) != len(transfer.values):
             raise SceneError(f"colors of a volume: expected one for each of {len(transfer.values)} values")
         densest, extent = max(transfer.densities), self.loaded.extent
@@ -330,7 +330,7 @@ class _March:
     def _list_curved(self, quantity_index: int, number: int) -> _VisibleElements:
         """A part of curved elements, by patches of their faces."""
         if self.renderer.faces is None:
-            raise SceneError("volumes of curved elements need their faces, which the data's plugin does not give")
+            raise SceneError("volumes of curved elements need their faces, which the data's plugin does not provide")
         kernel = self._kernel("volume_trace", number, quantity_index)
         patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
         patches = patches[self.chosen[quantity_index][number][patches["element"]]]
