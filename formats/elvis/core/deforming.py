@@ -8,7 +8,7 @@ whatever asks for one.  Fields keep their coefficients, and so stay with their m
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,11 +65,11 @@ def deformed(
         For another number of components than of coordinates, Fourier directions, values that are not finite, and
         pyramids on which no space holds the sum.
     """
-    _check(dataset, displacement)
+    check_displacement(dataset, displacement)
     dataset = undeformed(dataset)
     before = geometry(dataset)
     names = _free(dataset, UNDEFORMED)[: dataset.mesh.space]
-    blocks = [block for own in _moved(before, displacement, scale) for block in own]
+    blocks = [own.at(scale) for own in moving_maps(before, displacement)]
     map_names = _free(dataset, MAP_FIELDS)[: dataset.mesh.space]
     maps = [_field(name, axis, blocks) for axis, name in enumerate(map_names)]
     places = [_field(name, axis, before) for axis, name in enumerate(names)]
@@ -95,8 +95,8 @@ def undeformed(dataset: Dataset) -> Dataset:
     return replace(dataset, fields=(*kept, *places), remarks=remarks, deformation=None)
 
 
-def _check(dataset: Dataset, displacement: Sequence[Field]) -> None:
-    """ElvisError for a displacement that is none of this dataset."""
+def check_displacement(dataset: Dataset, displacement: Sequence[Field]) -> None:
+    """Raise ElvisError for a displacement that is not one of this dataset."""
     space = dataset.mesh.space
     if len(displacement) != space:
         coordinates = ", ".join(AXES[:space])
@@ -124,10 +124,28 @@ def _field(name: str, axis: int, blocks: Sequence[GeometryBlock]) -> Field:
     return Field(name, tuple(parts), None)
 
 
-def _moved(
-    before: Sequence[GeometryBlock], displacement: Sequence[Field], scale: float
-) -> Iterator[Iterator[GeometryBlock]]:
-    """The deformed maps of all elements."""
+@dataclass(frozen=True, eq=False)
+class MovingMaps:
+    """The maps x + S d of elements, for every factor S.
+
+    places, moves  (n, 3, m) coefficients of x and of d, in one expansion
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    places: Floats
+    moves: Floats
+
+    def at(self, scale: float) -> GeometryBlock:
+        """The maps for one factor."""
+        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.places + scale * self.moves))
+
+
+def moving_maps(before: Sequence[GeometryBlock], displacement: Sequence[Field]) -> Iterator[MovingMaps]:
+    """The maps of all elements and what moves them, zero on elements on which a component has no values.
+
+    Raises ElvisError if a field has another shape than the mesh, or no space holds x and d.
+    """
     sources = [own.blocks for own in displacement]
     ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in before)])
     if not len(ids):
@@ -136,29 +154,31 @@ def _moved(
         (expansion, *spaces), (maps, *components) = group.expansions, group.coefficients
         assert expansion is not None
         assert maps is not None
-        known = [each for each in spaces if each is not None]
+        known = [(own, values) for own, values in zip(spaces, components, strict=True) if own is not None]
         if len(known) < len(spaces):
-            yield iter([GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(maps))])
+            places = frozen_floats(maps)
+            yield MovingMaps(expansion, frozen_ints(group.element_ids), places, frozen_floats(np.zeros_like(places)))
             continue
-        for own, each in zip(displacement, known, strict=True):
-            if each.shape is not expansion.shape:
+        for own, (space, _) in zip(displacement, known, strict=True):
+            if space.shape is not expansion.shape:
                 raise ElvisError(f"expected {own.name} on a {expansion.shape.label.lower()}, as in the mesh")
-        yield _sums(group.element_ids, expansion, maps, list(zip(known, components, strict=True)), scale)
+        yield from _in_one_space(group.element_ids, expansion, maps, known)
 
 
-def _sums(
-    ids: Ints, expansion: Expansion, maps: Floats, parts: Sequence[tuple[Expansion, Floats | None]], scale: float
-) -> Iterator[GeometryBlock]:
-    """The maps x + scale · d of elements with the same expansions, some elements after another."""
+def _in_one_space(
+    ids: Ints, expansion: Expansion, maps: Floats, parts: Sequence[tuple[Expansion, Floats | None]]
+) -> Iterator[MovingMaps]:
+    """Maps and displacements of elements with the same expansions, some elements after another."""
     candidates = _candidates([expansion, *(own for own, _ in parts)])
     step = max(1, _NUMBERS // (3 * mode_count(candidates[-1])))
     for first in range(0, len(ids), step):
         rows = slice(first, first + step)
-        moving = [(own, coefficients[rows]) for own, coefficients in parts if coefficients is not None]
+        of_maps = [(expansion, maps[rows, axis]) for axis in range(3)]
+        of_moves = [(own, values[rows]) for own, values in parts if values is not None]
         for target in candidates:
-            found = _fitted(target, expansion, maps[rows], moving, scale)
-            if found is not None:
-                yield GeometryBlock(target, frozen_ints(ids[rows]), frozen_floats(found))
+            places, moves = _fitted(target, of_maps), _fitted(target, of_moves)
+            if places is not None and moves is not None:
+                yield MovingMaps(target, frozen_ints(ids[rows]), places, moves)
                 break
         else:
             shape = expansion.shape.label.lower()
@@ -185,23 +205,17 @@ def _candidates(spaces: Sequence[Expansion]) -> list[Expansion]:
     ]
 
 
-def _fitted(
-    target: Expansion,
-    expansion: Expansion,
-    maps: Floats,
-    parts: Sequence[tuple[Expansion, Floats]],
-    scale: float,
-) -> Floats | None:
-    """(n, 3, m) coefficients of x + scale · d in an expansion; None where that doesn't hold all of them."""
+def _fitted(target: Expansion, parts: Sequence[tuple[Expansion, Floats]]) -> Floats | None:
+    """(n, 3, m) coefficients in an expansion of up to three components; None if it doesn't hold all of them."""
     table, inverse, points = _projection(target)
-    places = evaluate(expansion, maps, points)
+    values_there = np.zeros((len(parts[0][1]), 3, len(points)))
     for axis, (own, coefficients) in enumerate(parts):
-        places[:, axis] += scale * evaluate(own, coefficients, points)
-    found = places @ inverse
+        values_there[:, axis] = evaluate(own, coefficients, points)
+    found = values_there @ inverse
     # one step of refinement takes the rounding of the inverse away
-    found += (places - found @ table) @ inverse
-    left = np.abs(places - found @ table).max(initial=0.0)
-    return found if left <= ROUNDING * np.abs(places).max(initial=0.0) else None
+    found += (values_there - found @ table) @ inverse
+    left = np.abs(values_there - found @ table).max(initial=0.0)
+    return frozen_floats(found) if left <= ROUNDING * np.abs(values_there).max(initial=0.0) else None
 
 
 @bounded_cache

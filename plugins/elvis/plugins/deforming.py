@@ -8,11 +8,14 @@ from dataclasses import replace
 from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset, Field
 from elvis.core.deformation import GRADIENTS, Deformation
-from elvis.core.deforming import deformed, undeformed
+from elvis.core.deforming import check_displacement, deformed, moving_maps, undeformed
 from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
 from elvis.core.quantities.tree import AXES
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.validity.folded import folded
+from elvis.core.validity.largest_scale import LargestScale
+from elvis.core.validity.largest_scale import largest_scale as bounds_of_scale
 from elvis.plugins.added_quantities import QuantitySource, add_quantities, parse_quantities
 
 #: how the components of a vector end in the files of solvers
@@ -73,6 +76,33 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
     told = (str(own), *_doubts(components), *folded(found, ranks).sentences())
     new = tuple(remark for remark in told if remark not in found.remarks)
     return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new))
+
+
+def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
+    """The smallest factor S > 0 at which x + S d(x) folds an element, between two proofs.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Elements of the dimension of space.
+    displacement : str
+        The components of d, as in `deform`.
+
+    Returns
+    -------
+    LargestScale
+        ``valid``: no element folds at any factor up to it.  ``folded``: a factor, larger by 1e-6 at most, at which one
+        does, with the element and the place; inf if none folds.
+
+    Raises
+    ------
+    ElvisError
+        As `deform`, and for surfaces and lines in space.
+    """
+    dataset = undeformed(dataset)
+    components = _fields(dataset, component_texts(dataset, displacement))
+    check_displacement(dataset, components)
+    return bounds_of_scale(moving_maps(geometry(dataset), components), dataset.mesh.space)
 
 
 def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.boundary_data import boundary_data
     from elvis.plugins.data import read
-    from elvis.plugins.deforming import deform
+    from elvis.plugins.deforming import deform, largest_scale
     from elvis.plugins.onto_mesh import onto_mesh
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
@@ -133,6 +133,7 @@ __all__ = [
     "from_mfem",
     "from_ngsolve",
     "integrate",
+    "largest_scale",
     "level_triangles",
     "line",
     "norms",
@@ -228,7 +229,7 @@ NAMES = {
     "elvis.plugins.arrays": ("from_arrays",),
     "elvis.plugins.boundary_data": ("boundary_data",),
     "elvis.plugins.data": ("read",),
-    "elvis.plugins.deforming": ("deform",),
+    "elvis.plugins.deforming": ("deform", "largest_scale"),
     "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (
         "pathlines",

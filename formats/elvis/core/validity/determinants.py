@@ -11,6 +11,7 @@ is a polynomial in eta.  If space has more dimensions than the elements, the squ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb, prod
 
@@ -109,7 +110,11 @@ def determinant(expansion: Expansion, coefficients: Floats, space: int) -> Polyn
     space  number of world coordinates; where it exceeds the shape's dimension, the square of length or area is made
     Raises FormatError for maps that aren't polynomials.
     """
-    columns = tangents(expansion, coefficients)
+    return determinant_of(tangents(expansion, coefficients), space)
+
+
+def determinant_of(columns: Sequence[list[Polynomials]], space: int) -> Polynomials:
+    """The determinant of a matrix of polynomials, by its columns, or the square of length or area as `determinant`."""
     if len(columns) == 1:
         return columns[0][0] if space == 1 else _square(columns[0][:space])
     if len(columns) == 2:

@@ -49,6 +49,18 @@ def are_regular(expansion: Expansion, coefficients: Floats, space: int | None = 
     return np.concatenate([np.empty(0, bool), *passed])
 
 
+def are_regular_between(expansion: Expansion, first: Floats, last: Floats) -> Bools:
+    """(n,) whether all maps between two, (1 - t) first + t last with t from 0 to 1, pass `are_regular`.
+
+    first, last  coefficients (n, 3, m) of maps in a space of the dimension of the elements
+
+    t is one more direction of the boxes, in which the Jacobian is linear.
+    """
+    world = expansion.shape.dimension
+    (controls, error), (others, other_error) = (_controls(tangents(expansion, own), world) for own in (first, last))
+    return _pass(np.stack([controls, others], axis=-1), np.maximum(error, other_error))
+
+
 def _controls(columns: list[list[Polynomials]], world: int) -> tuple[Floats, Floats]:
     """(n, d, k, D1, …, Dk) control matrices of J on the boxes of elements, and (n,) the Frobenius norm of their error.
 

@@ -39,6 +39,7 @@ Examples:
   elvis info wing.xml wing.fld --extrema --field p --field speed
   elvis info wing.xml wing.fld --critical
   elvis info wing.xml wing.fld --critical --wall wing
+  elvis info beam.xml beam.fld --deform u,v,w --largest-scale
   elvis info wing.xml wing_*.chk
   elvis info wing.xml wing_*.chk --time 0.25
 """
@@ -69,6 +70,9 @@ Examples:
     help="Find and classify all critical points (zeros of the velocity) in the interior; --field, repeated, gives the "
     "components of another vector.",
 )
+@click.option(
+    "--largest-scale", is_flag=True, help="With --deform: find the smallest scale at which an element folds, certified."
+)
 @click.option("--wall", metavar="NAME", help="With --critical: zeros of the wall shear on this boundary.")
 @data_options
 @shared
@@ -83,6 +87,7 @@ def info(
     predefined: bool,
     extremes: bool,
     critical: bool,
+    largest_scale: bool,
     wall: str | None,
 ) -> None:
     """Describe a dataset: shapes, orders, fields with their ranges, bounding box, and validity.
@@ -99,8 +104,14 @@ def info(
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
-    if strict + jacobian + predefined + extremes + critical > 1:
-        raise click.UsageError("expected --strict, --jacobian, --quantities, --extrema or --critical, found several")
+    if strict + jacobian + predefined + extremes + critical + largest_scale > 1:
+        tasks_text = "--strict, --jacobian, --quantities, --extrema, --critical or --largest-scale"
+        raise click.UsageError(f"expected {tasks_text}, found several")
+    if largest_scale:
+        from elvis.renderer.commands.info_scale import print_largest_scale
+
+        print_largest_scale(data, ranks, as_json)
+        return
     if wall is not None and not critical:
         raise click.UsageError("--wall: expected with --critical")
     if strict:

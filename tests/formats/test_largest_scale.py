@@ -1,0 +1,93 @@
+"""The smallest factor of a displacement that folds an element: closed forms, bounds, and dense samples."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from elvis import Dataset, ElvisError, Shape, largest_scale
+from elvis.core.deforming import moving_maps
+from elvis.core.geometry import geometry
+from elvis.core.polynomials.evaluation import evaluate_with_gradients
+from elvis.core.testing import approximated, curved, grid, ripple, scattered
+
+SOLIDS = [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON]
+FLAT = [Shape.TRIANGLE, Shape.QUADRILATERAL]
+
+
+def still(x):
+    return 0 * x[:, 0]
+
+
+#: displacements, their degree, and the smallest factor at which det(1 + S grad d) = 0 on the unit cube
+CLOSED_FORMS = {
+    # (1 - S)^n
+    "swelling": ([lambda x: -x[:, 0], lambda x: -x[:, 1], lambda x: -x[:, 2]], 1, 1.0),
+    # 1 - S y, smallest along one side
+    "bending": ([lambda x: -x[:, 0] * x[:, 1], still, still], 2, 1.0),
+    # 1 - 2 S (x - 0.3), smallest on one face
+    "stretching": ([lambda x: -((x[:, 0] - 0.3) ** 2), still, still], 2, 1 / 1.4),
+    # 1 - S (x - x^2), smallest in the middle
+    "pinching": ([lambda x: -(x[:, 0] ** 2 / 2 - x[:, 0] ** 3 / 3), still, still], 3, 4.0),
+    # 1
+    "shear": ([lambda x: x[:, 1] ** 2, still, still], 2, inf),
+    # 1 + S^2
+    "turning": ([lambda x: x[:, 1], lambda x: -x[:, 0], still], 1, inf),
+}
+
+
+def displaced(mesh, functions, order):
+    data, names = Dataset(mesh), "uvw"[: mesh.space]
+    fields = [approximated(data, name, own, order + 1) for name, own in zip(names, functions, strict=False)]
+    return replace(data, fields=tuple(fields)), ",".join(names)
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+@pytest.mark.parametrize("shape", [*FLAT, *SOLIDS])
+def test_closed_forms_are_met_to_a_millionth(shape, name):
+    functions, order, expected = CLOSED_FORMS[name]
+    found = largest_scale(*displaced(grid(shape, 1), functions, order))
+    assert found.is_certified
+    if expected == inf:
+        assert found.folded == inf
+        assert found.valid > 1e3
+        return
+    assert found.valid <= expected <= found.folded
+    assert found.folded - found.valid <= 1e-6 * expected
+    assert found.state == ("zero" if name == "swelling" else "negative")
+
+
+def jacobians(maps, points, scale):
+    """(elements, points) determinants, by the derivatives of the map at points alone."""
+    dimension = points.shape[1]
+    own = (maps.places + scale * maps.moves)[:, :dimension]
+    return np.linalg.det(evaluate_with_gradients(maps.expansion, own, points)[1].transpose(0, 2, 1, 3))
+
+
+@pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_curved_elements_are_valid_up_to_the_bound_and_folded_beyond(shape):
+    functions = [lambda x: np.sin(3 * x[:, 1]) + x[:, 2], lambda x: np.cos(2 * x[:, 0]), lambda x: np.sin(3 * x[:, 0])]
+    data, names = displaced(curved(grid(shape, 1), ripple(0.03), 3), functions, 2)
+    found = largest_scale(data, names)
+    assert found.is_certified
+    points, least = scattered(shape, 2000), []
+    for maps in moving_maps(geometry(data), data.fields):
+        least += [jacobians(maps, points, share * found.valid).min() for share in (0.3, 0.7, 1.0)]
+        row = np.flatnonzero(maps.element_ids == found.element)
+        if len(row):
+            there = jacobians(maps, np.array([found.reference]), found.folded)[row[0], 0]
+    assert min(least) > 0
+    assert there < 0
+
+
+def test_elements_that_are_folded_without_a_displacement_have_no_valid_scale():
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    data, names = displaced(replace(mesh, vertices=mesh.vertices * [-1.0, 1.0, 1.0]), CLOSED_FORMS["bending"][0], 2)
+    assert largest_scale(data, names).folded == 0
+
+
+def test_surfaces_in_space_are_rejected():
+    mesh = replace(grid(Shape.QUADRILATERAL, 1), space=3)
+    with pytest.raises(ElvisError, match="expected elements of the dimension of space"):
+        largest_scale(*displaced(mesh, CLOSED_FORMS["swelling"][0], 1))
