@@ -38,7 +38,7 @@ MEMORY, MEMORY_PER_BYTE = 4 << 30, 200
 #: seconds of the processor at most for one question: this many, and one for this many bytes of the files or the reply
 SECONDS, BYTES_PER_SECOND = 4, 1 << 18
 
-#: how much longer than its processor time a reply may take, on a busy machine or a slow disk
+#: seconds beyond its processor time that a reply may take, on a busy machine or a slow disk
 _PATIENCE = 30
 
 #: seconds beyond that, in which the library is loaded
@@ -140,7 +140,7 @@ def ignore_closed_pipes() -> None:
 
 
 def launched(worker: str, memory: int) -> subprocess.Popen[bytes] | Copy:
-    """A process that serves a worker, asked through its input and answering through its output."""
+    """A process that serves a worker: it receives requests on its input and answers on its output."""
     if IS_POSSIBLE:
         with suppress(OSError):  # the library can't be loaded; the next process will report it
             return copied(worker, memory, _LOADING)
@@ -164,7 +164,7 @@ def alone(worker: str, memory: int) -> NoReturn:
     """Load a library, then reply to requests; main function of a process that is not a copy."""
     requests, replies = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDWR)
-    os.dup2(nothing, 0)  # what the library reads and prints is none of the messages
+    os.dup2(nothing, 0)  # the library's own input and output are not messages
     os.dup2(nothing, 1)
     _limit("RLIMIT_AS", memory)
     serve(make(worker), requests, replies, memory)
@@ -175,12 +175,12 @@ def serve(made: Any, requests: int, replies: int, memory: int) -> NoReturn:
     _limit("RLIMIT_CORE", 0)
     _limit("RLIMIT_AS", memory)
     with suppress(EOFError, OSError), os.fdopen(requests, "rb") as asked, os.fdopen(replies, "wb") as answers:
-        while True:  # until nobody asks or listens any more
+        while True:  # until the other process has ended
             method, seconds, *given = receive(asked, memory)
             with suppress(AttributeError):  # not all systems have this clock, which ends the process
                 signal.setitimer(signal.ITIMER_PROF, seconds)
             send(answers, _reply(made, method, given))
-    os._exit(0)  # of damaged files libraries leave things behind that they complain of at the end
+    os._exit(0)  # after damaged files, libraries leave objects behind that cause complaints at the end
 
 
 def _reply(made: object, method: str, given: Sequence[Any]) -> list[Any]:
@@ -207,7 +207,7 @@ def send(stream: IO[bytes], value: Any) -> None:
 
 
 def receive(stream: IO[bytes], limit: int) -> Any:
-    """Read a message of this many bytes at most; raises EOFError if it ends early, ValueError where it is none."""
+    """Read a message of at most this many bytes; raises EOFError if it ends early, ValueError if it is invalid."""
     length = int.from_bytes(_filled(stream, np.empty(8, np.uint8)).tobytes(), "little")
     if length > limit:
         raise ValueError(f"expected at most {limit} bytes, found {length}")

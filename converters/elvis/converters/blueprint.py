@@ -36,7 +36,7 @@ _SHAPES = {
     "pyramid": (7, 3, 5),
 }
 _AXES = ("x", "y", "z")
-#: whole numbers that floating-point numbers may stand for
+#: whole numbers that floating-point numbers can represent
 _LARGEST = 2.0**53
 _BASIS = re.compile(r"[A-Za-z0-9_@]+")
 
@@ -84,7 +84,7 @@ def _needed(node: Any, path: str, what: str) -> Any:
 
 
 def _name_at(node: Any, path: str, what: str) -> str:
-    """A name at a path below a node; raises ElvisError for other values, and if there is none."""
+    """A name at a path below a node; raises ElvisError for other values, and if it is missing."""
     found = _needed(node, path, what)
     if not isinstance(found, str):
         raise ElvisError(f"Blueprint: expected {what} at {_shown(path)}, found {_shown(found)}")
@@ -242,7 +242,7 @@ def _mesh_text(domain: Any, name: str, dimension: int, points: Floats, nodes: st
 
 
 def _element_lines(domain: Any, name: str) -> list[str]:
-    """How many elements a topology has, then of each attribute, shape and vertices."""
+    """The number of elements of a topology, then attribute, shape and vertices of each."""
     elements = list(_elements(_needed(domain, f"topologies/{name}", "a topology"), name))
     given = _at(domain, f"fields/{name}_attribute/values")
     attributes = np.ones(len(elements), np.int64)

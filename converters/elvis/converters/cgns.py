@@ -262,7 +262,7 @@ class _ZoneReading:
         """The blocks: cells are numbered from ``ids``, vertices from ``vertices`` on."""
         numbers = vertices + np.arange(self.zone.vertex_count)
         if is_joined or self.zone.is_structured:
-            numbers[self._sides.outer_vertices()] = -1  # those are one where they lie together
+            numbers[self._sides.outer_vertices()] = -1  # vertices at the same place are one
         for group, region, places in zip(self.zone.cells, self._regions, self._places, strict=True):
             yield Elements(
                 group.kind.shape,
@@ -276,7 +276,7 @@ class _ZoneReading:
             )
 
     def boundaries(self) -> Iterator[tuple[str, int, Ints, Ints]]:
-        """Name, number of a group, rows and sides; of sections that no condition names the section's name."""
+        """Name, number of a group, rows and sides; for sections that no condition names, the section's name."""
         conditions = [Condition(node, self.zone, self._sides) for node in self._conditions()]
         for condition in conditions:
             self.warnings += condition.warnings

@@ -32,7 +32,7 @@ _NAME = 32
 _ENTRY = _NAME + _POINTER
 _LEAD = _TAG + _POINTER
 
-#: of the dimensions of an array; of nodes below one another, links included
+#: maximum number of dimensions of an array, and of levels of nodes, links included
 _MOST_DIMENSIONS = 12
 _DEEPEST = 40
 

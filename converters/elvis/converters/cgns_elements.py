@@ -30,7 +30,7 @@ NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
 #: edges
 AMBIGUOUS = {46: 45, 47: 45, 49: 48, 50: 48, 52: 51, 53: 51}
 
-#: where nodes lie: everywhere, or only on edges, or only on edges and faces
+#: places of nodes: everywhere, or only on edges, or only on edges and faces
 _COMPLETE, _EDGES, _FACES = "complete", "edges", "faces"
 
 #: name, shape, order and nodes of each type, by number (cgnslib.h, ElementType_t)
@@ -119,7 +119,7 @@ class ElementType:
 
     nodes      (k, d) reference coordinates, in ours, of its nodes
     functions  of the nodes
-    corners    which of the nodes are our vertices, in our order
+    corners    number of the node at each of our vertices, in our order
     """
 
     number: int
@@ -154,7 +154,7 @@ def corners_of_shape(shape: Shape) -> Floats:
 
 
 def node_count(number: int) -> int | None:
-    """How many nodes a type of elements has; None if it is unknown."""
+    """Number of nodes of a type of elements; None if it is unknown."""
     if number == NODE:
         return 1
     return len(nodes_of_type(number)) if number in _TYPES else None
@@ -297,7 +297,7 @@ def _face(face: tuple[int, ...], order: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _on_side(shape: Shape, side: tuple[int, ...], nodes: Floats) -> Ints:
-    """Which of the nodes lie on a side: on the end, the line or the plane through its vertices."""
+    """The nodes on a side: on the end, the line or the plane through its vertices."""
     vertices = shape.vertices[list(side)]
     edges = vertices[1:] - vertices[0]
     # directions across the side, orthogonal to all of its edges

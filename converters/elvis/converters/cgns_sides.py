@@ -19,10 +19,10 @@ from elvis.core.arrays import Bools, Ints, distinct_bits, distinct_rows
 from elvis.core.errors import FormatError
 from elvis.plugins.projection.naming import local_sides
 
-#: of a structured zone: across which direction the faces lie
+#: direction of a structured zone across which the faces lie
 _AXES = {"IFaceCenter": 0, "JFaceCenter": 1, "KFaceCenter": 2}
 
-#: how conditions on lines and points begin, which have no sides
+#: beginnings of conditions on lines and points, which have no sides
 _DEGENERATE = ("BCDegenerate", "BCAxisymmetricWedge", "BCSymmetryPolar")
 
 
@@ -180,7 +180,7 @@ class Numbers:
 
     @property
     def count(self) -> int:
-        """How many there are, each once."""
+        """Number of distinct entries."""
         return int(self.own[1] - self.own[0]) + 1 if self.is_range else len(np.unique(self.own))
 
     def all(self) -> Ints:
@@ -351,7 +351,7 @@ class Condition:
             return
         axis = int(flat[0])
         ends = points.copy()
-        ends[1] -= np.arange(len(sizes)) != axis  # of a range of vertices there are one fewer faces
+        ends[1] -= np.arange(len(sizes)) != axis  # a range of vertices has one face fewer
         self.sides = self._sides.of_faces(axis, _filled(ends))
 
 

@@ -22,10 +22,10 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, NodalValues, ShapeFunctions, native_points, space_size
 
-#: where the values of a solution of CPEX 0045 lie, by the names of its versions
+#: places of the values of a solution of CPEX 0045, by the names of its versions
 _ELEMENTS = ("InterpolationPoints", "ElementBased")
 
-#: of a solution of CPEX 0045: degrees in space and time, by the names of its versions
+#: names of the degrees in space and time of a solution of CPEX 0045, by its versions
 _DEGREES = ("InterpolationDegrees", "InterpolationOrders")
 
 #: arrays of a solution that are no fields

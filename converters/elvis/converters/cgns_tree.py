@@ -24,7 +24,7 @@ from elvis.core.files.plain import leading
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
-#: how files of the older container begin; newer libraries set the highest bit of the first four bytes
+#: first bytes of files of the older container; newer libraries set the highest bit of the first four bytes
 ADF_START = b"@(#)ADF Database"
 _ADF_MASK = bytes([0x7F] * 4 + [0xFF] * 12)
 
@@ -51,7 +51,7 @@ class Node(ABC):
         """The array of the node with its dimensions reversed; None if it has none."""
 
     def child(self, name: str) -> Node | None:
-        """The node below with this name; None if there is none."""
+        """The node below with this name; None if it does not exist."""
         return next((each for each in self.children if each.name == name), None)
 
     def labelled(self, label: str) -> list[Node]:
@@ -59,7 +59,7 @@ class Node(ABC):
         return [each for each in self.children if each.label == label]
 
     def required(self, name: str) -> Node:
-        """The node below with this name; raises FormatError if there is none."""
+        """The node below with this name; raises FormatError if it does not exist."""
         found = self.child(name)
         if found is None:
             raise FormatError(f"expected a node {name}, found none", place=self.place)
@@ -81,7 +81,7 @@ class Node(ABC):
         return [text(row.tobytes().split(b"\0")[0]) for row in rows]
 
     def ints(self, *shape: int | None) -> Ints:
-        """Whole numbers in an array of this shape, None for any length; raises FormatError if it is none."""
+        """Whole numbers in an array of this shape, None for any length; raises FormatError for other data."""
         found = self._numbers("iu", shape)
         if found.dtype.kind == "u" and found.size and found.max() > np.iinfo(np.int64).max:
             raise FormatError(f"expected whole numbers of 64 bits, found {found.max()}", place=self.place)

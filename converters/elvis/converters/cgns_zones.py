@@ -146,7 +146,7 @@ def core_of(node: Node, sizes: Sequence[int], rind: Sequence[tuple[int, int]]) -
 
 
 def _points(zone: Zone, grid: Node, physical: int) -> Floats:
-    """Places of the vertices; those in coordinates of a cylinder are computed from them."""
+    """Places of the vertices; cylindrical coordinates are converted."""
     arrays = {each.name: each for each in grid.labelled("DataArray_t")}
     rind = rind_of(grid, len(zone.sizes))
     if not arrays:

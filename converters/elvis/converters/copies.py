@@ -58,7 +58,7 @@ class Copy:
                 os.kill(self.pid, signal.SIGKILL)
 
     def wait(self) -> int:
-        """How it has ended: the exit status, or minus the number of a signal."""
+        """The exit status, or minus the number of the signal that ended it."""
         if self._status is None:
             self._status = self._origin.status(self.pid)
         return self._status
@@ -133,7 +133,7 @@ _ORIGINS_LOCK = Lock()
 
 
 def copied(worker: str, memory: int, patience: float) -> Copy:
-    """A process that serves a worker, asked through its input and answering through its output.
+    """A process that serves a worker: it receives requests on its input and answers on its output.
 
     patience  seconds in which the library is loaded, else OSError
     """
@@ -152,7 +152,7 @@ def copied(worker: str, memory: int, patience: float) -> Copy:
 
 
 def multiply(channel: int, make: Callable[[], Any], serve: Callable[[Any, int, int, int], NoReturn]) -> None:
-    """Load a library and make copies of this process for those who ask; the life of an origin.
+    """Load a library and make copies of this process on request; the life of an origin.
 
     make   loads the library, and returns the worker
     serve  the life of a copy: of the worker, input, output and bytes of memory
@@ -188,7 +188,7 @@ def multiply(channel: int, make: Callable[[], Any], serve: Callable[[Any, int, i
 
 
 def _live(asked: socket.socket, folder: str, serve: Callable[..., NoReturn], given: tuple[Any, ...]) -> NoReturn:
-    """The life of a copy, in the folder of the process that asks."""
+    """The life of a copy, in the folder of the requesting process."""
     try:
         asked.close()
         os.chdir(folder)

@@ -28,7 +28,7 @@ _SHAPES = {1: Shape.HEXAHEDRON, 3: Shape.PRISM}
 
 _HEADER, _START, _HIGHEST, _FIRST_RUN = 24, 32, 30, 64
 
-#: of the eight corners of a cube, the vertex of a prism that each is
+#: for each of the eight corners of a cube, the vertex of a prism
 _FOLDED = [0, 1, 2, 3, 4, 4, 5, 5]
 
 Kind = tuple[int, int, int, int]
@@ -128,7 +128,7 @@ def polynomials(kind: Kind, points: Floats) -> Floats:
     for i in range(a + 1):
         upper = (1 - z) ** i * jacobi(c - i, 2 * i + 1, 0, z)
         columns.append(np.einsum("n,jn,kn->jkn", first[i], second, upper).reshape(-1, len(x)))
-    # of each i all j, of each j all k
+    # for each i all j, for each j all k
     return np.concatenate(columns).T
 
 
@@ -139,7 +139,7 @@ def _byte_order(start: bytes) -> str:
 
 
 def _count(kind: Kind) -> int:
-    """How many coefficients an element has."""
+    """Number of coefficients of an element."""
     a, b, c = kind[1:]
     return (a + 1) * (b + 1) * (c + 1) if kind[0] == 1 else (a + 1) * (b + 1) * (c + 2) // 2
 

@@ -16,9 +16,9 @@ Evaluate = Callable[[Ints, Floats], Floats]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EvaluatedValues(NodalValues):
-    """Places of elements, or values of a function, that a library is asked for.
+    """Places of elements, or values of a function, requested from a library.
 
-    evaluate  asks the library
+    evaluate  function that requests them from the library
     elements  (m,) their numbers in the library
     degree    of the function
     """

@@ -284,7 +284,7 @@ def _functions_of(shape: Shape, count: int) -> ShapeFunctions:
 
 
 class _Functions(NodalBasis):
-    """The functions of the nodes of a type of elements; of serendipity ones where nodes are missing."""
+    """The functions of the nodes of a type of elements; for serendipity elements, of nodes that exist."""
 
     def __init__(self, shape: Shape, count: int) -> None:
         order = 1 if count == len(shape.vertices) else 2

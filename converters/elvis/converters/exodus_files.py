@@ -23,7 +23,7 @@ from elvis.core.shapes import Shape
 
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 
-#: what the library raises for damaged files; types of numbers pass through the parser of Python
+#: exceptions of the library for damaged files; types of numbers pass through the parser of Python
 _FAULTS = (ValueError, TypeError, LookupError, OSError, ArithmeticError, AttributeError, AssertionError, SyntaxError)
 
 #: beginnings of the names of types
@@ -130,7 +130,7 @@ def is_exodus(path: Path) -> bool:
 
 
 class Variables:
-    """The variables of a file, by name: read when they are asked for, in the order of bytes of this machine."""
+    """The variables of a file, by name: read on demand, in the order of bytes of this machine."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -159,7 +159,7 @@ class Variables:
         return range(1, count + 1)
 
     def at(self, name: str, *index: int) -> Any:
-        """A variable, or a part of it at first indices; raises FormatError if there is none or it can't be read."""
+        """A variable, or a part of it at first indices; raises FormatError if it is missing or can't be read."""
         if name not in self:
             raise FormatError(f"expected a variable {name}, found none", file=self.path)
         found = np.asarray(self._container.array(name, index))

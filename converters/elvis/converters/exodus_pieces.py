@@ -86,7 +86,7 @@ class ExodusPiece:
         return elements[~is_copy], sides[~is_copy]
 
     def members(self, number: int, elements: Ints) -> tuple[Ints, Ints]:
-        """Which of some elements (n,) of the file are in a block, and their rows there."""
+        """The elements among some (n,) of the file that are in a block, and their rows there."""
         own, wanted = self.rows[number], elements - self.starts[number]
         if not len(own):
             return np.empty(0, np.int64), np.empty(0, np.int64)

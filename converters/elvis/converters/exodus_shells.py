@@ -1,4 +1,4 @@
-"""Which sides of plane elements are edges: shells have faces before them, and writers of Exodus differ.
+"""The sides of plane elements that are edges: shells have faces before them, and writers of Exodus differ.
 
 The library (ex_get_side_set_node_list.c) numbers the faces of shells and of triangles in space first.  It knows no
 faces of quadrilaterals in space, while other writers number these as shells; libMesh gives shells of triangles faces in
@@ -43,7 +43,7 @@ class PlaneSides(NamedTuple):
 
 
 def plane_sides(piece: ExodusPiece) -> PlaneSides:
-    """How the sides of the plane elements of a file count."""
+    """Numbering of the sides of the plane elements of a file."""
     stated: dict[int, int | None] = {}
     blocks: dict[int, _PlaneBlock] = {}
     # discontinuous elements have nodes of their own at the same places

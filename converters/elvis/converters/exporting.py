@@ -74,7 +74,7 @@ class Piece:
 
     @property
     def is_collapsed(self) -> bool:
-        """Whether hexahedra stand for pyramids or prisms."""
+        """Whether hexahedra represent pyramids or prisms."""
         return self.cell.shape is not self.patch.shape
 
     @property
@@ -158,7 +158,7 @@ def _piece(patch: Patch, order: int | None, target: Target) -> Piece:
 
 
 def _in_elements(shape: Shape, cell: Cell, points: Floats) -> Floats:
-    """(n, d) points of cells in the reference coordinates of the elements of a shape that these stand for."""
+    """(n, d) points of cells in the reference coordinates of the elements of a shape that the cells represent."""
     return points if cell.shape is shape else uncollapse(shape, points)
 
 

@@ -40,7 +40,7 @@ _TYPES = {1: "scalar", 2: "vector", 3: "tensor", 4: "matrix"}
 #: components of symmetric matrices, row by row of the lower half
 _SYMMETRIC = {2: ("xx", "xy", "yy"), 3: ("xx", "xy", "yy", "xz", "yz", "zz")}
 
-#: of positions of control points times the degree; the highest degree that makes sense
+#: tolerance for positions of control points times the degree; the highest plausible degree
 _POSITION_ROUNDING, _HIGHEST_DEGREE = 1e-5, 30
 
 

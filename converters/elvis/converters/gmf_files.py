@@ -53,7 +53,7 @@ _ELEMENT_CODES = {
 }
 _CONSTANT_CODES = {"Edges": 63, "Triangles": 64, "Quadrilaterals": 65, "Tetrahedra": 66, "Prisms": 67, "Hexahedra": 68}
 
-#: of keywords that exist for every kind in this order, the numbers of the first one for the orders 1 to 4
+#: for keywords that exist for every kind in this order, the numbers of the first one for the orders 1 to 4
 _ORDERING = (141, 127, 128, 142)
 
 
@@ -75,7 +75,7 @@ class Keyword:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """The rows of a keyword; of a solution also the types of its fields, its degree, and the nodes of an element."""
+    """The rows of a keyword; for a solution also the types of its fields, its degree, and the nodes of an element."""
 
     reals: Floats
     integers: Ints
@@ -157,7 +157,7 @@ class GmfFile:
         return float(section.reals[0, 0] if section.reals.size else section.integers[0, 0])
 
     def width(self, types: Sequence[int], place: str) -> int:
-        """How many numbers the fields of some types have at a node."""
+        """Number of values of fields of some types at a node."""
         sizes = type_sizes(self.dimension)
         unknown = [kind for kind in types if kind not in sizes]
         if unknown or not types:

@@ -13,7 +13,7 @@ from elvis.plugins.nodal import ShapeFunctions, affine_image, bernstein, native_
 #: minimum number of elements from which the order of nodes without a table is determined
 _COMPARED = 200
 
-#: of a triangle, tetrahedron or the triangle of a prism: numbers of barycentric coordinates
+#: for a triangle, tetrahedron or the triangle of a prism: number of barycentric coordinates
 _BARYCENTRIC = {shape: axes + 1 for shape, axes in SIMPLEX_AXES.items()}
 
 

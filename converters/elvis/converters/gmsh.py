@@ -258,7 +258,7 @@ class Gmsh(NodalConverter):
 
 
 def _starts(path: Path) -> bool:
-    """Whether a file is Gmsh's, whatever its name."""
+    """Whether a file is in Gmsh's format, regardless of its name."""
     return beginning(leading(path, _HEAD)) >= 0
 
 

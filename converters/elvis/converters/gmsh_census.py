@@ -95,7 +95,7 @@ def _listed(numbers: Floats, head: Callable[[int], int], width: Callable[[int], 
 
 
 def _alike(numbers: Floats, at: int, stride: int, most: int) -> int:
-    """How many elements from ``at`` on have the type and the third column of the first: 1 at least."""
+    """Number of elements from ``at`` on with the type and the third column of the first: at least 1."""
     count, ahead = 1, 16
     while count < most:
         rows = min(ahead, most - count, (len(numbers) - at) // stride - count)

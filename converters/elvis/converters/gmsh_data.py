@@ -25,7 +25,7 @@ MAGIC = b"$MeshFormat"
 #: the time of data without a time: one object, so that keys with it are equal
 UNKNOWN = float("nan")
 
-#: how files of version 1 begin, and the ends of their sections
+#: beginning of files of version 1, and the ends of their sections
 MAGIC_1, _SECTIONS_1 = b"$NOD", (b"$ENDNOD", b"$ELM", b"$ENDELM")
 
 _DATA = (b"InterpolationScheme", b"NodeData", b"ElementNodeData", b"ElementData")
@@ -33,7 +33,7 @@ _MESH = (b"MeshFormat", b"PhysicalNames", b"Entities", b"PartitionedEntities", b
          b"GhostElements", b"Parametrizations")  # fmt: skip
 _OPENING = re.compile(rb"(?m)^\$(\w+)[ \t\r]*\n")
 
-#: what may come before the format: blank lines, and sections of any other name with comments
+#: content allowed before the format: blank lines, and sections of any other name with comments
 _BEFORE = re.compile(rb"\s*\$(\w+)[ \t\r]*\n")
 
 #: tags (n,), values (n,) of each, and all values (sum, components)

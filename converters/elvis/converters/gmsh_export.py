@@ -1,7 +1,7 @@
 """Export to Gmsh: a mesh (MSH 4.1) with shared corners, and the fields as values at the nodes of each element.
 
-Boundaries and regions become physical groups of their names.  The library opens no prisms of order 3 or more, so
-collapsed hexahedra stand for these.
+Boundaries and regions become physical groups of their names.  The library opens no prisms of order 3 or more, so these
+are written as collapsed hexahedra.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class GmshTarget(Target):
         return Cell(shape, order, number, affine_image(nodes, frame, shape.vertices))
 
     def table(self, cell: Cell, points: Floats) -> Floats:
-        """As the library evaluates them."""
+        """The functions as the library evaluates them."""
         _, frame = self._frame(cell.number, cell.shape)
         padded = np.zeros((len(points), 3))
         padded[:, : cell.shape.dimension] = affine_image(points, cell.shape.vertices, frame)

@@ -31,7 +31,7 @@ _SHAPES = {
     "Pyramid": Shape.PYRAMID,
 }
 
-#: how the library says that it couldn't read, and that it left something out
+#: prefixes of the library's messages about failures and about parts that it left out
 _ERROR, _WARNING = "Error: ", "Warning: "
 
 
@@ -184,7 +184,7 @@ class _Reading:
         return len(set(names)) < len(names)
 
     def _one_by_one(self) -> Iterator[_Batch]:
-        """Elements asked for by their tags: the library overruns its arrays if it is asked for mixed families."""
+        """Elements, found by their tags one by one: for mixed families, the library overruns its arrays."""
         found: defaultdict[tuple[int, int, int], list[tuple[int, Ints]]] = defaultdict(list)
         for tag in range(1, int(self.gmsh.model.mesh.getMaxElementTag()) + 1):
             with suppress(Exception):  # this tag has no element

@@ -104,7 +104,7 @@ def _in_order(shape: Shape, rows: Ints) -> Ints:
 
 
 def _meshio_order(shape: Shape, rows: Ints) -> Ints:
-    """The same in the order of meshio, whose prisms are Gmsh's: both triangles run the other way."""
+    """`_in_order` in the order of meshio, whose prisms are Gmsh's: both triangles have the other orientation."""
     own = _in_order(shape, rows)
     return own[:, [0, 2, 1, 3, 5, 4]] if shape is Shape.PRISM else own
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
 
-#: what the library raises for damaged files
+#: exceptions of the library for damaged files
 _DAMAGES = (
     OSError,
     RuntimeError,
@@ -31,7 +31,7 @@ _DAMAGES = (
     TypeError,
     ArithmeticError,
     AttributeError,
-    SystemError,  # of names that are no text, where links are listed
+    SystemError,  # for names that are not text, when links are listed
 )
 _MOST_TEXTS = 1 << 20
 
@@ -95,7 +95,7 @@ def _has_member(file: h5py.File, name: str) -> bool:
 
 
 def require(file: h5py.File, name: str) -> Any:
-    """A dataset of the file itself that is as large as it claims; raises FormatError if there is none."""
+    """A dataset of the file itself that is as large as declared; raises FormatError if it is missing."""
     found = _member(file, name)
     check_stored(found, name)
     return found
@@ -104,7 +104,7 @@ def require(file: h5py.File, name: str) -> Any:
 def rows(file: h5py.File, name: str, index: tuple[int, ...]) -> Any:
     """A part of a dataset, at first indices.
 
-    Raises FormatError if there is none, or it is larger than the file holds.
+    Raises FormatError if it is missing, or larger than the data in the file.
     """
     found = _member(file, name)
     check_stored(found, name, math.prod(found.shape[len(index) :]) if index else None)
@@ -135,7 +135,7 @@ def texts(file: h5py.File, name: str, *shape: int) -> list[str]:
 
 
 def attribute(file: h5py.File, name: str) -> Any:
-    """The only value of an attribute, a scalar or an array of one; raises FormatError if there is none."""
+    """The only value of an attribute, a scalar or an array of one; raises FormatError if it is missing."""
     values = attributes(file, name)
     if len(values) != 1:
         raise FormatError(f"expected one value of the attribute {name}, found {len(values)}", file=file.file.filename)
@@ -143,7 +143,7 @@ def attribute(file: h5py.File, name: str) -> Any:
 
 
 def attributes(owner: h5py.HLObject, name: str) -> Any:
-    """The values of an attribute, one after another; raises FormatError if there is none."""
+    """The values of an attribute, one after another; raises FormatError if it is missing."""
     if name not in owner.attrs:
         raise FormatError(f"expected an attribute {name}, found none", file=owner.file.filename)
     check_attribute(owner, name)
@@ -151,7 +151,7 @@ def attributes(owner: h5py.HLObject, name: str) -> Any:
 
 
 def number(file: h5py.File, name: str) -> float:
-    """The only value of an attribute, a finite number; raises FormatError if it is none."""
+    """The only value of an attribute, a finite number; raises FormatError for other values."""
     value = attribute(file, name)
     if not isinstance(value, np.number) or not np.isfinite(value):
         raise FormatError(f"expected a number in the attribute {name}, found {value!r:.40}", file=file.file.filename)
@@ -170,7 +170,7 @@ def _member(file: h5py.File, name: str) -> Any:
 
     found = file.get(name)
     if isinstance(found, h5py.Dataset) and (
-        # looked at before the shape, for which the library opens the files of virtual datasets
+        # checked before the shape, for which the library opens the files of virtual datasets
         found.is_virtual or found.external or found.file.filename != file.file.filename
     ):
         raise FormatError("expected data in the file itself, found references to others", place=name)

@@ -28,7 +28,7 @@ _MOST_BLOCKS = 1 << 20
 
 
 def dataset(file: h5py.Group, name: str) -> Any:
-    """A dataset of the file or a virtual one; raises FormatError if there is none, or it claims more than is stored."""
+    """A dataset of the file or a virtual one; raises FormatError if it is missing, or larger than the stored data."""
     import h5py
 
     found = file.get(name)
@@ -72,7 +72,7 @@ class VirtualDataset:
         self.dtype = found.dtype
         self._place = found.name
         self._file = Path(found.file.filename)
-        #: what a file lacks whose rows end early
+        #: description of the missing data if rows end early
         self.lack = ""
         table = found.id.get_create_plist()
         entries = range(table.get_virtual_count())
@@ -158,7 +158,7 @@ class VirtualDataset:
     def _path(self, pattern: str, block: int) -> Path:
         """The file of a block; raises FormatError unless it is this file or lies below its folder.
 
-        As by HDF5, of a path from the root that its writer knew the name counts.
+        As in HDF5, only the name counts for an absolute path.
         """
         if pattern == ".":
             return self._file

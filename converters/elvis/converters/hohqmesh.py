@@ -18,10 +18,10 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, leading
 
-#: how such files begin
+#: beginning of such files
 _MAGIC = b"ISM-V2"
 
-#: what stands for the name of an inner side
+#: name for an inner side
 _NO_NAME = "---"
 
 #: the highest order of a curve

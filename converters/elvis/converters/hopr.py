@@ -47,7 +47,7 @@ _SIDES = {6: (4, 2, 0, 1, 3)}
 #: the type of boundary conditions that identify sides
 _PERIODIC = 1
 
-#: of orders; of columns of ElemInfo
+#: maximum order; number of columns of ElemInfo
 _HIGHEST, _COLUMNS = 30, 6
 
 _NODES = {"GAUSS": gauss, "GAUSS-LOBATTO": lobatto}

@@ -191,7 +191,7 @@ class Horses(NodalConverter):
         return names + after
 
     def _variables(self, head: Header, count: int, equations: str) -> tuple[str, ...]:
-        """The names of the variables of the equations that are asked for, or that the reference values suggest.
+        """The names of the variables of the requested equations, or of those that the reference values suggest.
 
         Raises FormatError if the equations have another number of variables.
         """

@@ -110,8 +110,8 @@ def bubble_space(shape: Shape, is_whole: bool, points: Floats) -> Floats:
 def _pyramid_bubbles(points: Floats) -> list[Floats]:
     """Functions of third degree on one triangle of a pyramid each, 0 on all other faces.
 
-    With collapsed coordinates x, y, the height z from 0 to 1 and c = 1 - z, they are c² z (1 - x²) (1 ± y)², and the
-    same with x and y exchanged.  Source: libMesh/libmesh, fe_lagrange_shape_3D.C, PYRAMID18.
+    With collapsed coordinates x, y, height z from 0 to 1 and c = 1 - z: c² z (1 - x²) (1 ± y)², and with x, y
+    exchanged.  Source: libMesh/libmesh, fe_lagrange_shape_3D.C, PYRAMID18.
     """
     x, y, height = collapse(Shape.PYRAMID, points).T
     z = (1 + height) / 2

@@ -28,7 +28,7 @@ def step_number(step: str | None, may_be_negative: bool = True) -> int:
 
 
 def is_count(word: str | bytes) -> bool:
-    """Whether a word is an integer from 0 up that fits an array of numbers."""
+    """Whether a word is a nonnegative integer that fits an array of numbers."""
     return word.isdigit() and len(word) <= _DIGITS
 
 
@@ -64,7 +64,7 @@ def check_rows(
     """Raise FormatError unless all of ``rows``, which count from 0, are rows of a table of ``count``.
 
     what   noun for the content of the table
-    first  of its numbers in the file
+    first  number of the first row in the file
     """
     if rows.size and not 0 <= rows.min() <= rows.max() < count:
         found = f"{rows.min() + first} to {rows.max() + first}"

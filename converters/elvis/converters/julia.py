@@ -25,9 +25,9 @@ Expression: TypeAlias = Callable[[Mapping[str, Value]], Value]
 
 #: the longest text that is read, in characters
 _MOST_CHARACTERS = 100_000
-#: how deep formulas may stand inside each other
+#: maximum depth of nested formulas
 _DEEPEST = 60
-#: how many operations and calls the evaluation of a text may take
+#: maximum number of operations and calls in the evaluation of a text
 _MOST_STEPS = 20_000
 
 _TOKEN = re.compile(
@@ -108,7 +108,7 @@ class _Vector(tuple[Value, ...]):
 
 
 class _Counter:
-    """How many steps an evaluation took."""
+    """Number of steps of an evaluation."""
 
     def __init__(self) -> None:
         self.steps = 0
@@ -300,7 +300,7 @@ class _Reader:
         return None
 
     def _parameters(self) -> list[str]:
-        """Names in brackets, with their types passed over."""
+        """Names in brackets; their types are skipped."""
         self.take("(")
         found = []
         while self.word != ")":
@@ -412,7 +412,7 @@ class _Reader:
         return parts
 
     def _tail(self, value: Expression) -> Expression:
-        """Calls and parts of vectors that follow a value; the types of ``SVector{2}`` are passed over."""
+        """Calls and parts of vectors that follow a value; the types of ``SVector{2}`` are skipped."""
         while self.word in ("(", "[", "{", "."):
             sign = self.take()
             if sign == "(":

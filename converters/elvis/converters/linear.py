@@ -46,8 +46,8 @@ class LinearCells:
     points   (n, 3)   world coordinates
     values   (n,)     of each quantity at the points
     cells    (m, v)   points of the cells of each shape
-    element  (m,)     id of the element that each of these is of
-    losses   of the coordinates, then of each quantity
+    element  (m,) id of the element that contains each of these
+    losses   for the coordinates, then for each quantity
     """
 
     points: Floats

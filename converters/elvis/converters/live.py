@@ -21,7 +21,7 @@ from elvis.plugins.converting import Settings, converted_object
 _DIGITS = 17
 #: the name of a function of MFEM that comes without one
 FUNCTION = "u"
-#: the highest degree of fields that is asked of the library
+#: maximum degree of fields that is requested from the library
 HIGHEST_ORDER = 30
 
 

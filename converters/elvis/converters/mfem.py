@@ -161,7 +161,7 @@ class _RemoteMesh:
         return found
 
     def function(self, file: Path, size: int, path: Path) -> dict[str, Any]:
-        """As `read`, a function on the mesh."""
+        """`read` for a function on the mesh."""
         return self.read("function", self._number, str(file), size=size, path=path)
 
     def values(self, method: str, elements: Ints, points: Floats, *given: Any, width: int) -> Floats:

@@ -1,4 +1,4 @@
-"""Texts of MFEM: which file is what, and checks of what the library would take unasked.
+"""Texts of MFEM: kinds of files, and checks that the library does not make.
 
 The library reads on where numbers end, and past the end of its arrays where vertices are out of range; so the counts
 and the ranges are checked before it reads.  Layout: MFEM documentation, mesh formats.
@@ -39,7 +39,7 @@ def first_line(path: Path) -> str:
     return leading(path, 80).split(b"\n")[0].decode("ascii", "replace").strip()
 
 
-#: how texts of other programs begin that the library reads: of Netgen, in two dimensions and in three, and of TrueGrid
+#: beginnings of texts of other programs that the library reads: Netgen in two and three dimensions, and TrueGrid
 _FOREIGN = {"areamesh2", "curved_areamesh2", "NETGEN", "NETGEN_Neutral_Format", "TrueGrid", "linemesh"}
 
 
@@ -84,7 +84,7 @@ def _members(path: Path, name: str, count: int) -> Iterator[Path]:
 
 
 def load(path: Path) -> str:
-    """The text of a file without comments; raises FormatError if it is none."""
+    """The text of a file without comments; raises FormatError for other files."""
     try:
         text = content(path).decode("ascii")
     except UnicodeDecodeError as error:
@@ -189,7 +189,7 @@ def header_end(path: Path, text: str) -> int:
 
 
 def header(path: Path) -> str:
-    """The description of the space of a function in a file; raises FormatError if there is none."""
+    """The description of the space of a function in a file; raises FormatError if it is missing."""
     text = load(path)
     return text[: header_end(path, text)]
 
@@ -213,7 +213,7 @@ def rounding(text: str) -> float:
 
 
 def _words(text: str, section: str) -> list[str]:
-    """Words of a section and all that follow, empty if there is none."""
+    """Words of a section and all that follow, empty without the section."""
     found = re.search(rf"(?m)^{section}\s*$", text)
     return text[found.end() :].split() if found else []
 

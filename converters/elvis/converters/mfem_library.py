@@ -16,7 +16,7 @@ from elvis.core.errors import FormatError
 #: the library's codes: vector functions, functions divided by the Jacobian, continuous spaces
 _IS_VECTOR, _IS_INTEGRAL, _IS_CONTINUOUS = 1, 1, 0
 
-#: the library's number of pyramids; how near to the apex discontinuous functions still have one value
+#: the library's number of pyramids; distance from the apex at which discontinuous functions still have one value
 _PYRAMID, _NEAR_APEX = 7, 1e-13
 
 
@@ -24,7 +24,7 @@ class Library:
     """The library, with the meshes that it has read, by number."""
 
     def __init__(self) -> None:
-        # half of its loading is this compiler, for functions written in Python, and it does without where there is none
+        # half of its loading time is this compiler for functions written in Python; the library works without it
         sys.modules.setdefault("numba", None)  # type: ignore[arg-type]
         import mfem.ser as mfem
 

@@ -1,7 +1,7 @@
 """Grouping of MFEM's texts: a mesh with its functions, pieces of parallel ones, streams that hold both.
 
-A stream is the format of GLVis for saving and showing data: a word, a mesh, a function.  Pieces are files whose names
-end in the number of a process; a mesh among them may end in a list of entities shared with others, which is removed.
+GLVis saves and shows data as streams: a word, a mesh, a function.  Pieces are files whose names end in the number of a
+process; a mesh among them may end in a list of entities shared with others, which is removed.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from elvis.core.errors import FormatError
 #: first words of streams with functions and without; ``keys`` follow the numbers of some
 _STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
 
-#: how streams begin that hold something else
+#: beginnings of streams with other content
 _REFUSED = (*COMPLEX, "QuadratureSpace")
 
 _SHARED = re.compile(r"(?m)^(mfem_serial_mesh_end|communication_groups)\s*$")
 _SPACE = re.compile(r"(?m)^(FiniteElementSpace|MFEM FiniteElementSpace v1\.0)\s*$")
 _GROUP = re.compile(r"(?m)^\d+((?: \d+)+)\s*$")
 
-#: names of pieces; how meshes of some versions end
+#: names of pieces; last line of meshes of some versions
 _NUMBERED, _END = re.compile(r"(.*)\.(\d{6})"), "mfem_mesh_end"
 
 
@@ -94,7 +94,7 @@ def _piece(mesh: Path, functions: Sequence[Path]) -> Piece:
 
 
 def _functions(name: str, path: Path, text: str) -> dict[str, Source]:
-    """The function of a file by name; of a complex one, whose imaginary values follow the real ones, two functions."""
+    """The function of a file by name; for a complex one, whose imaginary values follow the real ones, two functions."""
     if not text.startswith(COMPLEX):
         return {name: Source(path, text, True)}
     own = text.partition("\n")[2].lstrip()
@@ -114,7 +114,7 @@ def _name(mesh: Path, field: Path) -> str:
         return numbered[1].removesuffix(".gf")
     name = field.name.removesuffix(".gf")
     rest = name.removeprefix(mesh.name.removesuffix(".mesh"))
-    # of pressure.gf on p.mesh the name is whole: what follows the mesh's name must be set off
+    # pressure.gf on p.mesh keeps its full name: a separator must follow the mesh's name
     return rest.strip("._-") or name if rest[:1] in ("", *"._-") else name
 
 
@@ -127,7 +127,7 @@ def _siblings(path: Path) -> dict[int, Path]:
 
 
 def _processes(path: Path) -> int:
-    """How many pieces there must be, from the groups of processes that share something of a piece."""
+    """Number of pieces, from the groups of processes that share entities of a piece."""
     _, _, groups = load(path).partition("\nnumber_of_groups")
     own = groups.partition("\ntotal_shared")[0]
     return 1 + max((int(rank) for found in _GROUP.findall(own) for rank in found.split()), default=0)
@@ -153,7 +153,7 @@ def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
 
 
 def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
-    """The content of streams: one mesh, or the pieces of one; of several meshes in a row, the last."""
+    """The content of streams: one mesh, or the pieces of one; for several meshes in a row, the last."""
     if len(streams) != len(paths):
         other = next(path for path in paths if path not in streams)
         raise FormatError("expected streams alone, found another file next to them", file=other)

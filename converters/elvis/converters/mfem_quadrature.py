@@ -19,12 +19,12 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalValues, ShapeFunctions, native_points, space_values
 
-#: how such files begin
+#: beginning of such files
 QUADRATURE = "QuadratureSpace"
 
 _HEAD = re.compile(rf"{QUADRATURE}\s+Type: default_quadrature\s+Order: (\d{{1,3}})\s+VDim: (\d{{1,3}})\s")
 
-#: the highest order of a rule that the library is asked for, and of polynomials through its points
+#: maximum order of a rule that is requested from the library, and of polynomials through its points
 _HIGHEST_RULE, _HIGHEST = 60, 30
 
 #: the library's points in an element like one, of the rule of an order
@@ -69,7 +69,7 @@ class QuadratureFunction:
 class PointFunctions(ShapeFunctions):
     """Functions of points of a unit element: polynomials that are 1 at one of them and 0 at the others.
 
-    count  of the points (n, d)
+    count  number of points (n, d)
     """
 
     def __init__(self, shape: Shape, points: Floats) -> None:
@@ -78,7 +78,7 @@ class PointFunctions(ShapeFunctions):
             table = self._space(order, points)
             if table.shape[1] >= len(points) and np.linalg.matrix_rank(table) == len(points):
                 self.order = order
-                # of all combinations with these values, those with the smallest sum of squares
+                # among all combinations with these values, the one with the smallest sum of squares
                 self._inverse = np.linalg.pinv(table)
                 return
         raise FormatError(f"expected points that polynomials up to order {_HIGHEST} tell apart, found {len(points)}")

@@ -154,7 +154,7 @@ def _domain(mesh: Mesh) -> list[Composite]:
 
 
 def _composites_named(mesh: Mesh, names: str) -> list[Composite]:
-    """Composites of the domain by names or numbers; raises ElvisError if there is none of that name."""
+    """Composites of the domain by names or numbers; raises ElvisError if the domain has none of that name."""
     domain = _domain(mesh)
     found = []
     for name in (part.strip() for part in names.split(",")):

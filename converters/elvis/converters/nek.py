@@ -188,7 +188,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Records(NodalValues):
-    """Values of a record of a step, read when they are asked for; ``rows`` (m,) of the elements in the step."""
+    """Values of a record of a step, read on demand; ``rows`` (m,) of the elements in the step."""
 
     step: Step
     name: str
@@ -239,7 +239,7 @@ def _check_step_count(index: Path, first_name: str, count: int) -> None:
 
 
 def _member(index: Path, step: int) -> Path:
-    """The first file of a step of a series, -1 stands for the last that is there."""
+    """The first file of a step of a series; for step -1, of the last step that exists."""
     template, first, count = _index(index)
     last = first + checked_step(step, count, index)
     paths = [

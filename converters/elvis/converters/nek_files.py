@@ -22,10 +22,10 @@ MAGIC, MESH_MAGIC, _HEADER, _MESH_HEADER = b"#std", b"#v00", 132, 80
 #: the number that marks the byte order
 _TAG = 6.54321
 
-#: what a letter of the header stands for, in the order of the file; scalars S01, S02, ... follow
+#: names of the fields for letters of the header, in the order of the file; scalars S01, S02, ... follow
 _FIELDS = {"U": "velocity", "P": "pressure", "T": "temperature"}
 
-#: codes of sides whose condition is looked up by a number of the mesh generator; and of sides inside the mesh
+#: codes of sides whose condition is given by a number of the mesh generator; and of sides inside the mesh
 _NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "J", "SP", "")
 #: codes of sides that the mesh identifies with others
 _PERIODIC = ("P", "p")

@@ -1,9 +1,9 @@
 """NGSolve's elements: objects of a session, its own files, or samples (.elems.npz) of `ngsolve_export`.
 
 The library evaluates positions and values of objects and of its own files.  Samples hold, for each shape S (tet,
-pyramid, prism, hex, trig, quad), S_elem (n,) numbers, S_verts (n, k) vertices in NGSolve's order, S_ref (m, d)
-reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), S_region (n,) names if there are any; order: the degree
-of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts, boundary_S_region,
+pyramid, prism, hex, trig, quad): S_elem (n,) numbers, S_verts (n, k) vertices in NGSolve's order, S_ref (m, d)
+reference points, S_xyz (n, m, D), S_f_NAME (n, m, components), and S_region (n,) names if there are any; order: the
+degree of the map and the highest of the fields; order_NAME, continuous, time, boundary_S_verts, boundary_S_region,
 boundary_S_number (from 1), and the errors of polynomials through the samples for the map (error) and for functions
 (error_NAME) are optional.
 """
@@ -111,7 +111,7 @@ class NGSolve(NodalConverter):
         return own
 
     def _take(self, data: dict[str, Any], path: Path, asked: Asked | None = None) -> None:
-        """Blocks, fields and boundaries of a description, with samples, or of the library to be asked for values."""
+        """Blocks, fields and boundaries of a description, with samples, or with a library that evaluates them."""
         self._path, self._data, self._asked = path, data, asked
         self._parts: list[tuple[str, Ints]] = []
         self.blocks = []
@@ -261,7 +261,7 @@ class NGSolve(NodalConverter):
             raise FormatError(str(error), file=self._path, place=f"{shape}_ref") from None
 
     def _add_fields(self, names: dict[str, int]) -> None:
-        """Fields by component; where the file doesn't say which are continuous, all are tried."""
+        """Fields by component; if the file doesn't name the continuous ones, all are tested."""
         stated, polynomial = self._data.get("continuous"), self._data.get("polynomial")
         for name, count in names.items():
             is_continuous = stated is None or name in np.ravel(stated).tolist()
@@ -290,7 +290,7 @@ class NGSolve(NodalConverter):
         return EvaluatedValues.of(partial(self._asked.values, name), block.ids, order, count)
 
     def _borders(self) -> list[Boundary]:
-        """Sides by the name of their boundary, and by its number if a name stands for several numbers."""
+        """Sides by the name of their boundary, and also by its number if several numbers have one name."""
         by_name: dict[str, list[Ints]] = {}
         by_number: dict[str, dict[int, list[Ints]]] = {}
         for shape in SHAPES:

@@ -3,9 +3,9 @@
 from elvis.converters.ngsolve_export import export
 export("flow.elems.npz", mesh, {"u": velocity, "p": pressure})
 
-The functions of NGSolve depend on the orientation of elements, so none of its coefficients are stored: `Session` asks
-the library for values at points of elements.  A file has samples at as many points as determine polynomials, and the
-errors of these.
+The functions of NGSolve depend on the orientation of elements, so none of its coefficients are stored: `Session`
+obtains values at points of elements from the library.  A file has samples at as many points as determine polynomials,
+and the errors of these.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SHAPES = {
     "hex": Shape.HEXAHEDRON,
 }
 
-#: which of the library's vertices each vertex of a unit element is
+#: for each vertex of a unit element, the library's vertex
 UNIT_VERTICES = {
     "segm": (1, 0),
     "trig": (2, 0, 1),
@@ -71,7 +71,7 @@ _INSIDE = 40
 
 
 class Sampled(NamedTuple):
-    """A function that is evaluated, and where it comes from.
+    """A function that is evaluated, and its origin.
 
     space    of the grid function that it is or is a part of, None for other functions
     regions  names of the parts of the mesh that have it, None for all
@@ -172,7 +172,7 @@ class Session:
 
 
 def _type(field: Sampled) -> str:
-    """The library's name of the kind of a field's space, empty if there is none."""
+    """The library's name for the kind of a field's space, empty if unknown."""
     return getattr(field.space, "type", "")
 
 
@@ -229,7 +229,7 @@ def _error(session: Session, field: str | None, order: int) -> float:
 
 
 def _added(session: Session, field: str) -> int:
-    """How many orders more than its own a function needs."""
+    """Number of orders that a function needs in addition to its own."""
     own = session.orders[field]
     nodes = [(numbers, _rule(SHAPES[name], own)) for name, (numbers, *_) in session.elements.items()]
     values = [session.values(field, numbers, points) for numbers, points in nodes]
@@ -260,7 +260,7 @@ def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
 
 
 def _order(elements: Any, name: str, space: Any, order: int | None) -> int:
-    """The order that is asked for, or the highest of the elements of a field's space."""
+    """The requested order, or the highest of the elements of a field's space."""
     if order is None and space is None:
         raise ElvisError(f"expected an order for {name}, which is no grid function, found none")
     if order is not None:

@@ -53,7 +53,7 @@ _WORDS = {"surfaceelements": 1, "surfaceelementsgi": 2, "volumeelements": 1}
 _LISTS = {*_ELEMENTS, "points", "edgesegments", "edgesegmentsgi", "edgesegmentsgi2", "edgesegmentsgi3", "pointelements",
           "materials", "bcnames", "cd2names", "cd3names", "face_colours", "face_transparencies"}  # fmt: skip
 
-#: how compressed files begin, and how many times their size they may hold: ten times what meshes do
+#: beginning of compressed files
 _GZIP = b"\x1f\x8b"
 
 #: reads and samples in another process, where the library may crash
@@ -105,7 +105,7 @@ class Reader:
 
 
 def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], Path, Reader]:
-    """The description of a mesh and its functions (`ngsolve_export.Session`), the mesh, and the library to be asked.
+    """Description of a mesh and its functions (`ngsolve_export.Session`), the mesh, and a reader with the library.
 
     spaces  of the functions, as ``H1:5,L2:4``, in the order of their files
     Raises FormatError for damaged files; raises ElvisError if spaces are missing or don't fit.
@@ -224,7 +224,7 @@ def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
 
 
 def _count(path: Path, lines: Sequence[str], starts: dict[str, int], section: str) -> int:
-    """How many lines a section has; raises FormatError if it has fewer than it says."""
+    """Number of lines of a section; raises FormatError if it has fewer than declared."""
     at = starts.get(section, len(lines))
     text = lines[at + 1].strip() if at + 1 < len(lines) else ""
     if not is_count(text) or at + 1 + int(text) >= len(lines):

@@ -59,7 +59,7 @@ _KINDS: dict[str, tuple[Shape, tuple[tuple[int, ...], ...], tuple[int, ...]]] = 
 _DERIVED, _HIGHEST = 2, 30
 
 
-#: what messages call data that are in no file
+#: name in messages for data that are in no file
 _RUNNING = "a running solver"
 
 
@@ -258,7 +258,10 @@ class PyFR(NodalConverter):
         return NodalValues(np.moveaxis(found.values, 1, 2), self._basis(self._kinds[index], found.points, file))
 
     def _basis(self, kind: str, places: Floats, file: str) -> NodalBasis:
-        """The functions of solution points (n, d) of a kind; kept, for a running solver has the same at each step."""
+        """The functions of solution points (n, d) of a kind.
+
+        Cached, because a running solver has the same ones at each step.
+        """
         key = kind, places.tobytes()
         if key not in self._bases:
             shape, frame, _ = _KINDS[kind]

@@ -37,7 +37,7 @@ _HIGHEST = 30
 #: families of nodes along a line
 _NODES = {"lobatto": lobatto, "gauss": gauss}
 
-#: how p4est's files begin
+#: beginning of p4est's files
 _P4EST = (b"p4est", b"p8est")
 
 #: a variable of nodes that is constant around each of them

@@ -26,7 +26,7 @@ from elvis.plugins.nodal import NodalBasis
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
 
-#: how p4est's files begin, by dimension, and their formats
+#: beginning of p4est's files, by dimension, and their formats
 _MAGIC = {2: b"p4est", 3: b"p8est"}
 _FORMATS = {2: 0x2000009, 3: 0x3000009}
 
@@ -41,7 +41,7 @@ _ALIGNED = 32
 #: the levels of p4est's lattice, now and before version 2.8 in three dimensions
 _LATTICES = (30, 19)
 
-#: what Trixi writes where a side has no name
+#: name that Trixi writes for a side without a name
 _NO_NAME = "---"
 
 #: elements that are taken together
@@ -209,7 +209,7 @@ def _read_p4est(data: bytes, dimension: int, trees: int) -> tuple[Ints, Ints, In
     if count != trees:
         raise FormatError(f"expected {trees} trees as in the mesh, found {count}")
 
-    # vertices, edges and corners of trees are passed over
+    # vertices, edges and corners of trees are skipped
     faces = 2 * dimension
     reader.skip(24 * vertices)
     if dimension == 3 and edges:

@@ -135,7 +135,7 @@ def _sides_of_leaves(file: h5py.File, is_leaf: Bools) -> tuple[Bools, Bools]:
     for name, ids in (("parent_ids", parents), ("neighbor_ids", neighbours)):
         check_rows(ids, count + 1, "cells", place=name)
 
-    # cells are numbered from 1; 0 stands for none
+    # cells are numbered from 1; 0 means no cell
     above = np.concatenate([np.zeros((1, neighbours.shape[1]), np.int64), neighbours])[parents[leaves]]
     own = neighbours[leaves]
     is_split = np.concatenate([[False], ~is_leaf])[own]
@@ -143,7 +143,7 @@ def _sides_of_leaves(file: h5py.File, is_leaf: Bools) -> tuple[Bools, Bools]:
 
 
 def structured_cells(file: h5py.File, order: int | None, count: int | None, extra: str) -> Cells:
-    """The cells of a mesh that a mapping bends.
+    """The cells of a mesh that is curved by a mapping.
 
     order  of the solution, at whose Gauss-Lobatto nodes Trixi takes the mapping; None without a solution
     count  of the elements of the solution

@@ -24,7 +24,7 @@ class Unit(NamedTuple):
     """A reference element whose triangles have their right angle at the origin; a prism is two triangles, one above.
 
     frame    (n_vertices, d) coordinates of the vertices in the local order of our shape
-    corners  which of its own vertices each of ours is
+    corners  for each of our vertices, its own vertex
     """
 
     frame: Floats

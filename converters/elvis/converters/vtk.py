@@ -145,7 +145,7 @@ class Vtk(NodalConverter):
 
     @staticmethod
     def read_grids(paths: Sequence[Path], step: int) -> tuple[list[Grid], list[Path] | None]:
-        """The grids of a step, and the files that they are in, None if conversions aren't to be kept."""
+        """The grids of a step, and their files, or None if conversions are not to be cached."""
         return read(paths, step)
 
     def _collect(self, dimension: int) -> list[Part]:
@@ -198,7 +198,7 @@ class Vtk(NodalConverter):
                 self.warnings = [*self.warnings, f"{told} (option hexahedra)"]
 
     def _number_wedges(self, wedges: str) -> None:
-        """Mirror the nodes of a face of Lagrange wedges where asked, or where they lie so.
+        """Mirror the nodes of a face of Lagrange wedges if requested, or if they are mirrored.
 
         Raises FormatError in doubt.
         """
@@ -230,7 +230,7 @@ class Vtk(NodalConverter):
                 self.warnings = [*self.warnings, note]
 
     def _place_nodes(self, nodes: str) -> None:
-        """Move the nodes of Lagrange cells to Gauss or Gauss-Lobatto places where asked, or where cells show them."""
+        """Move the nodes of Lagrange cells to Gauss or Gauss-Lobatto places if requested, or if cells imply it."""
         known = [part for part in self._every() if part.cell.is_even]
         found = node_family(known)
         family = found.name if nodes == "auto" else nodes
@@ -264,7 +264,7 @@ class Vtk(NodalConverter):
 class Part:
     """Cells of one kind of a grid: ``rows`` (n,) of the grid with their ``nodes`` (n, k), numbered from ``first``.
 
-    companions  the same cells as other grids have them, with other fields
+    companions  the same cells in other grids, with other fields
     """
 
     grid: Grid
@@ -406,7 +406,7 @@ def _block(part: Part) -> Elements:
 
 
 def _dimension(grids: Sequence[Grid], paths: Sequence[Path]) -> int:
-    """The highest dimension of a cell; raises FormatError if there is none."""
+    """The highest dimension of a cell; raises FormatError if there are no cells."""
     shapes = [shape_of(kind, grid.file) for grid in grids for kind in np.unique(grid.types[grid.ghosts == 0]).tolist()]
     dimension = max((shape.dimension for shape in shapes if shape is not None), default=0)
     if not dimension:

@@ -58,7 +58,7 @@ BEZIER: dict[int, Shape] = dict(zip(range(75, 81), _SHAPES, strict=True))
 #: cells that are no elements: points, lines of many pieces
 POINTS = (0, 1, 2)
 
-#: what a reader may meet and nobody can evaluate
+#: kinds that readers may meet and that cannot be evaluated
 _REFUSED = {4: "polylines", 6: "triangle strips", 7: "polygons", 42: "polyhedra", 74: "Lagrange pyramids",
             81: "Bezier pyramids"}  # fmt: skip
 

@@ -24,7 +24,10 @@ _TYPES = {shape: number for number, shape in LAGRANGE.items()}
 
 
 class VtkTarget(Target):
-    """Lagrange cells with evenly spaced nodes; its pyramids of any order are nobody's, so hexahedra stand for them."""
+    """Lagrange cells with evenly spaced nodes.
+
+    Its pyramids cannot be evaluated at any order, so they are written as hexahedra.
+    """
 
     highest, highest_pyramid, highest_prism = 10, 0, 10
 
@@ -39,7 +42,7 @@ class VtkTarget(Target):
         return Cell(shape, order, own.kind.type, nodes)
 
     def table(self, cell: Cell, points: Floats) -> Floats:
-        """As the library evaluates them."""
+        """The functions as the library evaluates them."""
         own = self._own(cell.shape, cell.order)
         assert own.frame is not None
         return own.at(affine_image(points, cell.shape.vertices, own.frame))

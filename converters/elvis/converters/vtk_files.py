@@ -31,7 +31,7 @@ _KINDS = {
 
 _UNSTRUCTURED = "save an unstructured grid (.vtu), in ParaView by the filter Append Datasets"
 
-#: what other kinds of its data sets hold, and what to do
+#: content of other kinds of its data sets, and advice
 _OTHERS = {
     b"POLYDATA": "a surface of polygons (PolyData) without a volume: save the volume as an unstructured grid (.vtu)",
     b"STRUCTUREDGRID": f"a structured grid of linear cells: {_UNSTRUCTURED}",
@@ -43,13 +43,13 @@ _OTHERS = {
     b"FIELD": "arrays without cells: give the grid",
 }
 
-#: how lists of files in JSON begin
+#: beginning of lists of files in JSON
 _SERIES = re.compile(rb"""\s*\{[^{}\[\]]*"file-series-version\"""")
 
-#: how HDF5 files begin
+#: beginning of HDF5 files
 _HDF5 = b"\x89HDF\r\n"
 
-#: what XML declares a number of
+#: numbers that XML declares
 _COUNT = re.compile(rb"""\b(NumberOf\w+)\s*=\s*["']\s*(\d{1,400})""")
 
 #: reads in another process
@@ -60,7 +60,7 @@ _WORKER = "elvis.converters.vtk_library:Library"
 class Grid:
     """An unstructured grid.
 
-    name         of the block that it is
+    name         of the block
     points       (n, 3)
     types        (m,) of the cells, their nodes are nodes[offsets[i]:offsets[i + 1]]
     ghosts       (m,) whether a cell belongs to another part

@@ -70,7 +70,7 @@ class _Line:
 
 
 def fixed_functions(kind: int, shape: Shape, order: int, nodes: Floats) -> ShapeFunctions:
-    """The functions of a type of cells of order 1 or 2 with a fixed number of nodes (n, 3); of pyramids of order 1."""
+    """The functions of a type of cells of order 1 or 2 with a fixed number of nodes (n, 3); for pyramids of order 1."""
     if shape is Shape.PYRAMID:
         return NodalBasis(shape, order, shape.vertices, PyramidSpace.RATIONAL)
     if kind not in _SERENDIPITY:

@@ -261,7 +261,7 @@ class _GridReading:
 
 
 def _parts_before(cells: Ints, start: int, part: int) -> int:
-    """How many parts have their cells before the cell ``start``, with which the cells of a part begin.
+    """Number of parts whose cells come before the cell ``start``, with which the cells of a part begin.
 
     Steps may share the cells of earlier parts: then these are fewer than parts before.
     """

@@ -32,7 +32,7 @@ _ENOUGH = 2000
 #: the share of an edge that a node of a simple one may be off
 _OFF = 1e-5
 
-#: how much smoother than with others edges are with the nodes of a family that is believed
+#: minimum ratio by which edges are smoother with the nodes of the accepted family than with others
 _SMOOTHER = 3.0
 
 #: the lowest order whose edges distinguish families

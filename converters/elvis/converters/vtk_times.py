@@ -29,7 +29,7 @@ _KINDS = {b"Float64": "f8", b"Float32": "f4", b"double": "f8", b"float": "f4"}
 
 
 def time_in(path: Path) -> float | None:
-    """The time in a file, None if there is none, or only the library would find it."""
+    """The time in a file, None if it has none, or if only the library can find it."""
     head = leading(path, _HEAD)
     try:
         if head.startswith(b"# vtk DataFile"):

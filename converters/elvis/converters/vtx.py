@@ -83,7 +83,7 @@ class Vtx(Vtk):
 
     @staticmethod
     def read_grids(paths: Sequence[Path], step: int) -> tuple[list[Grid], list[Path] | None]:
-        """The grid of a step; conversions of folders are not kept."""
+        """The grid of a step; conversions of folders are not cached."""
         (folder,) = _folders(paths)
         size = sum(each.stat().st_size for each in _members(folder))
         found = _ask(folder, "arrays", step, unpacked_limit(size))

@@ -18,7 +18,7 @@ from elvis.core.quantities.evaluator import Evaluator
 
 #: approximate number of sampled points
 MOST = 100_000
-#: maximum per direction of an element, and number evaluated at once
+#: maximum number of points per direction of an element, and number evaluated at once
 _EACH, _BATCH = 64, 1 << 18
 
 

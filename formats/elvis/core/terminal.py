@@ -137,7 +137,7 @@ def tell(kind: str, sentence: str) -> None:
 
 #: kinds and messages that this process has printed, in order; None in a process without ranks
 _told: dict[tuple[str, str], None] | None = None
-#: maximum number of these
+#: maximum number of these messages
 MAX_TOLD = 1000
 
 

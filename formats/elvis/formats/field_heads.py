@@ -30,7 +30,7 @@ class FieldHead:
     """Facts about a field file that are known without reading its coefficients.
 
     time   None if the file has none
-    mark   stands for the fields, the elements that they are on and the Fourier modes: files of one mark hold the same
+    mark   identifies the fields, their elements and the Fourier modes: files with one mark have the same
     fault  why the file can't be whole; empty if nothing speaks against it
     """
 
@@ -84,7 +84,7 @@ def _of_xml(path: Path, section: re.Pattern[bytes]) -> FieldHead | None:
 
 
 def _is_closed(path: Path) -> bool:
-    """Whether the last tag is there; of packed files that is not asked."""
+    """Whether the last tag is present; packed files are not checked."""
     with path.open("rb") as file:
         if file.read(2) == xml.GZIP_SIGNATURE:
             return True

@@ -43,7 +43,7 @@ _PARTITIONS = ("Partition", "MultipleFldFiles")
 
 T = TypeVar("T")
 
-#: chooses the names of the fields to read from those of a dataset
+#: function that chooses the fields to read, given the names in a dataset
 Choice: TypeAlias = Callable[[Dataset], Collection[str]]
 
 
@@ -91,7 +91,7 @@ def read_part(number: int, count: int, *paths: str | Path) -> Portion:
 
 
 def read_parts(*paths: str | Path, choose: Choice | None = None) -> DatasetParts:
-    """The same for one part after another; ``choose`` as in `with_fields`.  Raises as `read`."""
+    """`read`, one part after another; ``choose`` as in `with_fields`.  Raises as `read`."""
     return _staged(paths, lambda reader, names: reader.parts(names), _Reader(choose, is_of_parts=True))
 
 
@@ -196,7 +196,7 @@ def _is_piece(name: str) -> bool:
 
 
 def named_files(paths: Iterable[str | Path]) -> list[Path]:
-    """The HDF5 files of meshes that XML files among ``paths`` name; of names that several folders hold, each."""
+    """The HDF5 files of meshes that XML files among ``paths`` name; for names that several folders hold, each file."""
     found = []
     for path in filter(Path.is_file, map(Path, paths)):
         names = _HDF5_NAME.findall(head(path, _HEAD))
@@ -206,10 +206,10 @@ def named_files(paths: Iterable[str | Path]) -> list[Path]:
 
 
 class _Reader:
-    """Collects what files hold; fields are decoded at once, a mesh when it is known which of several holds.
+    """Collects the content of files; fields are decoded immediately, a mesh once it is known which of several applies.
 
     choose       see `with_fields`: then fields wait until all their names are known
-    is_of_parts  whether parts are asked for: then they wait until a mesh is known, and each part unpacks its own
+    is_of_parts  whether parts are requested: they wait until a mesh is known, and each part unpacks its own
     """
 
     def __init__(self, choose: Choice | None = None, *, is_of_parts: bool = False) -> None:
@@ -291,7 +291,7 @@ class _Reader:
         return replace(found, fields=fields), lacking(self._sections, dataset.mesh)
 
     def on_parts_of(self, parts: DatasetParts) -> tuple[DatasetParts, int]:
-        """The same of a dataset that is read by parts."""
+        """The dataset that is read by parts, with fields and metadata."""
         mesh, metadata = parts.whole.mesh, self._field_metadata
         whole = replace(parts.whole, time=time_of(metadata), metadata=metadata)
         self._decode(whole)

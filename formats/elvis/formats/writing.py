@@ -34,8 +34,8 @@ def write(
 ) -> tuple[Path, ...]:
     """Write a dataset; return the written files.  Either all files are written completely, or none is touched.
 
-    mesh_path   XML file of the mesh; with ``hdf5`` the data go to the same name with the suffix .nekg.  XML is gzipped
-                if the name ends in .gz.  Without it, only the fields are written.
+    mesh_path   XML file of the mesh; with ``hdf5``, the data go to a file of the same name with the suffix .nekg.  XML
+                is gzipped if the name ends in .gz.  Without it, only the fields are written.
     field_path  file of the fields; if only ``mesh_path`` is given, the same name with the suffix .fld.
     outputs     commits these files together with others, if given
 

@@ -1,8 +1,8 @@
 """Bounds of polynomials from their values at Chebyshev points, with which the reference proves its exclusions.
 
-A polynomial of degree n is at most its largest value at the zeros of the Chebyshev polynomial of degree m > n, divided
-by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen Gitterpunkten, 1964); several variables need
-such a divisor for each.
+The maximum of a polynomial of degree n is at most its largest value at the zeros of the Chebyshev polynomial of degree
+m > n, divided by cos(pi n / 2 m) (Ehlich and Zeller, Schwankung von Polynomen zwischen Gitterpunkten, 1964); several
+variables need such a divisor for each.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ def map_degrees(patch: Patch) -> tuple[int, ...]:
 
 
 def degrees_of(patch: Patch, expansion: Expansion | None) -> tuple[int, ...]:
-    """Degrees of modes in each collapsed coordinate, Fourier directions included; None stands for no polynomial."""
+    """Degrees of modes in each collapsed coordinate, Fourier directions included.
+
+    None for functions that are not polynomials.
+    """
     waves = (GUESSED,) * len(patch.periods)
     if expansion is None:
         return (GUESSED,) * patch.shape.dimension + waves

@@ -16,7 +16,7 @@ _ON = 1e-11
 
 
 def is_clipped(clips: Sequence[Clip], points: Floats, values: Callable[[str], Floats], size: float) -> Bools:
-    """(n,) which of the world points (n, 3) are removed by clips; NaN points are not.
+    """(n,) whether each of the world points (n, 3) is removed by clips; NaN points are not.
 
     values  of an expression at the points, by its text
     size    of the scene in world units

@@ -111,7 +111,7 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
 
 
 def _light(hits: Hits, scene: Scene, view: View) -> Floats:
-    """(n,) factors of light on the side that is seen: the ambient part, Lambert's cosine for each light; at most 1."""
+    """(n,) factors of light on the visible side: the ambient part, plus Lambert's cosine for each light; at most 1."""
     rows, columns = np.divmod(np.arange(view.count), view.width)
     rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
     factor = np.full(view.count, scene.ambient)

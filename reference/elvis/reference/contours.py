@@ -61,7 +61,7 @@ def _apart(record: Record) -> tuple[Bools, Bools]:
 
 
 def displacement(exact: Record, other: Record, value: float) -> Displacement:
-    """How far the contour at ``value`` is displaced."""
+    """The displacement of the contour at ``value``."""
     first, second = crossings(exact, value), crossings(other, value)
     counts = (len(first), len(second))
     if not all(counts):

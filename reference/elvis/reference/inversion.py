@@ -1,4 +1,4 @@
-"""The reference's inverse map: the reference point of an element at a world point, or the proof that there is none.
+"""The reference's inverse map: the reference point of an element at a world point, or a proof that none exists.
 
 The core solves once from a guess and proves by Bernstein nets.  The reference uses another method, so that an error is
 not in both.  Newton's method starts from the place of a lattice whose image is nearest and, if that fails, from the
@@ -77,8 +77,8 @@ class Inverter:
         """(n, k, 3) world coordinates on lattices in boxes (n, 2, d) of collapsed coordinates, the last one fastest.
 
         lines  for each direction the lattice's coordinates (k_i,) in [-1, 1]
-        The last direction uses sum factorisation (Orszag 1980): modes are products of factors along each direction, and
-        the factors of the other directions are shared by the three coordinates and by equal boxes.
+        The last direction uses sum factorisation (Orszag 1980): modes are products of factors along each direction.
+        The factors of the other directions are shared by the three coordinates and by equal boxes.
         """
         distinct, own = np.unique(boxes.reshape(len(boxes), -1), axis=0, return_inverse=True)
         low, high = np.split(distinct, 2, axis=1)
@@ -111,14 +111,14 @@ class Inverter:
         return reference, status
 
     def search(self, rows: Ints, points: Floats) -> tuple[Floats, NDArray[np.uint8]]:
-        """The same where `invert` is UNCERTAIN: INSIDE, proved to be OUTSIDE, or FAILED."""
+        """`invert` for points that are UNCERTAIN: INSIDE, proved to be OUTSIDE, or FAILED."""
         reference = np.full((len(rows), self.shape.dimension), np.nan)
         status = np.full(len(rows), Status.OUTSIDE, np.uint8)
         dimension = self.shape.dimension
         pair, place = np.arange(len(rows)), np.zeros((len(rows), 2 * dimension), np.int64)
         for number in range(dimension * _HALVINGS):
             check_time()
-            # many points ask for the same boxes
+            # many points need the same boxes
             distinct, own = np.unique(np.column_stack([rows[pair], place]), axis=0, return_inverse=True)
             boxes = _boxes(distinct[:, 1:])
             left = _Bounds(self, distinct[:, 0], boxes).may_hold(own.reshape(-1), points[pair])
@@ -196,7 +196,7 @@ class Inverter:
 class _Bounds:
     """Bounds of the map over boxes (k, 2, d) of collapsed coordinates of elements ``rows`` (k,).
 
-    In the directions of the axes and of the dual tangents at the middle; where these are no numbers they bound nothing.
+    In the directions of the axes and of the dual tangents at the middle; if these are undefined, there is no bound.
     """
 
     def __init__(self, inverter: Inverter, rows: Ints, boxes: Floats) -> None:

@@ -50,8 +50,8 @@ class Ends:
 class LineStudy:
     """The lines of one object.
 
-    name    what the scene calls it
-    lines   how many are compared
+    name    of the object in the scene
+    lines   number of lines that are compared
     length  of the longest
     ours    at the object's own tolerance
     others  VTK's

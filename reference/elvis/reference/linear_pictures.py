@@ -15,7 +15,7 @@ from elvis.scene.frame import Frame
 
 
 class LinearPictures:
-    """Pictures of linear meshes of a dataset, as `compare_scene` scores them; the last mesh is kept."""
+    """Pictures of linear meshes of a dataset, as `compare_scene` scores them; the last mesh is cached."""
 
     def __init__(self, dataset: Dataset) -> None:
         """Raise ElvisError for 1D data, which have no such pictures."""

@@ -1,4 +1,4 @@
-"""Which elements hold given world points, by the reference's own inverse map."""
+"""Elements that contain given world points, found by the reference's own inverse map."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class Errors:
     """Errors of a picture relative to the exact one, over the pixels visible in both.
 
     range           minimum and maximum value, to which errors are relative
-    pixels          seen in the exact picture
+    pixels          number of visible pixels of the exact picture
     value_max, value_mean, value_rms  maximum, mean and root mean square of |other - exact|, relative to the range
     off             percent of these pixels with an error above one step of the colour map (1/256 of the range), or
                     missing
@@ -84,7 +84,7 @@ class Errors:
 
 
 def check_comparable(exact: Record, other: Record) -> None:
-    """Raise ElvisError unless both records are of one size and can be of one camera, and something is seen."""
+    """Raise ElvisError unless both records have one size and can have one camera, and something is visible."""
     if exact.shape != other.shape:
         sizes = " and ".join(f"{record.shape[1]} x {record.shape[0]}" for record in (exact, other))
         raise ElvisError(f"expected records of one size, found {sizes} pixels")

@@ -56,7 +56,7 @@ def render(data: Dataset | PluginData, scene: Scene) -> Frame:
 
 
 def _render(source: Source, scene: Scene) -> Frame:
-    """As `render`, but for the time."""
+    """`render` without the time."""
     scene = settle_range(source, scene)
     if scene.samples > 1:
         return supersample(_render, source, scene)
@@ -94,7 +94,7 @@ def _plain(dataset: Dataset, scene: Scene) -> Frame:
 
 
 def glance(locator: Locator, scene: Scene) -> Bools:
-    """(h, w) where an element is seen."""
+    """(h, w) whether an element is visible."""
     view = view_of(scene)
     assert isinstance(view, PlaneView)
     pixels, points = points_of_pixels(locator.patches, view)

@@ -18,7 +18,7 @@ from elvis.plugins.host_patch import HostPatch
 from elvis.reference.locating import Locator
 from elvis.scene.time_limit import check_time
 
-#: points that are looked up together
+#: number of points that are located together
 _AT_ONCE = 1 << 12
 
 

@@ -48,10 +48,10 @@ def names_of(scene: Scene) -> tuple[str, ...]:
 class Quantities:
     """Fields and expressions of one dataset.
 
-    names    as scenes call them
+    names    of the quantities in scenes
     patches  the elements that carry the first of them
     dataset  that they are of; None if a runtime plugin has opened the data
-    flow     what lines are followed in
+    flow     data in which lines are traced
     """
 
     dataset: Dataset | None = None
@@ -150,7 +150,7 @@ class Quantities:
         return np.asarray(_ROUNDING * sizes[place])
 
     def _number(self, name: str) -> int | None:
-        """Which field of the patches a name is; None for an expression."""
+        """The number of the field among those of the patches; None for an expression."""
         expression = self._expressions[name]
         return self._evaluator.names.index(expression.fields[0]) if expression.is_field else None
 

@@ -24,12 +24,12 @@ class Record:
     """A picture's channels, (height, width[, 3]); row 0 is the top.
 
     color      in [0, 1]
-    depth      distance from the eye's plane along the view, infinite if nothing is seen
-    field      NaN if nothing is seen
-    element    id in the file, -1 if nothing is seen
-    position, reference, normal  world and reference coordinates, unit normals; NaN if nothing is seen
+    depth      distance from the eye's plane along the view, infinite if nothing is visible
+    field      NaN if nothing is visible
+    element    id in the file, -1 if nothing is visible
+    position, reference, normal  world and reference coordinates, unit normals; NaN if nothing is visible
     status     0 miss, 1 certain, 2 ambiguous, 3 failed
-    uncertainty  the true depth is within this of the given one; NaN if nothing is seen, None if it isn't known
+    uncertainty  maximum error of the depth; NaN if nothing is visible, None if it isn't known
     """
 
     color: Floats
@@ -52,7 +52,7 @@ class Record:
 
     @staticmethod
     def load(path: Path) -> Record:
-        """A record from an .npz file; raises FormatError if it is none, or lacks a channel."""
+        """A record from an .npz file; raises FormatError for other files, or if a channel is missing."""
         with Archive(path, "a record that elvis render writes as .npz") as archive:
             found = {name: archive[name] for name in (*CHANNELS, "uncertainty") if name in archive.names}
         missing = [name for name in CHANNELS if name not in found]
@@ -83,7 +83,7 @@ class Record:
 
     @cached_property
     def seen(self) -> Bools:
-        """(h, w) where something is seen."""
+        """(h, w) whether something is visible."""
         return self.element >= 0
 
     def save(self, path: Path) -> None:

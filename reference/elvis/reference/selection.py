@@ -1,4 +1,4 @@
-"""Which element faces a scene's selection names."""
+"""The element faces that a scene selects."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def selected_faces(mesh: Mesh, patch: Patch, select: Sequence[str]) -> Bools:
 def _numbers(mesh: Mesh, patch: Patch) -> Ints:
     """(e, local faces) numbers of the faces.
 
-    Rows of the mesh's faces; of quasi-3D data edges, then two lids an element; of surfaces elements, triangles first.
+    Rows of the mesh's faces; for quasi-3D data edges, then two lids for each element; for surfaces elements, triangles
+    first.
     """
     entities = mesh.of(patch.shape)
     rows = entities.rows_of(patch.element_ids)
@@ -68,7 +69,7 @@ def _counts(mesh: Mesh, patch: Patch) -> Ints:
 
 
 def _composite(mesh: Mesh, name: str) -> Composite:
-    """The composite of this name or id; raises SceneError if there is none."""
+    """The composite of this name or id; raises SceneError if it does not exist."""
     named = mesh.named_parts()
     if name in named:
         return Composite(-1, named[name])

@@ -1,6 +1,6 @@
-"""Elements as rays meet them, with three reference coordinates and faces, whatever their shape has.
+"""Elements for rays: with three reference coordinates and faces for any shape.
 
-Plane elements of quasi-3D data are drawn out along zeta in [-1, 1], one period.  Elements of surfaces in space are
+Plane elements of quasi-3D data are extruded along zeta in [-1, 1], one period.  Elements of surfaces in space are
 surfaces: a third coordinate leads away from them, and is zero on their only face, which is all of them.
 """
 
@@ -49,7 +49,7 @@ def heights(planes: Floats, points: Floats) -> Floats:
 
 @cache
 def faces(shape: Shape, extruded: bool) -> tuple[Face, ...]:
-    """The faces of a solid; of an extruded one walls over its edges, then the lids at zeta = -1 and zeta = 1."""
+    """The faces of a solid; for an extruded one, walls over its edges, then the lids at zeta = -1 and zeta = 1."""
     planes = bounds(shape, extruded)
     if shape.dimension == 3:
         frames = [(face_shape(face), _frame(shape.vertices[list(face)])) for face in shape.faces]

@@ -60,7 +60,7 @@ class DatasetSource(Source):
         return known.lower, known.upper
 
     def domain(self) -> Floats:
-        """See `Source`: the bounds of the coordinates, where they are narrower than the elements' boxes."""
+        """The box of the elements, with known bounds of the coordinates instead (see `Source`)."""
         box = surrounding([element_boxes(patch) for patch in patches(self.dataset)])
         for axis, name in enumerate("xyz"[: self.dataset.mesh.dimension]):
             known = self.bounds(name)
@@ -80,9 +80,9 @@ class PluginSource(Source):
         return HostQuantities(self.opened, names)
 
     def bounds(self, name: str) -> tuple[float, float] | None:
-        """See `Source`: none are known."""
+        """None: no bounds are known (see `Source`)."""
         return None
 
     def domain(self) -> Floats:
-        """See `Source`: none is known."""
+        """Raise an error: no box is known (see `Source`)."""
         raise SceneError("the device reference knows no box around what a plugin opens: leave out --box and --axes")

@@ -275,14 +275,14 @@ class Rivals:
         return [Rival("vtk", name, None, record, found, made.counts, made.seconds, self._surfaces(made))]
 
     def _surfaces(self, made: Baseline | VtkBaseline) -> dict[str, SurfaceDistance | None]:
-        """How far each isosurface is from the exact one."""
+        """Distances of each isosurface from the exact one."""
         return {
             name: surface_distance(exact, made.triangles(shown, self.scene.field))
             for name, (shown, exact) in self.surfaces.items()
         }
 
     def _deviations(self, made: Baseline) -> tuple[dict[str, Deviation | None], Floats | None]:
-        """How far each surface is from the exact points, and what the exact picture shows from all of them."""
+        """Distances of each surface from the exact points, and of the visible points from all surfaces."""
         meshes = {name: made.triangles(own.shown, self.scene.field) for name, own in self.sampled.items()}
         found = {name: deviation(own, meshes[name]) for name, own in self.sampled.items()}
         return found, picture_distances(self.exact.position, list(meshes.values())) if meshes else None

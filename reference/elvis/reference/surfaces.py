@@ -69,7 +69,7 @@ def triangles(file: str) -> LinearMesh:
 
 
 def gradients(surface: Surface, points: Floats) -> Floats:
-    """(n, 3) gradients of `levels`; on the axis of a cylinder or cone, where there is none, not finite."""
+    """(n, 3) gradients of `levels`; not finite on the axis of a cylinder or cone, where none exists."""
     with np.errstate(invalid="ignore", divide="ignore"):
         match surface:
             case Plane():

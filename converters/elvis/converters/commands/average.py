@@ -28,7 +28,7 @@ Examples:
 
 FILE = click.Path(path_type=Path)
 
-#: how names of extremes end
+#: endings of names of extremes
 _ENDINGS = ("_min", "_max", "_time")
 #: relative residual of covariance fits above which a message is printed
 _ROUNDING = 1e-11
@@ -48,7 +48,7 @@ def _span(found: Average, series: Series) -> str:
 
 
 def _tell(found: Average, order: int | None) -> None:
-    """Say what a mean leaves out, and by how much statistics are off."""
+    """Print which fields a mean leaves out, and the errors of statistics."""
     from elvis.core.terminal import note
 
     for remark in found.dataset.remarks:

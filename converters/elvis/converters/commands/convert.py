@@ -64,7 +64,7 @@ def _declare() -> dict[str, Option]:
 
 
 def _parameter(option: Option) -> click.Option:
-    """A flag, a choice or a text; left out it is None."""
+    """A flag, a choice or a text; None if omitted."""
     name = "converter_" + option.name.replace("-", "_")
     text = option.help + (f"  [default: {option.default}]" if option.default else "")
     if option.choices is None:
@@ -333,7 +333,7 @@ def _projected(
 
 
 def _is_plain(options: dict[str, Any]) -> bool:
-    """Whether no option asks for a conversion of a mesh."""
+    """Whether no option requests a conversion of a mesh."""
     settings: dict[str, object] = {"name": None, "plugin": None, "pairs": {}, "geometry": "auto", "pyramids": "exact"}
     own = {key: value for key, value in options.items() if key.startswith("converter_") and value is not None}
     return not own and all(options[key] == value for key, value in settings.items())

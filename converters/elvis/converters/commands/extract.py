@@ -162,7 +162,7 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
 
 
 def _named(dataset: Dataset, texts: tuple[str, ...]) -> dict[str, str]:
-    """Expressions by the names that they go by; all fields where none is asked for."""
+    """Expressions by their names; without texts, all fields."""
     found = dict[str, str]()
     for text in texts or tuple(dataset):
         name, sign, rest = (part.strip() for part in text.partition("="))

@@ -43,7 +43,7 @@ from elvis.core.quantities.tree import Node, call, field, number, world_derivati
 ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
 #: ratio of the bound to the largest difference found, above which a remark is made
 _WIDE = 1.001
-#: relative difference up to which two values count as equal
+#: relative difference up to which no remark is made
 _ROUNDED = 1e-11
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of a value, relative to its terms

@@ -61,15 +61,15 @@ class RawGeometry:
 
 #: rows examined together if there may be many
 AT_ONCE = 1 << 17
-#: ids up to this multiple of their number are looked up in a table, unless their runs average this many ids or more
+#: ids up to this multiple of their number are found by a table, unless their runs average this many ids or more
 _DENSE, _LONG = 4, 64
 
 
 class Lookup:
     """Finds the row of each id in an array of distinct ids; ``what`` names the entities in messages.
 
-    Ids that go up by one from row to row are a run.  Long runs are kept and nothing else, so that ids as most files
-    have them take no memory; of others a table by id, or where that were long all runs, however short they are.
+    Ids that increase by one from row to row are a run.  Long runs are stored alone, so usual ids take no memory; other
+    ids are stored as a table by id, or, if that were long, as all runs of any length.
     """
 
     def __init__(self, ids: Ints, what: str) -> None:
@@ -120,7 +120,7 @@ class Lookup:
         return self.into_rows(np.array(ids), user)
 
     def into_rows(self, ids: Ints, user: str) -> Ints:
-        """As `rows`, but the array itself is overwritten if it can be: no second one of its size is needed."""
+        """`rows` that overwrites the array if possible: no second one of its size is needed."""
         ids = np.ascontiguousarray(ids) if ids.flags.writeable else np.array(ids)
         flat = ids.reshape(-1)
         for start in range(0, len(flat), AT_ONCE):
@@ -160,7 +160,7 @@ def _starts_of_runs(ids: Ints, most: int) -> Ints | None:
 
 
 def _rows_by_id(ids: Ints) -> tuple[NDArray[Any], Ints]:
-    """Row by id, -1 if there is none, and the ids that are there twice."""
+    """Row by id, -1 for missing ids, and the ids that occur twice."""
     table = np.full(int(ids.max()) + 1, -1, np.int32 if len(ids) < 1 << 31 else np.int64)
     spans = [(start, min(start + AT_ONCE, len(ids))) for start in range(0, len(ids), AT_ONCE)]
     for start, stop in spans:
@@ -200,7 +200,7 @@ def unite(pieces: Sequence[RawGeometry]) -> RawGeometry:
 
 
 def _with_each_vertex_once(raw: RawGeometry) -> RawGeometry:
-    """The geometry without vertices that come again at the same place, as the solver passes over them."""
+    """The geometry without vertices that are repeated at the same place, which the solver skips."""
     ids = raw.vertex_ids
     if (ids[1:] > ids[:-1]).all():
         return raw
@@ -279,7 +279,7 @@ def mesh_of_ids(raw: RawGeometry) -> Mesh:
     return Mesh(raw.dimension, raw.space, frozen_ints(np.empty(0)), frozen_floats(np.empty((0, 3))), entities)
 
 
-#: dimension of what the tags name that stand for no one shape
+#: dimension of entities whose tags denote no single shape
 _DIMENSIONS = {"V": 0, "E": 1, "F": 2}
 
 

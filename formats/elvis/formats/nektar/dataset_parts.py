@@ -41,7 +41,7 @@ class DatasetParts:
 
     @property
     def bytes(self) -> int:
-        """How much memory the arrays of the whole dataset take."""
+        """Memory of the arrays of the whole dataset, in bytes."""
         assert self.raw is not None
         raw = self.raw
         tables = sum(_OF_ID * (ids.size + members.size) for ids, members in raw.tables.values())
@@ -63,16 +63,16 @@ class DatasetParts:
         return self._cut_into(count).numbers
 
     def _cut_into(self, count: int) -> RawParts:
-        """The mesh in parts; where these are is found once for all of them."""
+        """The mesh in parts; their positions are determined once for all of them."""
         if self._cut is None or self._cut.count != count:
             assert self.raw is not None
             self._cut = RawParts(self.raw, count, carriers(self.whole))
         return self._cut
 
     def of(self, chosen: Bools, *, is_last: bool = False) -> Portion:
-        """Some of the parts together, (count,) which.
+        """The union of some of the parts, (count,) which.
 
-        is_last  whether no other is asked for, so that what the mesh is in files takes no memory any longer
+        is_last  whether no other is requested later, so that the memory of the file's data is released
         Raises FormatError if they are wrong.
         """
         part = self._cut_into(len(chosen)).of(chosen)
@@ -87,7 +87,7 @@ class DatasetParts:
         return self.on(known.with_sides(part.sides))
 
     def part(self, number: int, count: int) -> Portion:
-        """One of ``count`` parts, as the last that is asked for."""
+        """One of ``count`` parts, as the last one requested."""
         return self.of(np.arange(count) == number, is_last=True)
 
     def on(self, known: Portion) -> Portion:

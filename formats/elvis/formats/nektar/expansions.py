@@ -87,7 +87,7 @@ def _rule(entry: Element, parameters: Mapping[str, float]) -> RawRule:
 
 
 def _counts(texts: tuple[str, ...] | list[str], parameters: Mapping[str, float]) -> tuple[int, ...]:
-    """Whole numbers that expressions stand for."""
+    """Values of expressions as whole numbers."""
     values = [evaluate(text, parameters) for text in texts]
     for text, value in zip(texts, values, strict=True):
         if not 1 <= value <= 1e6:

@@ -47,7 +47,7 @@ _ORDERS = re.compile(r"\s*(UNIORDER|MIXORDER)\s*:(.*)", re.DOTALL)
 def read_section(element: Element, wanted: Collection[str] | None = None, *, stays_packed: bool = False) -> Section:
     """A section ELEMENTS; raises FormatError if its attributes or data are wrong.
 
-    wanted        the only fields to read, at least one of which the section has; None for all
+    wanted        names of the only fields to read, at least one of which the section has; None for all
     stays_packed  whether coefficients stay packed; errors in them are then reported when they are unpacked
     """
     with format_errors_at(element):
@@ -86,7 +86,7 @@ def read_metadata(element: Element | None) -> dict[str, str]:
 
 
 def time_of(metadata: Mapping[str, str]) -> float | None:
-    """The time of the metadata, None if there is none that is a number."""
+    """The time of the metadata, None unless it is a number."""
     try:
         return float(metadata["Time"])
     except (KeyError, ValueError):

@@ -121,7 +121,7 @@ def _parts(dataset: Dataset) -> list[Part]:
 
 
 def _part_of(block: Block, parts: list[Part]) -> Part:
-    """The part with the elements of the block, a new one where there is none."""
+    """The part with the elements of the block; a new one if none exists."""
     for part in parts:
         if part.element_ids is block.element_ids or np.array_equal(part.element_ids, block.element_ids):
             return part

@@ -47,7 +47,7 @@ def is_geometry(file: h5py.File) -> bool:
 
 
 def read_geometry(path: Path, dimension: int | None = None, space: int | None = None) -> RawGeometry:
-    """The mesh of an HDF5 file; where dimensions aren't given they are the smallest that hold it."""
+    """The mesh of an HDF5 file; if dimensions aren't given, they are the smallest possible."""
     with hdf5.reading(path) as file:
         geometry = hdf5.required_group(hdf5.required_group(file, "NEKTAR"), "GEOMETRY")
         version = hdf5.version(geometry, GREATEST_VERSION)
@@ -182,7 +182,10 @@ def _curve_rows(curves: Curves, offset: int) -> Ints:
 
 
 def _write_composites(data: h5py.Group, maps: h5py.Group, mesh: Mesh) -> None:
-    """Composites as text; names, for which the format has no place, in an attribute that other readers pass over."""
+    """Composites as text.
+
+    Names, for which the format has no place, are stored in an attribute that other readers ignore.
+    """
     import h5py
 
     composites = written_composites(mesh)

@@ -179,7 +179,7 @@ class RawParts:
             ids = self.raw.tables[shape][0]
             for span in chunks(len(ids), AT_ONCE):
                 chosen = span if carrier is None else span.start + np.flatnonzero(carrier.present(ids[span]))
-                # of the type of the counts, else it takes forty times as long
+                # 1 of the type of the counts, otherwise it is forty times slower
                 np.add.at(counts, self._members(shape, chosen).reshape(-1), np.uint8(1))
         return np.asarray(counts > 1)
 

@@ -277,7 +277,7 @@ def _record_table(element: Element, width: int) -> tuple[Ints, Ints]:
 
 
 def _narrow_records(element: Element, width: int) -> NDArray[Any]:
-    """As `_records`, of 32 bits where these are enough for all."""
+    """`_records` with 32 bits if these suffice for all."""
     narrow = np.dtype(np.int32)
     least, greatest = np.iinfo(narrow).min, np.iinfo(narrow).max
     out = bytearray()

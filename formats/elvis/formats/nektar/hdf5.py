@@ -4,8 +4,8 @@ h5py raises many kinds of errors on damaged files; every call of it is made here
 which turns them into FormatError.
 
 When a file is written, ElVis detects a full disk here, not through the library.  The library cannot close a file that
-it can no longer write: it fails at every attempt, the last one when the process ends.  The library also reads back what
-it has written.  The library therefore writes to a stream that continues in memory when the disk is full and that
+it can no longer write: it fails at every attempt, the last one when the process ends.  When it writes, the library also
+reads data back.  The library therefore writes to a stream that continues in memory when the disk is full and that
 records the system's error.
 """
 
@@ -54,7 +54,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
 
 
 def group(parent: h5py.Group, name: str) -> h5py.Group | None:
-    """A group of this name that is stored right here, None if there is none."""
+    """A group of this name that is stored in this file, None if it does not exist."""
     import h5py
 
     found = _member(parent, name)
@@ -64,7 +64,7 @@ def group(parent: h5py.Group, name: str) -> h5py.Group | None:
 
 
 def required_group(parent: h5py.Group, name: str) -> h5py.Group:
-    """As `group`; raises FormatError if there is none."""
+    """As `group`; raises FormatError if it does not exist."""
     found = group(parent, name)
     if found is None:
         raise FormatError(f"expected a group {name}, found none", place=_place(parent))
@@ -77,7 +77,7 @@ def ints(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | No
 
 
 def table(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
-    """As `ints`, but where long ones are mapped they have the type that is stored."""
+    """`ints`, but long tables that are mapped have the stored type."""
     return _array(parent, name, columns, "iu", np.int64, is_table=True)
 
 
@@ -181,7 +181,7 @@ def _member(parent: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
 
 
 def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
-    """A dataset that is stored right here and as large as it claims, None if there is none."""
+    """A dataset that is stored in this file and as large as declared, None if it does not exist."""
     import h5py
 
     found = _member(parent, name)
@@ -238,7 +238,7 @@ def created(path: Path) -> Iterator[h5py.File]:
         with h5py.File(stream, "w") as file:
             yield file
     except BaseException:
-        # what an interrupt has kept h5py from closing writes again once it is let go
+        # objects that h5py could not close because of an interrupt write again when they are released
         stream.go_on_in_memory()
         raise
     stream.content.close()
@@ -247,7 +247,7 @@ def created(path: Path) -> Iterator[h5py.File]:
 
 
 class _Stream:
-    """A file that can always be written and read again; the first failure of the disk is kept.
+    """A file that can always be written and read again; the first failure of the disk is remembered.
 
     content  the file on the disk, after a failure or an interrupt the same in memory
     """

@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 
 _GREATEST_ATTRIBUTE = 1 << 20
-#: bytes of texts and whole numbers that were never written and may be taken for their fill values
+#: maximum bytes of texts and whole numbers that were never written and have their fill values
 _GREATEST_UNWRITTEN = 1 << 20
 
 
 def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> None:
-    """Raise FormatError if a dataset claims more than the file can hold for it.
+    """Raise FormatError if a dataset declares more data than the file can hold for it.
 
-    Short texts and whole numbers that were never written, as names are, have their fill values; real numbers have none
-    that could be shown.
+    Short texts and whole numbers that were never written, such as names, have their fill values; for real numbers, no
+    fill value is accepted.
 
-    count  of the numbers that are to be read, where these aren't all
+    count  number of numbers to be read, if not all
     """
     _check_filters(found, place)
     size = found.dtype.itemsize
@@ -54,7 +54,7 @@ def check_stored(found: h5py.Dataset, place: str, count: int | None = None) -> N
     if is_packed and stored > 2 * max(claimed, chunk) + (1 << 20) and count is None:
         raise FormatError(f"expected at most {claimed} bytes packed, found {stored} stored", place=place)
 
-    # chunks that were never written hold nothing, however many are declared
+    # chunks that were never written hold nothing, regardless of the number declared
     if count is None and chunk and claimed > found.id.get_num_chunks() * chunk:
         held = found.id.get_num_chunks() * chunk
         raise FormatError(f"expected {claimed} bytes as declared, found {held} in chunks", place=place)
@@ -179,9 +179,9 @@ _HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
 
 
 def check_heaps(path: Path) -> None:
-    """Raise FormatError if a global heap of the file isn't filled exactly by its objects.
+    """Raise FormatError unless the objects of each global heap of the file fill it exactly.
 
-    A file that was sound is looked through again only when it has changed.
+    A valid file is examined again only if it has changed.
     """
     stat = path.stat()
     _check_heaps(path, stat.st_size, (stat.st_dev, stat.st_ino, stat.st_mtime_ns, stat.st_ctime_ns))

@@ -1,4 +1,4 @@
-"""Files that are mapped rather than read: what nobody looks at is never in memory."""
+"""Files that are mapped rather than read: only parts that are accessed are in memory."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class MappedBytes(mmap.mmap):
         return self[start : min(start + len(part), stop)] == part
 
     def count(self, part: bytes, start: int, stop: int) -> int:
-        """As of bytes, of what doesn't begin as it ends."""
+        """`bytes.count` for parts that do not begin as they end."""
         more = len(part) - 1
         starts = range(start, stop, _STEP)
         return sum(self[first : min(first + _STEP + more, stop)].count(part) for first in starts)

@@ -1,6 +1,6 @@
 """Numbers and lists of ids in text, in bulk: whole sections are turned into arrays without a Python object a number.
 
-Lists of ids (``3,5-9,12``, order significant) are kept as ranges until it is known how much they may hold.
+Lists of ids (``3,5-9,12``, order significant) are stored as ranges until their maximum length is known.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _opening(tag: str) -> re.Pattern[bytes]:
 def section_numbers(chunk: bytes, kind: type[Number]) -> NDArray[Number]:
     """Numbers of a piece of a section once its opening tags are replaced.
 
-    Raises FormatError for any tag that is left.
+    Raises FormatError for any other tag.
     """
     text = _END_TAG.sub(b" ", chunk)
     if (wrong := text.find(b"<")) >= 0:
@@ -177,7 +177,7 @@ class IdList:
 
     @property
     def count(self) -> int:
-        """How many ids the list stands for."""
+        """Number of ids in the list."""
         return sum(map(int, (self.last - self.first).tolist())) + len(self.first)
 
     def expand(self, limit: int) -> Ints:
@@ -201,9 +201,9 @@ class IdList:
         return first + int(differ[0] if len(differ) else len(own))
 
     def existing(self, present: Ints) -> Ints:
-        """The ids that are in ``present`` (sorted), in the order of the list, whatever its ranges claim.
+        """The ids that are in ``present`` (sorted), in the order of the list, for ranges of any length.
 
-        Raises FormatError for a list that names the same ids over and over.
+        Raises FormatError for a list that repeats the same ids many times.
         """
         start = np.searchsorted(present, self.first, "left")
         lengths = np.searchsorted(present, self.last, "right") - start

@@ -29,7 +29,7 @@ class Packed:
 
     @property
     def nbytes(self) -> int:
-        """How much memory all that are requested take."""
+        """Memory of all requested coefficients, in bytes."""
         return 8 * len(self.rows) * int(self.counts.sum())
 
     def of_fields(self, rows: Sequence[int]) -> Packed:

@@ -24,7 +24,7 @@ ENCODING = "B64Z-LittleEndian"
 _STEP = 1 << 18
 #: bytes that are packed by themselves
 _CHUNK = 1 << 20
-#: how a zlib stream begins, and its last block, which holds nothing
+#: beginning of a zlib stream, and its last block, which is empty
 _HEAD, _END = b"\x78\x01", b"\x03\x00"
 _BLANKS = b" \t\r\n\f\v\0"
 _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
@@ -33,7 +33,7 @@ _ALPHABET = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 def decode_exactly(text: memoryview, items: int, first: int | None = None) -> NDArray[np.uint8]:
     """(8 items,) bytes of a payload that must hold this many items, as an array of bytes.
 
-    first  how many items at the beginning are requested: what follows them is not looked at
+    first  number of items requested from the beginning: the rest is not examined
 
     Raises FormatError if the text is no base64, the stream is damaged or ends early, or holds another number of items.
     """
@@ -176,7 +176,7 @@ def _inflate(text: memoryview) -> Iterator[bytes]:
 
 
 def _decode(text: memoryview) -> Iterator[bytes]:
-    """The bytes that base64 stands for, in pieces; blanks are skipped, padding may be missing."""
+    """The bytes that are encoded in base64, in pieces; blanks are skipped, padding may be missing."""
     carry = b""
     for start in range(0, len(text), _STEP):
         carry += bytes(text[start : start + _STEP]).translate(None, _BLANKS)

@@ -20,7 +20,7 @@ _OPENING = re.compile(rb"<[BC]\s[^<>]*\bID\s*=\s*[\"']\s*([0-9]{1,18})\s*[\"'][^
 #: characters of a name at most: more is a remark
 _LONGEST = 40
 
-#: of a composite, or of the composites of a boundary region: the text of their list, or a number, and the name
+#: for a composite, or the composites of a boundary region: the text of their list, or a number, and the name
 Remark = tuple[bytes, str]
 
 

@@ -2,7 +2,7 @@
 
 The two codecs of fields agree on this; `pieces` cuts a section into parts of one number of modes each.
 
-How many coefficients an element has is known in closed form, before anything is read (format notes 4).
+The number of coefficients of an element is known in closed form, before anything is read (format notes 4).
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Section:
         return replace(self, space=replace(self.space, modes=modes), element_ids=ids, values=values)
 
     def of(self, wanted: Collection[str]) -> Section:
-        """The same without the other fields; one of the requested is there."""
+        """The section without the other fields; at least one of the requested ones exists."""
         names = self.space.names
         rows = [row for row, name in enumerate(names) if name in wanted]
         if len(rows) == len(names):
@@ -113,7 +113,7 @@ class Section:
 
 
 def lacking(sections: Sequence[Section], mesh: Mesh) -> int:
-    """How many elements of sections are not in the mesh."""
+    """Number of elements of sections that are not in the mesh."""
     known = [Lookup(entities.ids, "element") for entities in mesh.elements.values()]
     found = [np.empty(0, np.int64)]
     for ids in (section.element_ids for section in sections if known):
@@ -201,8 +201,9 @@ def read_bases(labels: str) -> tuple[Basis, ...]:
 
 
 def pieces(section: Section, is_wanted: Bools) -> Iterator[Piece]:
-    """The wanted elements (n,) by numbers of modes, in the order of first appearance; all of a uniform section, if
-    they are, aren't copied.
+    """The requested elements (n,) by numbers of modes, in the order of first appearance.
+
+    If all elements of a uniform section are requested, they aren't copied.
     """
     if isinstance(section.values, Packed):
         section, is_wanted = section.unpacked(is_wanted), is_wanted[is_wanted]
@@ -247,12 +248,12 @@ def _gather(fields: Floats, starts: Ints, width: int) -> Floats:
     return out
 
 
-#: more modes in one direction than any solver uses; a bound on what a damaged file can ask for
+#: more modes in one direction than any solver uses; a bound on the demands of a damaged file
 MOST_MODES = 1024
 
 
 def _admissible(shape: Shape) -> tuple[frozenset[Basis], ...]:
-    """By direction, the bases that a file may name: all families' bases, and any line basis if the direction has one.
+    """By direction, the bases that a file may use: those of all families, and any line basis if the direction has one.
 
     Not all of these can be evaluated: a file is read even if its bases don't belong together.
     """

@@ -1,6 +1,6 @@
-"""Sections of a session other than mesh and expansions, such as CONDITIONS: kept as text, and written again.
+"""Sections of a session other than mesh and expansions, such as CONDITIONS: stored as text, and written unchanged.
 
-The names of boundary regions are read from them (format notes 3), for composites seldom have names of their own.
+The names of boundary regions are read from them (format notes 3), because composites seldom have names of their own.
 """
 
 from __future__ import annotations

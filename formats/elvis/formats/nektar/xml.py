@@ -34,7 +34,7 @@ _MARK = re.compile(rb"""[<>"']""")
 _DECLARATION = re.compile(rb"<!(?!--|\[CDATA\[)")
 #: declarations of XML's own
 _REFUSED = re.compile(rb"<!(?:DOCTYPE|ENTITY|ELEMENT|ATTLIST|NOTATION)\b")
-#: a tag that is put out of use by an exclamation mark, which the solver's parser passes over
+#: a tag that is disabled by an exclamation mark, which the solver's parser skips
 _UNKNOWN = re.compile(rb"<!(?!--|\[CDATA\[)[^>]*>")
 #: bytes of a tag that a message shows
 _SHOWN = 60
@@ -53,7 +53,7 @@ class Element:
 
     tag: str
     data: Buffer
-    opening: slice  # of the attributes in data
+    opening: slice  # position of the attributes in data
     start: int
     stop: int
     file: str
@@ -109,7 +109,7 @@ class Element:
         return self.attributes[name]
 
 
-#: what to do with data that aren't native
+#: advice for data that are not native
 OTHERS = "elvis.plugins.read takes the files of other programs"
 
 
@@ -147,7 +147,7 @@ def begins_like_xml(data: Buffer) -> bool:
 
 
 def unescape(text: str) -> str:
-    """``text`` with the references of XML resolved; any other ampersand stands for itself."""
+    """``text`` with the references of XML resolved; any other ampersand is unchanged."""
     return _REFERENCE.sub(_refer, text) if "&" in text else text
 
 
@@ -160,7 +160,7 @@ def _refer(match: re.Match[str]) -> str:
 
 
 def _without_comments(data: Buffer, file: str) -> bytes:
-    """The document with comments blanked (line ends kept) and CDATA sections turned into escaped text."""
+    """The document with comments blanked (line ends stay) and CDATA sections turned into escaped text."""
     pieces: list[bytes | memoryview] = []
     view, position = memoryview(data), 0
     while found := _SPECIAL.search(data, position):
@@ -177,7 +177,7 @@ def _without_comments(data: Buffer, file: str) -> bytes:
 
 
 def _without_unknown(data: Buffer) -> bytes:
-    """The document with tags that begin with an exclamation mark blanked, line ends kept."""
+    """The document with tags that begin with an exclamation mark blanked, line ends stay."""
     return _UNKNOWN.sub(lambda found: b"\n" * found[0].count(b"\n"), bytes(data))
 
 
@@ -412,7 +412,7 @@ class Writer:
 
 @contextmanager
 def document(path: Path, is_gzipped: bool) -> Iterator[Writer]:
-    """A document with the root NEKTAR in a file, gzipped (without names and times) where asked."""
+    """A document with the root NEKTAR in a file, gzipped (without names and times) on request."""
     with path.open("wb") as file:
         stream = gzip.GzipFile(filename="", fileobj=file, mode="wb", mtime=0) if is_gzipped else file
         stream.write(b'<?xml version="1.0" encoding="utf-8" ?>\n')

@@ -37,13 +37,12 @@ from elvis.formats.strict.xml_rules import geometry_findings, payload_findings
 
 
 def findings(*paths: str | Path, ranks: Ranks = ALONE) -> tuple[Finding, ...]:
-    """All rules that the files of one dataset break, in the order of the files; none if they keep all.
+    """All rules that the files of one dataset break, in the order of the files; empty if they are all obeyed.
 
-    Jacobians are sampled, at Gauss points; text is checked by its first numbers.  Raises ElvisError if no file can be
-    read.
+    Jacobians are sampled, at Gauss points; text is checked by its first numbers only.  Raises ElvisError if no file can
+    be read.
 
-    ranks  each reads its part; where something is wrong in one, the first rank reads all, and nothing is found
-           elsewhere
+    ranks  each reads its part; if something is wrong in one, the first rank reads all and the others return nothing
     """
     if ranks.size > 1:
         found = _findings_of_parts(paths, ranks)
@@ -58,7 +57,7 @@ def findings(*paths: str | Path, ranks: Ranks = ALONE) -> tuple[Finding, ...]:
 
 
 def _findings_of_parts(paths: Sequence[str | Path], ranks: Ranks) -> tuple[Finding, ...] | None:
-    """The same where mesh and fields are sound by themselves; None, for all ranks, where they may not be."""
+    """The findings if mesh and fields are valid by themselves; None, for all ranks, if they may be invalid."""
     with mapped():
         review = _Review(stays_packed=True)
         review.files(paths)
@@ -74,7 +73,7 @@ def _findings_of_parts(paths: Sequence[str | Path], ranks: Ranks) -> tuple[Findi
 class _Review:
     """Collects findings, and the sections and expansion rules to be checked at the end.
 
-    stays_packed  whether coefficients stay packed; errors in them are found by whoever reads a part
+    stays_packed  whether coefficients stay packed; a reader of a part then finds errors in them
     """
 
     stays_packed: bool = False

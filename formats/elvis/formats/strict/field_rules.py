@@ -84,7 +84,7 @@ def expansion_findings(dataset: Dataset, rules: Sequence[ExpansionRule], needed:
 
 
 def needed_modes(dataset: Dataset, sections: Sequence[Section]) -> Needed:
-    """The modes of all fields on all composites of the domain; of a part of a mesh those on its elements."""
+    """The modes of all fields on all composites of the domain; for a part of a mesh, those on its elements."""
     return {
         (composite.id, field.name): _modes(
             dataset.mesh, composite, [section for section in sections if field.name in section.space.names]

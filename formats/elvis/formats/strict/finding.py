@@ -21,11 +21,11 @@ class Finding:
     is_required: bool
 
     def within(self, file: str) -> Finding:
-        """The same, in a file."""
+        """The finding in a file."""
         return replace(self, place=f"{file}, {self.place}")
 
     def __str__(self) -> str:
-        """One line, whatever the names in the file hold."""
+        """One line, for any names in the file."""
         return one_line(f"{self.place}: {self.sentence}")
 
 

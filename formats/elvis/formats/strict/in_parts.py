@@ -103,7 +103,7 @@ class _Checked:
 
 
 def _entries(sections: Sequence[Section]) -> dict[str, int]:
-    """How many elements the sections of each field list."""
+    """Number of elements that the sections of each field list."""
     found: dict[str, int] = {}
     for section in sections:
         for name in section.space.names:
@@ -112,7 +112,10 @@ def _entries(sections: Sequence[Section]) -> dict[str, int]:
 
 
 def _covered(dataset: Dataset, sections: Sequence[Section]) -> int | None:
-    """How many entries of a field's sections are of elements of a part; None if it lacks one, or has one twice."""
+    """Number of entries of a field's sections that belong to elements of a part.
+
+    None if an element is missing or occurs twice.
+    """
     found = [np.empty(0, np.int64)]
     for section in sections:
         lookup = Lookup(dataset.mesh.of(section.space.shape).ids, "element")
@@ -176,7 +179,10 @@ def _hashes(members: Ints) -> NDArray[np.uint64]:
 
 
 def _distinct(tables: Sequence[_Table]) -> int | None:
-    """How many entities several parts have in a bucket; None if two have the same members, or one three elements."""
+    """Number of distinct entities of several parts in a bucket.
+
+    None if two have the same members, or one has three elements.
+    """
     rows, hashes, owners = (np.concatenate(own) for own in zip(*tables, strict=True))
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     is_crowded = (np.bincount(place.reshape(-1), owners, len(first)) > 2).any()

@@ -21,7 +21,7 @@ from elvis.formats.strict.finding import Finding, library_rule, style_rule
 _LINES = (PointsType.POLY_EVENLY_SPACED, PointsType.LOBATTO_LEGENDRE)
 _TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_FEKETE)
 
-#: how far the ends of a curve may lie from its vertices
+#: maximum distance of the ends of a curve from its vertices
 _NEAR = 1e-8
 
 
@@ -59,7 +59,7 @@ def _check_duplicates(mesh: Mesh, shape: Shape) -> Iterator[Finding]:
 
 
 def _uses(mesh: Mesh, last: Shape) -> Iterator[tuple[Shape, Ints, Ints]]:
-    """How many elements each bounding entity has; once for all shapes."""
+    """Number of elements of each bounding entity; found once for all shapes."""
     if last is not list(mesh.elements)[-1]:
         return
     counts = np.bincount(np.concatenate([own.members.reshape(-1) for own in mesh.elements.values()]))

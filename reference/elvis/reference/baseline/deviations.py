@@ -1,7 +1,7 @@
-"""How far linear surfaces lie from the exact ones, which are sampled exactly: distances by open3d's raycasting scenes.
+"""Distances of linear surfaces from the exact ones, which are sampled exactly: by open3d's raycasting scenes.
 
 Zhou, Park and Koltun 2018, Open3D: a modern library for 3D data processing.  It finds nearest triangles in single
-precision, so that distances are right to about a ten millionth of the size of the data.
+precision, so distances are accurate to about 1e-7 of the size of the data.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Deviation:
     """Distances of an exact surface and a linear one from each other.
 
     away     of points of the exact surface from the linear one
-    back     of points of the linear surface from the exact one; None if these aren't known
-    points   of the exact surface that were asked
+    back     of points of the linear surface from the exact one; None if unknown
+    points   number of points of the exact surface
     density  of these on the surface, in points for a unit of area
     shares   (n,) of the exact points at distances between `edges` (n + 1,)
     """
@@ -113,7 +113,7 @@ def face_points(dataset: Dataset, patches: Sequence[Patch], words: tuple[str, ..
 class Sampled:
     """An exact surface.
 
-    shown   what of a scene it is
+    shown   its description in a scene
     points  (n, 3) of it, exact
     back    distances (n,) of points (n, 3) from it; None if it is neither a border of the data nor an isosurface
     """
@@ -130,7 +130,7 @@ def border_distances(dataset: Dataset, border: str) -> Callable[[Floats], Floats
 
 
 def deviation(exact: Sampled, other: LinearMesh) -> Deviation | None:
-    """How far a linear surface is from the exact one; None if either is empty."""
+    """Distances of a linear surface from the exact one; None if either is empty."""
     if not len(exact.points) or not len(other):
         return None
     away = triangle_distances(exact.points, other)

@@ -1,4 +1,4 @@
-"""How far triangulated surfaces lie apart, and how they hang together."""
+"""Distances between triangulated surfaces, and their topology."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangles from a file that cut a linear mesh: rays meet the triangles, and values are looked up in the mesh."""
+"""Triangles from a file that cut a linear mesh: rays meet the triangles, and values are interpolated in the mesh."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DEEPEST = 64
 
 
 class Probe:
-    """A tetrahedral mesh, ready to be looked up where rays meet triangles."""
+    """A tetrahedral mesh, prepared for interpolation at intersections of rays and triangles."""
 
     def __init__(self, mesh: LinearMesh, triangles: LinearMesh) -> None:
         """Build the trees; MissingPackageError without libigl or embreex."""

@@ -31,7 +31,7 @@ def _march(mesh: LinearMesh, levels: Floats, above: np.ndarray) -> LinearMesh:
         which = np.flatnonzero(count == corners)
         tetrahedra = mesh.simplices[which].astype(np.int64)
 
-        # those above come first, each side in its own order
+        # corners above come first, each side in its own order
         order = np.argsort(~above[tetrahedra], axis=1, kind="stable")
         edges = _crossed_edges(np.take_along_axis(tetrahedra, order, axis=1), corners)
         ends.append(edges.reshape(-1, 3, 2))
@@ -71,7 +71,7 @@ def _between(mesh: LinearMesh, levels: Floats, ends: Ints, owner: Ints) -> Linea
 def boundary(mesh: LinearMesh, chosen: np.ndarray) -> LinearMesh:
     """The triangles of tetrahedra all of whose corners ``chosen`` (n, k) holds for one k.
 
-    A column stands for a set of faces: its points are those on them, so that k keeps faces of one element apart.
+    A column represents a set of faces: its points are those on them, so k separates faces of one element.
     """
     parts = []
     for column in chosen.T:

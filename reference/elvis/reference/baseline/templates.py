@@ -22,7 +22,7 @@ SIMPLICES: Mapping[Shape, int] = {
 
 
 def simplices_of(cut: Template) -> int:
-    """How many simplices the cells of a template give."""
+    """Number of simplices that the cells of a template give."""
     return sum(len(rows) * SIMPLICES[shape] for shape, rows in cut.cells.items())
 
 
@@ -31,8 +31,8 @@ def pulling(shape: Shape, cells: Ints, keys: Floats) -> Ints:
 
     keys  (c, v) any order of the corners; a face of two cells is cut in the same way if both order it in the same way
 
-    A cell is the cone from its first corner over the facets without it, which are cut in the same way (Dompierre et
-    al., How to subdivide pyramids, prisms and hexahedra into tetrahedra, 1999).
+    A cell is the cone from its first corner over the facets without it, which are cut alike (Dompierre et al., How to
+    subdivide pyramids, prisms and hexahedra into tetrahedra, 1999).
     """
     if shape.dimension == 2:
         return _polygons(cells, keys)

@@ -72,7 +72,7 @@ class Tracer:
 
 
 def _barycentric(points: Floats, a: Floats, b: Floats, c: Floats, normal: Floats) -> Floats:
-    """(n, 3) weights of the corners at points of their triangles; within [0, 1] whatever the rounding."""
+    """(n, 3) weights of the corners at points of their triangles; within [0, 1] despite rounding."""
     area = np.einsum("ni,ni->n", normal, normal)
     second = np.einsum("ni,ni->n", np.cross(points - a, c - a), normal) / area
     third = np.einsum("ni,ni->n", np.cross(b - a, points - a), normal) / area

@@ -9,8 +9,8 @@ from elvis.reference.report.words import count_of, percent, size, some
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
 
-#: a linear picture is right if no contour is off by more than this many pixels, and at most this percentage of the
-#: pixels by a colour step
+#: a linear picture is correct if no contour is displaced by more than this many pixels, and at most this percentage of
+#: the pixels differs by a colour step
 PIXELS, PERCENT = 1.0, 0.1
 #: pixels within which contours are the same
 ROUNDING = 1e-6

@@ -19,7 +19,7 @@ from elvis.scene.palette import automatic_range
 
 #: width and height of pictures if the scene gives none
 SIZE = (640, 480)
-#: colours of differences, white where there is none
+#: colours of differences, white for zero
 _DIVERGING = "coolwarm"
 
 
@@ -75,6 +75,6 @@ def _ends(frame: Frame) -> str:
 
 
 def _words(frame: Frame) -> str:
-    """The ends of the colours, which the largest difference that is seen gives, and pixels where there is none."""
+    """The ends of the colours, given by the largest visible difference, and the number of undefined pixels."""
     lost = frame.counts()["not_a_number"]
     return _ends(frame) + (f"; magenta are {lost} pixels where the reference has nothing" if lost else "")

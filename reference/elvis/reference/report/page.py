@@ -56,7 +56,7 @@ def page(study: Study, scene_text: str = "") -> tuple[str, Files]:
 
 
 def filled(told: dict[str, Any]) -> str:
-    """The HTML text of a page, from what its template asks for."""
+    """The HTML text of a page, from the values that its template needs."""
     jinja2 = comparison_module("jinja2")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     template = (Path(__file__).parent / "page.html").read_text(encoding="utf-8")
@@ -128,7 +128,7 @@ def _value_maps(study: Study, files: Files) -> dict[str, Any]:
 
 
 def _position_maps(study: Study, files: Files) -> dict[str, Any]:
-    """How far surfaces lie from the exact ones; on planes they don't."""
+    """Distances of surfaces from the exact ones; none on planes."""
     pictures: list[Any] = []
     legend: list[drawn.Legend] = []
     for rival in _drawn_rivals(study):
@@ -145,7 +145,7 @@ def _position_maps(study: Study, files: Files) -> dict[str, Any]:
 
 
 def _distance_maps(study: Study, files: Files) -> dict[str, Any]:
-    """How far the exact surfaces lie from the linear ones, at right angles."""
+    """Distances of the exact surfaces from the linear ones, at right angles."""
     pictures: list[Any] = []
     legend: list[drawn.Legend] = []
     for rival in _drawn_rivals(study):

@@ -24,7 +24,7 @@ BANDS = (
     (16 / STEPS, "4 to 16 steps", (253, 141, 60)),
     (np.inf, "more than 16 steps", (189, 0, 38)),
 )
-#: of distances: up to this many pixels
+#: classes of distances: up to this many pixels
 DISTANCES = (
     (0.5, "within half a pixel", (236, 236, 236)),
     (1.0, "up to a pixel", (254, 217, 118)),
@@ -63,7 +63,7 @@ def error_map(exact: Record, other: Record, ends: tuple[float, float]) -> tuple[
 
 
 def position_map(exact: Record, other: Record, pixel: float) -> tuple[Pixels, list[Legend]]:
-    """How far apart the points are that are seen, in pixels of the size ``pixel``."""
+    """Distances of the visible points, in pixels of the size ``pixel``."""
     measure = np.linalg.norm(other.position - exact.position, axis=2) / pixel
     return _band(measure, DISTANCES, exact.seen & ~other.seen, other.seen & ~exact.seen)
 

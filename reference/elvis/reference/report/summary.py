@@ -82,6 +82,6 @@ def _data(study: Study) -> dict[str, Any] | None:
 
 
 def _degrees(expansions: Iterable[Expansion]) -> list[int]:
-    """Smallest and largest degree; empty if there is none."""
+    """Smallest and largest degree; empty without expansions."""
     found = {modes - 1 for expansion in expansions for modes in expansion.modes}
     return [min(found), max(found)] if found else []

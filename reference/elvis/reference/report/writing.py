@@ -124,7 +124,7 @@ def _scene(study: Study, folder: Path, final: Path) -> str:
 
 
 def _put_meshes(study: Study, folder: Path, formats: Sequence[str]) -> None:
-    """All meshes that were kept, in the formats that can hold them."""
+    """Write all meshes that were kept, in the formats that can hold them."""
     every = {**study.meshes, **{name: mesh for rival in study.rivals for name, mesh in rival.meshes.items()}}
     for suffix in formats:
         folder.mkdir(exist_ok=True)
@@ -149,7 +149,7 @@ def json_text(value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """The same structure without what JSON does not know: numbers that aren't finite become null."""
+    """The structure without values that JSON does not support: numbers that aren't finite become null."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -22,7 +22,8 @@ from elvis.reference.solids import map_lattice
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: how often a box of few elements is halved along each direction, and one of many; samples along a direction, at most
+#: numbers of bisections of a box of few and of many elements along each direction; number of few; maximum of samples
+#: along a direction
 _HALVINGS, _FEW, _MOST = (1, 2), 256, 128
 #: values that are evaluated together
 _AT_ONCE = 1 << 23
@@ -73,7 +74,10 @@ def _halvings(patch: Patch, degrees: tuple[int, ...]) -> int:
 def _holding(
     patch: Patch, rows: Ints, function: Corners, degrees: tuple[int, ...], value: float, box: Floats, halvings: int
 ) -> Iterator[tuple[Ints, Floats]]:
-    """The elements in whose box (2, d) the function may hold the value; of its parts after some halvings, and these."""
+    """The elements in whose box (2, d) the function may have the value.
+
+    The same for its parts after some bisections, with these parts.
+    """
     check_time()
     points, divisor = _sample(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)

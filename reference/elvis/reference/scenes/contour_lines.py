@@ -1,4 +1,4 @@
-"""How much of each pixel contours on a plane cover, and for which pixels that is proved."""
+"""The coverage of each pixel by contours on a plane, and the pixels for which it is proved."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KNOWN = 0.01
 def plane_contours(
     quantities: Quantities, name: str, values: Sequence[float], width: float, plane: Plane, view: View
 ) -> tuple[Floats, Bools] | None:
-    """Coverage (n,) by the lines of a quantity on a plane, and whether it is proved; None if nothing can be.
+    """Coverage (n,) by the lines of a quantity on a plane, and whether it is proved; None if nothing can be proved.
 
     width  of the lines in pixels
     """

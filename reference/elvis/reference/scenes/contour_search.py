@@ -246,7 +246,7 @@ class Place:
         known = self.before & (value[:, 2] > room)
         weight, least = np.where(known, value[:, 2], 1.0)[:, None], np.where(known, value[:, 2] - room, 1.0)[:, None]
 
-        # the numerator again, now less what vanishes at the base
+        # the numerator again, now without the part that vanishes at the base
         shift = value[:, :2] / weight
         step, rest = step[:, :2] - shift * step[:, 2:], rest[:, :2] + np.abs(shift) * rest[:, 2:]
         deviation = rest / least + np.abs(step) * half[:, None] * room[:, None] / (weight * least)

@@ -36,7 +36,7 @@ def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
 
 
 def _within(locator: Locator, points: Floats) -> Ints:
-    """Which points (n, 3) may be in an element: all, but those outside of one period of Fourier directions."""
+    """The points (n, 3) that may be in an element: all except those outside one period of Fourier directions."""
     possible = np.isfinite(points).all(axis=1)
     for axis, length in {period for patch in locator.patches for period in patch.periods}:
         possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
@@ -45,7 +45,7 @@ def _within(locator: Locator, points: Floats) -> Ints:
 
 
 def _locate_points(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:
-    """The points that lie in elements; those in doubt are failed."""
+    """The points that lie in elements; uncertain ones are marked as failed."""
     here = np.flatnonzero(np.isin(found.status, (InverseStatus.INSIDE, InverseStatus.FAILED)))
     known = found.status[here] == InverseStatus.INSIDE
     certain = np.where(found.margin[here] > TOLERANCE, Status.CERTAIN, Status.AMBIGUOUS)

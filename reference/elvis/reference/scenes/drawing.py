@@ -63,7 +63,7 @@ _DEEPEST, _FAINT = 64, 1e-3
 def render(source: Source, scene: Scene) -> Frame:
     """A picture of data of either kind.
 
-    ElvisError or SceneError where nothing is seen or something can't be drawn.
+    Raises ElvisError or SceneError if nothing is visible or something can't be drawn.
     """
     start, names = perf_counter(), names_of(scene)
     quantities = source.quantities(names)
@@ -307,9 +307,9 @@ class Scenery:
         contours: Floats | None,
         streaks: Sequence[Floats],
     ) -> list[SurfaceHits]:
-        """The hits of an object with all that colours them.
+        """The hits of an object with all data for its colours.
 
-        contours, streaks  as `_contours` and `_streaks` have them
+        contours, streaks  results of `_contours` and `_streaks`
         """
         style = _style(shown)
         quantity = style.quantity or scene.field

@@ -1,4 +1,4 @@
-"""Equations "quantity = value" on boxes: a linear part and a bound of all else, by the mean value theorem.
+"""Equations "quantity = value" on boxes: a linear part and a bound of the remainder, by the mean value theorem.
 
 For fields w with w(t) = w0 + A t + rest on a box, |rest| <= rho, and a quantity g of them,
 

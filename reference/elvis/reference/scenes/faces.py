@@ -92,7 +92,7 @@ def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Tr
         middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
         world, bent = (_place(patch, rows, points) for points in (corners, middles))
 
-        # how far the face bends away from the sides, on the screen
+        # distance of the curved face from its straight sides, on the screen
         flat = 0.5 * (world + np.roll(world, -1, axis=2))
         (at, ahead), (off, _) = on_screen(view, flat), on_screen(view, bent)
         away = np.where(ahead, np.linalg.norm(at - off, axis=-1), 0.0).max(axis=2)

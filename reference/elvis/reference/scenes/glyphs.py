@@ -1,7 +1,7 @@
 """Rays against arrows and cones: by the minimum of a convex function along each ray, and bisection on both sides of it.
 
 A solid between two discs is convex.  For a place at height s and distance rho from its axis, the maximum of -s, s - L
-and rho - R(s) is positive only outside the solid, and convex along a ray.  No quadratic is solved, and no bound is
+and rho - R(s) is positive only outside the solid.  It is convex along a ray.  No quadratic is solved, and no bound is
 used.
 """
 
@@ -21,7 +21,8 @@ from elvis.scene.frusta import Frusta, frusta_in
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: part of a ray that is left in each step towards the minimum, such steps, halvings, pairs looked at together
+#: factor by which each step towards the minimum shortens the part of a ray, such steps, halvings, pairs treated
+#: together
 _GOLDEN, _STEPS, _HALVINGS, _AT_ONCE = 0.5 * (np.sqrt(5.0) - 1.0), 80, 60, 1 << 17
 
 

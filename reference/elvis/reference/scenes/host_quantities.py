@@ -26,7 +26,7 @@ from elvis.scene.frame import Frame
 
 
 class HostQuantities(Quantities):
-    """Quantities of fields that a plugin has opened; as `elvis.reference.quantities.Quantities`.
+    """Quantities of fields that a plugin has opened; like `elvis.reference.quantities.Quantities`.
 
     boxes  of the elements of each patch
     """

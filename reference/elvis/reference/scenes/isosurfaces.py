@@ -131,7 +131,7 @@ class _Search:
         derivative = (values - values.mean(axis=1, keepdims=True)) @ shares / (shares @ shares)
         line = values.mean(axis=1, keepdims=True) + derivative[:, None] * shares
         deviation = np.abs(values - line).max(axis=1) + np.spacing(np.abs(values).max(axis=1))
-        # where steps of rounding happen to rise evenly, no deviation shows
+        # if rounding steps happen to increase evenly, the deviation is zero
         rounding = np.maximum(_SAFETY * deviation, self.quantities.rounding(self.name, self.patch, rows))
         with np.errstate(invalid="ignore", divide="ignore"):
             uncertainty = width * rounding / np.abs(derivative)

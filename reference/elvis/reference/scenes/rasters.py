@@ -1,4 +1,4 @@
-"""Which pixels' rays pass a triangle, or pass it within some pixels: candidates in object order, in double precision.
+"""Pixels whose rays pass a triangle, or pass it within some pixels: candidates in object order, in double precision.
 
 Embree would trace in single precision, and only the first hit; here all hits are requested, and none may be lost.
 """
@@ -43,7 +43,7 @@ def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[In
     reach = slack * np.linalg.norm(linear[2])
     least, most = homogeneous[..., 2].min(axis=1) - reach, homogeneous[..., 2].max(axis=1) + reach
 
-    # how far the slack leads on the screen where all of the triangle is before the eye
+    # distance on the screen for the slack, if all of the triangle is before the eye
     steepest = np.linalg.norm(np.abs(linear[:2]) + np.array([[view.width], [view.height]]) * np.abs(linear[2]))
     before = least > 1e-12 * np.abs(homogeneous).max(initial=1.0)
     with np.errstate(divide="ignore", invalid="ignore"):

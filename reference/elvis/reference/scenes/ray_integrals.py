@@ -22,7 +22,7 @@ from elvis.scene.time_limit import check_time
 
 #: smallest number of Gauss's points in a part
 LEAST = 8
-#: error of a part's light that is none, how often a part may be halved, and how many of a ray may be open
+#: negligible error of a part's light, maximum number of bisections of a part, and maximum number of open parts of a ray
 _ENOUGH, _HALVINGS, _OPEN = 1e-8, 24, 64
 #: roundings of a part's colour, which is at most 1, besides one for each point
 _ROUNDINGS = 8
@@ -114,7 +114,7 @@ class RayIntegral:
             first, second = each.part(np.arange(size)), each.part(np.arange(size, 2 * size))
             both = first.before(second)
 
-            # the change by bisection, as seen from the beginning of the ray
+            # the change by bisection, as visible from the beginning of the ray
             change = np.maximum(np.abs(both.color - known.color).max(axis=1), np.abs(both.alpha - known.alpha))
             right = parts.weight * change <= _ENOUGH + parts.weight * both.error
             open_ = np.bincount(parts.which[~right], minlength=count)
@@ -163,14 +163,14 @@ class RayIntegral:
 
 
 def _slopes(values: Floats, transfer: Transfer) -> Floats:
-    """(k,) magnitudes of the density's derivative at values (k,): nothing beyond the ends, and where there is none."""
+    """(k,) magnitudes of the density's derivative at values (k,): zero beyond the ends, and for undefined values."""
     steps = np.diff(np.asarray(transfer.densities)) / np.diff(np.asarray(transfer.values))
     slopes = np.concatenate([[0.0], np.abs(steps), [0.0]])
     return np.where(np.isfinite(values), slopes[np.searchsorted(transfer.values, values)], 0.0)
 
 
 def _compose(done: Sequence[_Parts], light: Light, count: int) -> Light:
-    """The light of stretches, composed from all their parts, each seen through the parts before it."""
+    """The light of stretches, composed of all their parts, each attenuated by the parts before it."""
     which, low = (np.concatenate([getattr(own, name) for own in done]) for name in ("which", "low"))
     order = np.lexsort([low, which])
     which, light = which[order], light.part(order)

@@ -31,7 +31,7 @@ from elvis.scene.frame import Status
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: points that a step is solved at, samples of it, halvings between samples, rays looked at together
+#: points at which a step is solved, samples of it, halvings between samples, rays treated together
 _NODES, _SAMPLES, _HALVINGS, _AT_ONCE = 28, 65, 54, 1 << 13
 _POINTS = chebyshev.chebpts1(_NODES)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
@@ -82,7 +82,7 @@ def ribbon_crossings(quantities: Quantities, shown: Streamlines, view: View) -> 
 
 
 def _strips(source: FlowSource, shown: Streamlines) -> Iterator[_Strip]:
-    """The strips of all lines; where a direction jumps between two steps, one that turns in its place."""
+    """The strips of all lines; if a direction jumps between two steps, also one that turns in place."""
     course = course_of(shown)
     data = flow_data(source)
     components = data.components(course.velocity)

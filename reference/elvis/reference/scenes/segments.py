@@ -29,7 +29,7 @@ class Segments:
     pixel        (k,)    row by row from the top
     row          (k,)    of the elements
     near, far    (k,)    depths of both ends
-    first, last  (k, …)  reference coordinates of both ends, or whatever else is linear between them
+    first, last  reference coordinates of both ends, or other quantities that are linear between them
     """
 
     pixel: Ints
@@ -100,7 +100,9 @@ def segments_through(
 
 
 def without_overlaps(parts: Sequence[Segments], size: float) -> list[Segments]:
-    """The segments of several patches; what two share of a ray, in the face between them, belongs to the first.
+    """The segments of several patches.
+
+    The part of a ray that two share, in the face between them, belongs to the first.
 
     size  of the scene in world units
     """
@@ -108,7 +110,7 @@ def without_overlaps(parts: Sequence[Segments], size: float) -> list[Segments]:
     order = np.lexsort([far, near, pixel])
     rank = np.arange(len(order)) - np.searchsorted(pixel[order], pixel[order])
 
-    # how far each ray is known to have come, by turns of its segments
+    # depth up to which each ray is covered, by turns of its segments
     begin, reached = near.copy(), np.full(int(pixel.max(initial=0)) + 1, -np.inf)
     for turn in range(int(rank.max(initial=-1)) + 1):
         own = order[rank == turn]

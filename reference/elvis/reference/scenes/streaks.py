@@ -97,7 +97,7 @@ def _bilinear(lattice: Floats, places: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """How hits move in the picture, and which neighbours show the same surface.
+    """Movement of hits in the picture, and the neighbours that show the same surface.
 
     motion  (n, 2) of pixels, in columns and rows, zero if nothing moves
     joined  (n, 3, 3)  whether the pixel in the row above, this one or below, in the column before, this one or after,

@@ -183,7 +183,7 @@ def _intervals(steps: _Steps, view: View, radius: float, growth: float) -> np.nd
         samples = places[step], tangents[step]
         enters = _met(steps, step, rays, samples, 1.0)
         leaves = _met(steps, step, rays, samples, -1.0)
-        # of a ray that a step meets several times the first entrance goes with the first exit
+        # if a step meets a ray several times, the first entrance belongs to the first exit
         both = np.intersect1d(enters.ray * _SAMPLES + enters.rank, leaves.ray * _SAMPLES + leaves.rank, True, True)
         one, other = both[1], both[2]
         ray = enters.ray[one]

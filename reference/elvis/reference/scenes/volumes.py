@@ -1,9 +1,8 @@
 """Light along rays through the volume: emission and absorption of elements, segment by segment.
 
-Densities and colours are piecewise linear in their quantities.  The places where a quantity has a value at which one of
-these has a kink are found like an isosurface, by all zeros of its difference from the value along the ray (`zeros`);
-the segments are split there.  Everything is smooth between these places, and integrated by Gauss's rule
-(`ray_integrals`).
+Densities and colours are piecewise linear in their quantities.  Places where a quantity has the value of a kink of one
+of these are found like an isosurface, by all zeros of its difference from the value along the ray (`zeros`); the
+segments are split there.  Everything is smooth between these places, and integrated by Gauss's rule (`ray_integrals`).
 """
 
 from __future__ import annotations

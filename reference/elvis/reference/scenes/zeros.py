@@ -23,10 +23,10 @@ Along = Callable[[Ints, Floats], Floats]
 
 #: minimum degree of interpolation; last coefficients of a resolved series, relative to their sum
 _LEAST, _RESOLVED = 6, 1e-10
-#: functions farther from their series than this part of the coefficients' sum aren't resolved after all; how much
-#: farther they may be than is measured between the nodes
+#: functions farther from their series than this part of the coefficients' sum are not resolved; factor from the
+#: distance measured between the nodes to its bound
 _CHECKED, _SURE = 1e-6, 2.0
-#: how often a part may be halved until it is resolved, and after that until its zeros are apart
+#: maximum number of bisections of a part until it is resolved, and after that until its zeros are separated
 _PARTED, _HALVED = 14, 40
 #: steps of bisection
 _BISECTIONS = 50
