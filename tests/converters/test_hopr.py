@@ -137,7 +137,7 @@ def with_too_little_element_data(folder):
         file["ElemData"] = short
 
 
-@pytest.mark.parametrize("widths", [None, [0.5, 1.0, 0.5]])
+@pytest.mark.parametrize("widths", [None, [0.25, 1.25, 0.5]])
 def test_sub_cells_become_elements(copied, widths):
     """A mean in every box of five elements; the others keep their polynomials."""
     before = convert(Hopr([copied / CAVITY])).dataset

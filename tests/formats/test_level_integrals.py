@@ -134,7 +134,7 @@ def test_a_surface_that_touches_borders_of_elements():
     assert abs(found.value - np.pi / 4) <= found.error < 1e-8
 
 
-@pytest.mark.sampled(least=3)
+@pytest.mark.sampled
 @pytest.mark.parametrize("over", ["u = 0.25", "-u = -0.25"])
 @pytest.mark.parametrize("modes", [4, 5])
 @pytest.mark.parametrize("shape", [Shape.PRISM, Shape.HEXAHEDRON])

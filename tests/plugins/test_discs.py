@@ -1,10 +1,11 @@
-"""Discs hold what functions make of complex numbers in them, and of real ones that are computed with errors."""
+"""Linear parts of discs, how close discs are, and signs of eigenvalues of matrices in discs."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+#: in the order of discs_check.slang; tests/plugins/test_operations.py has all functions, without linear parts
 FUNCTIONS = {
     "plus": lambda a, b: a + b,
     "minus": lambda a, b: a - b,
@@ -12,33 +13,10 @@ FUNCTIONS = {
     "over": lambda a, b: a / b,
     "cube": lambda a, b: a**3,
     "inverse square": lambda a, b: a**-2,
-    "power": lambda a, b: np.exp(b * np.log(a)),
-    "sqrt": lambda a, b: np.sqrt(a),
     "exp": lambda a, b: np.exp(a),
+    "sqrt": lambda a, b: np.sqrt(a),
     "log": lambda a, b: np.log(a),
-    "sin": lambda a, b: np.sin(a),
-    "cos": lambda a, b: np.cos(a),
-    "tan": lambda a, b: np.tan(a),
-    "asin": lambda a, b: np.arcsin(a),
-    "acos": lambda a, b: np.arccos(a),
-    "atan": lambda a, b: np.arctan(a),
-    "atan2": None,
     "sinh": lambda a, b: np.sinh(a),
-    "cosh": lambda a, b: np.cosh(a),
-    "tanh": lambda a, b: np.tanh(a),
-    "abs": None,
-    "min": None,
-    "max": None,
-    "sign": None,
-    "step": None,
-}
-REAL = {
-    "atan2": np.arctan2,
-    "abs": lambda a, b: np.abs(a),
-    "min": np.minimum,
-    "max": np.maximum,
-    "sign": lambda a, b: np.sign(a),
-    "step": lambda a, b: np.where(a < b, 1.0, 0.0),
 }
 COUNT, POINTS = 400, 40
 NAMES = list(FUNCTIONS)
@@ -76,43 +54,28 @@ def made(kernel_of):
     return make
 
 
-def random_discs(rng, error=0.0):
+def random_discs(rng):
     middle = rng.uniform(-2.0, 3.0, COUNT)
     radius = 10.0 ** rng.uniform(-6.0, 0.3, COUNT)
-    return np.stack([middle, radius, np.full(COUNT, error)], axis=1)
+    return np.stack([middle, radius, np.zeros(COUNT)], axis=1)
 
 
-def inside(rng, discs, real):
-    """(n, points) random points of discs, on their borders mostly."""
+def inside(rng, discs):
+    """(n, points) random complex points of discs, on their borders mostly."""
     angle = rng.uniform(0.0, 2.0 * np.pi, (len(discs), POINTS))
     part = np.minimum(1.0, rng.uniform(0.0, 2.0, angle.shape))
-    offset = part * np.where(rng.random(angle.shape) < 0.5, -1.0, 1.0) if real else part * np.exp(1j * angle)
-    return discs[:, :1] + discs[:, 1:2] * offset
+    return discs[:, :1] + discs[:, 1:2] * part * np.exp(1j * angle)
 
 
 def check(rows, values, known):
     """Values (n, points) lie in discs, whose radius is something where ``known``."""
-    tiny = 1e-13 * (1.0 + np.abs(values))
+    tiny = 4e-15 * (1.0 + np.abs(values))  # rounding of the values themselves
     room = np.where(np.isfinite(rows[:, 1:2]), rows[:, 1:2], np.inf)
     assert (np.abs(values - rows[:, :1]) <= room + tiny)[known].all()
     assert known.mean() > 0.1
 
 
-@pytest.mark.parametrize("name", [name for name, function in FUNCTIONS.items() if function])
-def test_complex_values_lie_in_the_discs_of_analytic_functions(made, name):
-    """Of functions that are analytic on their operands' discs."""
-    rng = np.random.default_rng(NAMES.index(name))
-    first, second = random_discs(rng), random_discs(rng)
-    if name in ("asin", "acos"):
-        first[:, 0] *= 0.3
-    rows = made(name, first, second)
-    smooth = (rows[:, 3] != 0) & np.isfinite(rows[:, 1])
-    with np.errstate(all="ignore"):
-        values = FUNCTIONS[name](inside(rng, first, False).astype(complex), inside(rng, second, False).astype(complex))
-    check(rows, values, smooth)
-
-
-@pytest.mark.parametrize("name", ["plus", "minus", "times", "over", "cube", "inverse square", "exp"])
+@pytest.mark.parametrize("name", NAMES[:7])
 def test_linear_parts_are_those_of_values(made, name):
     """Operands that depend on the same t, |t| <= 1, and on something small besides: so do values."""
     rng = np.random.default_rng(300 + NAMES.index(name))
@@ -123,44 +86,13 @@ def test_linear_parts_are_those_of_values(made, name):
     t = np.minimum(1.0, rng.uniform(0.0, 2.0, angle.shape)) * np.exp(1j * angle)
     a, b = (np.einsum("npk,nk->np", t, slope) for slope in slopes)
     with np.errstate(all="ignore"):
-        values = FUNCTIONS[name](inside(rng, first, False) + a, inside(rng, second, False) + b)
+        values = FUNCTIONS[name](inside(rng, first) + a, inside(rng, second) + b)
         linear = np.einsum("npk,nk->np", t, rows[:, 4:7])
     known = (rows[:, 3] != 0) & np.isfinite(rows[:, 1])
     check(rows, values, known)
     check(np.stack([rows[:, 0], rows[:, 7]], axis=1), values - linear, known)
     if name in ("plus", "times"):
         assert (np.abs(rows[:, 4:7]).sum(axis=1) > rows[:, 7]).mean() > 0.05
-
-
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("power",)])
-def test_real_values_lie_in_the_discs_of_all_functions(made, name):
-    """Also where they have kinks, jumps or other branches; where a function isn't defined nothing is said."""
-    rng = np.random.default_rng(100 + NAMES.index(name))
-    first, second = random_discs(rng), random_discs(rng)
-    rows = made(name, first, second)
-    function = FUNCTIONS[name] or REAL[name]
-    with np.errstate(all="ignore"):
-        values = function(inside(rng, first, True), inside(rng, second, True))
-    defined = np.isfinite(values).all(axis=1) & np.isfinite(rows[:, 1])
-    check(rows, values, defined)
-
-
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("sign", "step")])
-def test_errors_of_operands_become_errors_of_results(made, name):
-    """Operands that are off by as much as they say make values that are off by no more than the result says."""
-    rng = np.random.default_rng(200 + NAMES.index(name))
-    error = 1e-6
-    first, second = random_discs(rng, error), random_discs(rng, error)
-    first[:, 1], second[:, 1] = 1e-2, 1e-2
-    rows = made(name, first, second)
-    function = FUNCTIONS[name] or REAL[name]
-    a, b = inside(rng, first, True), inside(rng, second, True)
-    shift, other = (rng.choice([-error, error], a.shape) for _ in range(2))
-    with np.errstate(all="ignore"):
-        moved = np.abs(function(a + shift, b + other) - function(a, b))
-    known = np.isfinite(moved).all(axis=1) & np.isfinite(rows[:, 2])
-    assert (moved <= 1.001 * rows[:, 2:3] + 1e-13)[known].all()
-    assert known.mean() > 0.1
 
 
 def test_radii_are_those_of_the_derivative_where_discs_are_small(made):

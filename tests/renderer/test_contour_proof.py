@@ -112,6 +112,7 @@ def test_lines_that_samples_do_not_tell_apart_are_ambiguous(renderer):
     assert (touched.status[crossed] == Status.AMBIGUOUS).all()
 
 
+@pytest.mark.sampled(free=("shape", "cells", "camera", "doubtful"))
 @pytest.mark.parametrize(
     ("shape", "cells", "camera", "doubtful"),
     [(Shape.HEXAHEDRON, 3, "straight on", 0.06), (Shape.PYRAMID, 2, "near, straight on", 0.3)],
