@@ -2,19 +2,22 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from claims import ATTAINED, TEETH, check
 
 from elvis.core.cores.core_boxes import Boxes as CoreBoxes
-from elvis.core.cores.core_graphs import by_eigenvalue
+from elvis.core.cores.core_graphs import Graphs, by_eigenvalue
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.dataset import Dataset
 from elvis.core.differences import diff
 from elvis.core.differences.compositions import Composition
+from elvis.core.distances.sides import _gaps
 from elvis.core.extrema import Nets
-from elvis.core.integrals import along_curves, integrate
+from elvis.core.integrals import along_curves, integrate, level_error
+from elvis.core.integrals.level_discs import LevelDiscs
 from elvis.core.integrals.touching import _shares
 from elvis.core.mapping.boxes import ROUNDINGS, outward
 from elvis.core.mapping.enclosure import hulls
@@ -26,11 +29,14 @@ from elvis.core.polynomials.bernstein import bernstein_coefficients, to_bernstei
 from elvis.core.polynomials.boxnets import difference, on_lattice
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.rounding import coefficient_rounding
+from elvis.core.quantities import Expression, bounding
 from elvis.core.quantities.cells import Cells
+from elvis.core.quantities.evaluator import _sized
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.core.validity import squares
 from elvis.core.validity.squares import lower_bound
+from elvis.core.validity.validity import ValidityStatus, _Facts
 
 COUNT, SAMPLES = 60, 200
 
@@ -339,3 +345,87 @@ def test_errors_of_integrals_along_curves_hold_rounding(monkeypatch):
     monkeypatch.setattr(along_curves, "_ROUNDING", 0.1)
     (found,) = integrate(Dataset(grid(Shape.HEXAHEDRON, 1)), "1 + x", "line:0,0.1,0.2:1,0.1,0.2")
     assert found.error >= 0.1 * found.value
+
+
+def test_integrals_over_boxes_are_between_products_of_ends():
+    """Of volumes of either sign in a disc, and integrands between two values."""
+    middle, radius = np.array([[3.0], [-3.0], [0.5]]), np.ones((3, 1))
+    whole = SimpleNamespace(volume=(middle, radius))
+    boxes = SimpleNamespace(is_filled=True, is_whole=np.ones(3, bool), is_lost=np.zeros(3, bool))
+    for ends, low, high in (
+        ((2.0, 4.0), (4, 4, 0), (16, 16, 6)),
+        ((-4.0, -2.0), (-16, -16, -6), (-4, -4, 0)),
+        ((-1.0, 5.0), (-4, -4, -1.5), (20, 20, 7.5)),
+    ):
+        found = level_error._enclosure(whole, tuple(np.full(3, end) for end in ends), boxes)
+        assert np.abs(np.subtract(found, (low, high))).max() < 1e-14
+
+
+def test_components_of_normals_are_between_minus_one_and_one():
+    for middle, radius in ((np.float64(0.0), np.float64(1.0)), (np.array([[0.25]]), np.array([[0.5]]))):
+        parts = SimpleNamespace(_leaf=lambda node, normals, m=middle, r=radius: (m, r), rows=np.zeros(1, int))
+        dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
+        low, high = LevelDiscs.interval(parts, Expression.of(dataset, "x").root)
+        assert np.broadcast_to(low, 1)[0] == np.ravel(middle - radius)[0]
+        assert np.broadcast_to(high, 1)[0] == np.ravel(middle + radius)[0]
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+@pytest.mark.parametrize("which", [0, 1])
+def test_cores_are_graphs_up_to_a_slope_and_a_distance_from_the_unit_matrix(part, which):
+    """Either of two functions decides, its error too: half of what is allowed is in the error."""
+    near = 0.25
+    limits = {"across": (0.5, 0.0), "along": (near, 2 / 3 * (1 - near))}
+    for kind, (off, along) in limits.items():
+        changes = np.zeros((2, 3))
+        changes[:, :2] = np.eye(2)
+        errors = np.zeros((1, 2, 3))
+        changes[which, 0] += off / 2 * (part if kind == "across" else 1)
+        errors[0, which, 0] = off / 2 * (part if kind == "across" else 1)
+        changes[which, 2], errors[0, which, 2] = along / 2 * part, along / 2 * part
+        places = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"))
+        nets = np.einsum("fk,kabc->fabc", changes, places)[None]
+        # directions of nets run backwards or not: the third is the last coordinate
+        graphs = Graphs(np.ones(1, bool), None, None, nets, None, errors, None)
+        assert graphs.is_graph()[0] == (part < 1), kind
+
+
+def test_bounds_hold_boxes_that_are_left_when_rounds_are_over(monkeypatch):
+    """A peak of height 1 that no sample comes near, in boxes that could be halved further."""
+    monkeypatch.setattr(bounding, "_ROUNDS", 1)
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    for sign in ("", "-"):
+        text = f"{sign}1/(1 + 1e8*((x - 0.3137)^2 + (y - 0.7071)^2))"
+        found = bounding.quantity_range(dataset, Expression.of(dataset, text))
+        assert (found.lower <= -1) if sign else (found.upper >= 1)
+        assert max(-found.least, found.greatest) < 0.5
+
+
+def test_sizes_of_functions_do_not_depend_on_signs():
+    """Rounding is a part of sizes: of an odd function of x and of -x it is the same."""
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    for text in ("sin(x)", "atan(x)", "sinh(x)", "tan(x)"):
+        node = Expression.of(dataset, text).root
+        (value, size), (negative, other) = (_sized(node, [(sign * 0.9, 0.9)]) for sign in (1, -1))
+        assert value == -negative
+        assert size == other >= abs(value)
+
+
+@pytest.mark.parametrize("shift", [0.0, -1 - 1e-9])
+def test_sides_that_are_shared_but_for_rounding_leave_no_gap(shift):
+    """Wherever the origin is: rounding is a part of the greatest magnitude."""
+    square = np.array([[0.0, 0, -1], [1, 0, -1], [1, 1, -1], [0, 1, -1]])
+    square += np.array([shift, shift, -1e-9])
+    triangles = square[[[0, 1, 2], [2, 3, 0]]]
+    triangles[1] += 1e-14
+    gaps = _gaps(triangles, np.full(2, 0.1))
+    assert sorted(gaps.reshape(-1).tolist()) == [0.0, 0.0, 0.2, 0.2, 0.2, 0.2]
+
+
+def test_elements_are_positive_only_if_bounds_exceed_their_error():
+    """A bound equal to its error, 0 among them, proves nothing; neither does one below 0 by no more than that."""
+    lower, error = np.array([0.0, 0.1, 0.11, -0.1, -0.11]), np.array([0.0, 0.1, 0.1, 0.1, 0.1])
+    facts = SimpleNamespace(lower=lower, least=lower, error=error, is_finite=np.ones(5, bool))
+    status = _Facts.status.fget(facts).tolist()
+    undecided = ValidityStatus.UNDECIDED
+    assert status == [undecided, undecided, ValidityStatus.POSITIVE, undecided, ValidityStatus.NOT_POSITIVE]

@@ -17,7 +17,7 @@ AREAS = ("formats", "plugins", "converters", "renderer", "reference")
 #: folders of tests that check the tree, other programs' pages or damaged files
 NOT_FOR_MUTANTS = ("house", "fuzz", "mutation", "benchmarks", "trials", "examples")
 #: test modules whose tests run for a line, and test modules that are searched for such tests, at most
-MODULES, SEARCHED = 4, 10
+MODULES, SEARCHED = 4, 25
 
 
 class Imports:
