@@ -265,12 +265,12 @@ class Bricks:
 
 
 def opening_for(scenes: Sequence[Scene]) -> Opening:
-    """What opens files of which nothing but pictures of scenes is made: in bricks where all limit their memory."""
+    """Function that opens files that are only used for pictures of scenes: in bricks if all limit their memory."""
     return _open_bricks if all(scene.memory is not None for scene in scenes) else open_data
 
 
 def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dataset | PluginData | Bricks:
-    """What `open_data` opens, in bricks if the files are native and one state; HDF5 must stay as it is meanwhile."""
+    """The data of `open_data`, in bricks if the files are native and one state; HDF5 must not change meanwhile."""
     with mapped():
         opened = open_parts(paths, reading, report)
     if not isinstance(opened, DatasetParts):
@@ -303,7 +303,7 @@ def _too_much(needed: float, whose: str, memory: float) -> SceneError:
 
 
 def _widen(ranges: NDArray[Any], rows: Ints, found: NDArray[Any]) -> None:
-    """Make ranges (n, 2 k), low and high corners, hold those that are found (m, 2 k) for these of their rows (m,)."""
+    """Extend ranges (n, 2 k), low and high corners, by the ranges (m, 2 k) found for these of their rows (m,)."""
     if not len(rows):
         return
     order = np.argsort(rows, kind="stable")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import slangpy
 
 _HERE = Path(__file__).parent
-#: folders of kernels: those of a pass are next to its Python, shared ones in shaders
+#: folders of kernels: a pass has them next to its Python, shared ones in shaders
 SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdir() if any(path.glob("*.slang")))]
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
@@ -136,7 +136,7 @@ class Device:
         return self._filled(max(count, 1), np.dtype(dtype).itemsize, None)
 
     def _filled(self, count: int, itemsize: int, data: NDArray[Any] | None) -> Buffer:
-        """A buffer of elements, with data or uninitialised; DeviceLostError if there is no memory."""
+        """A buffer of elements, with data or uninitialised; DeviceLostError without free memory."""
         pool = self.memory if data is None else self._given
         before = pool.made
         try:
@@ -203,7 +203,7 @@ class Device:
 
         part         None for stages without elements
         quantity     one of the part's, to be evaluated instead of its own field
-        line_degree  of polynomials along rays; 0 uses that of the field
+        line_degree  of polynomials along rays; 0 uses the field's
         media        number of transfer functions that are blended along rays
 
         DeviceError with the compiler's own message if the part's module does not compile.
@@ -254,7 +254,7 @@ class Device:
 def _as_writeable(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The bytes as a writeable array: slangpy, which reads them, accepts no other.
 
-    They are copied only if their memory is read-only, such as that of ``bytes``.
+    They are copied only if their memory is read-only, such as the memory of ``bytes``.
     """
     own = raw.view()
     try:

@@ -40,7 +40,7 @@ Opening: TypeAlias = Callable[[Sequence[Path], Reading, Callable[[str], object]]
 
 @dataclass(frozen=True, eq=False)
 class RankPart:
-    """A rank's part of the data: its elements, of which each picture needs some.
+    """A rank's part of the data: its elements, some of which each picture needs.
 
     portion  elements on which pictures depend, with all fields that they evaluate
     beside   other attributes of the data, of which only the names count

@@ -60,7 +60,7 @@ class Host:
             self._session.show(step, float(intg.tcurr), lambda: self._joined(names, parts))
 
     def _wanted(self) -> list[int]:
-        """Numbers of the variables to send: those that the last picture needed; all before there is one."""
+        """Numbers of the variables to send: the ones that the last picture needed; all before there is one."""
         every = range(len(self._names))
         carried = () if self._states is None else self._states.carried
         return [number for number in every if self._names[number] in carried] or list(every)
@@ -102,7 +102,7 @@ class Host:
 
 
 def _part(intg: Any, wanted: Sequence[int]) -> dict[str, tuple[Ints, Floats]]:
-    """By kind of element: the rows of this rank's elements in the mesh file, and values (n, variables, points).
+    """For each kind of element, the rows of this rank's elements in the mesh file, and values (n, variables, points).
 
     wanted  numbers of the variables
     """

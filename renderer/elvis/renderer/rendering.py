@@ -275,7 +275,7 @@ class Pictures:
         return data
 
     def _with_volume(self, data: Dataset | PluginData, scene: Scene) -> Renderer:
-        """The renderer with all that a scene evaluates; elements are those that have its field."""
+        """The renderer with all quantities of a scene, on the elements that have its field."""
         wanted = quantities(scene)
         known, renderer = self._quantities, self._opened()
         if known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
@@ -334,7 +334,7 @@ class Renderer:
 
         others  what its quantities ask of data on other meshes
         """
-        # of runtime plugins nothing says that maps are still what they were
+        # runtime plugins don't state whether maps are unchanged
         last = self._stages
         before = None if last is None or last.dataset is None or not isinstance(made_of, Dataset) else last.loaded
         loaded = DeviceVolume(self.device, volume, before)
@@ -358,7 +358,7 @@ class Renderer:
         return sample_elements(self.stages.loaded, part, elements, offsets, quantity)
 
     def preview(self, point: Vector, size: tuple[int, int] = (90, 60)) -> Frame:
-        """A small picture of what was shown: a cut through a point, of 2D data all; for checks of plugins."""
+        """A small picture of the current data: a cut through a point, or all 2D data; for checks of plugins."""
         normal = (0.2, 0.5, 1.0) if self.stages.loaded.dimension == 3 else (0.0, 0.0, 1.0)
         return self.render(Scene("", plane=Plane(point, normal), size=size))
 
@@ -403,7 +403,7 @@ class Renderer:
             return self._persistent(lambda most: self._view(scene))
 
     def _persistent(self, work: Callable[[int], T]) -> T:
-        """Work that is told how many pixels to draw at once, fewer where the device fails."""
+        """Run work with the number of pixels to draw at once, which is reduced if the device fails."""
         most = BAND
         while True:
             try:
@@ -415,7 +415,7 @@ class Renderer:
                 self._reopen()
 
     def _draw(self, scene: Scene, references: bool, most: int, rows: RankRows) -> Frame:
-        """A frame of which ``most`` pixels at most are drawn at once."""
+        """A frame that is drawn with at most ``most`` pixels at once."""
         view = self._view(scene)
         check_time()
         check_memory(view, references, most)
@@ -424,7 +424,7 @@ class Renderer:
         return Canvas(scene, view, self.stages, references, most, self.progress, rows).frame()
 
     def _reopen(self) -> None:
-        """A new device in place of one that was lost, with the same volume."""
+        """Replace a lost device by a new one, with the same volume."""
         stages, name = self.stages, self.device.adapter.name
         with suppress(Exception):
             self.device.close()
@@ -432,7 +432,7 @@ class Renderer:
         self.show(stages.volume, stages.made_of, stages.others.on(self.device))
 
     def _view(self, scene: Scene) -> View:
-        """The view of a scene: that of the last scene where it shows the same from the same camera."""
+        """The view of a scene; the previous view if the objects and the camera are unchanged."""
         if self.bands is not None:
             return self.bands.view
         part = scene.region, scene.zoom, scene.box, scene.axes
@@ -461,12 +461,11 @@ class Renderer:
 
     @property
     def _around(self) -> int:
-        """Rows around a rank's own: far from the origin a pixel beside what is seen is in doubt (see
-        `passes.plane.cut`)."""
+        """Rows around a rank's own: far from the origin, neighbours of visible pixels are in doubt (see cut)."""
         return TILE * self.stages.loaded.is_far
 
     def _plane_frame(self, scene: Scene, view: PlaneView, references: bool, rows: RankRows) -> Frame:
-        """A frame of the plane alone."""
+        """A frame that shows only the plane."""
         cutter, loaded = self.stages.cutter, self.stages.loaded
         window, inner = rows.window(view, self._around)
         own = channels(self.stages.plain_cut(scene, window, references), window, loaded.ids, references)

@@ -1,4 +1,4 @@
-"""What a call of `render` asks for: data, a scene, and files to be written."""
+"""The request of a call of `render`: data, a scene, and output files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
 
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:
-    """How files are read of which nothing but pictures of scenes is made, all of the moment of the first."""
+    """Options for reading files that are only used for pictures of scenes, all of the moment of the first."""
     return replace(reading_of(scenes[0], is_kept), quantities=asked_by(scenes))
 
 
@@ -54,7 +54,7 @@ class Request:
 
     @staticmethod
     def of(given: Sequence[Any], scene: Scene | None, keywords: Mapping[str, Any]) -> Request:
-        """What positional values, a scene and keywords say; SceneError where they contradict one another."""
+        """The request of positional values, a scene and keywords; SceneError for contradictions."""
         data, files, rest = _sort_arguments(given)
         for each in rest:
             if isinstance(each, Scene):

@@ -24,13 +24,13 @@ from elvis.scene.palette import automatic_range
 
 
 def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None, ranks: Ranks = ALONE) -> Scene:
-    """The scene with values in place of the range ``series``: bounds of its field over all steps that can be read.
+    """The scene with the range ``series`` replaced by bounds of its field over all steps that can be read.
 
-    is_kept  whether conversions are kept
-    series   that of the scene's data, where it is open already
+    is_kept  whether conversions are cached
+    series   of the scene's data, if it is already open
     ranks    that each read their part of the steps, also of ``series``
 
-    Raises SceneError where the data are no series, or nothing is known of the field's values.
+    Raises SceneError if the data are not a series, or if no bounds of the field are known.
     """
     if scene.range != "series":
         return scene

@@ -1,4 +1,4 @@
-"""From hit buffers to colours: the colour map of each draw call, its range and its lines, and their sum."""
+"""Colours of hit buffers: the colour map of each draw call, its range and its lines, and their sum."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from elvis.scene.view import View
 
 #: part of a depth within which it is asked whether either of two hits may be the nearer one
 NEAR = 2e-8
-#: what tells colour maps apart: the quantity, the name of the map, the range that was asked for, how colours are spread
+#: key of a colour map: the quantity, the name of the map, the requested range, the scale of colours
 Key: TypeAlias = tuple[str, str, object, ColorBar | None]
 Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 
@@ -70,9 +70,9 @@ def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) ->
 
 
 def _may_be_overlooked(hits: HitBuffer, best: HitBuffer, counts: Bools, more: Bools) -> Bools:
-    """(n,) where a hit buffer may have overlooked what should be there in place of the best hits.
+    """Flags (n,) whether a hit buffer may have missed a hit that would replace the best hits.
 
-    counts, more  (n,) where it is as opaque as these at least, and where it is more so
+    counts, more  (n,) whether it is at least as opaque as these, and whether it is more opaque
     """
     missing = (hits.status == Status.AMBIGUOUS) & (hits.owner == NOBODY)
     doubt = np.where(missing, 0.0, np.inf) if hits.doubt is None else hits.doubt
@@ -88,9 +88,9 @@ def _beside(hits: HitBuffer, best: HitBuffer) -> Bools:
 
 
 def _uncertain(hits: HitBuffer, view: View, pixel: Ints, extent: float) -> Floats:
-    """(k,) the uncertainties of hits in pixels (k,), those of analytic surfaces by their normals.
+    """Uncertainties (k,) of hits in pixels (k,); for analytic surfaces they follow from their normals.
 
-    Where they are infinite there is a doubt, too, which begins before the hit.
+    If they are infinite, there is also a doubt, which begins before the hit.
     """
     depth = hits.depth[pixel]
     known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
@@ -103,7 +103,7 @@ def radius_of_lines(scene: Scene, is_far: bool) -> int:
     styles = [item.style for item in scene.every_object if not isinstance(item, VolumeRendering)]
     lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
     reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
-    # far from the origin a pixel beside what is seen is in doubt (see `passes.plane.cut`)
+    # far from the origin pixels next to visible ones are in doubt (see `passes.plane.cut`)
     least = max(4 if scene.is_traced else 0, int(np.ceil(reach)) + 1, int(is_far))
     return max([least, *(int(np.ceil(0.5 * line.width)) + 2 for line in lines)])
 
@@ -121,15 +121,15 @@ class Painter:
         self.scene, self.stages = scene, stages
         self._shader = FragmentShader(stages.loaded.device)
         self._shown: set[int] = set()
-        self.volume_status: NDArray[np.uint8] = np.zeros(0, np.uint8)  # what is known of volumes in the last painting
-        self.volume_counts: Counter[str] = Counter()  # segments of rays in volumes, and what is wrong with some
+        self.volume_status: NDArray[np.uint8] = np.zeros(0, np.uint8)  # status of volumes in the last painting
+        self.volume_counts: Counter[str] = Counter()  # segments of rays in volumes, and faults of some
         self._seen: dict[str, tuple[float, float]] = {}
         self._palettes: dict[Key, Palette] = {}
 
     def note(self, drawn: Drawn, cropped: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
-        """Let the ranges of what is seen hold the values of some hit buffers.
+        """Include the values of some hit buffers in the ranges of visible values.
 
-        cropped  leaves of an array of all pixels those of the picture
+        cropped  reduces an array of all pixels to the picture
         """
         for draw_call, hits in drawn:
             is_shown = bool((cropped(hits.owner) != NOBODY).any())
@@ -142,7 +142,7 @@ class Painter:
                 self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
 
     def noted(self, draw_calls: Sequence[DrawCall]) -> tuple[dict[str, tuple[float, float]], Bools]:
-        """What has been noted: the ranges of quantities, and (n,) which draw calls are seen."""
+        """The recorded ranges of quantities, and (n,) which draw calls are visible."""
         return dict(self._seen), np.array([id(draw_call) in self._shown for draw_call in draw_calls], bool)
 
     def note_of_others(
@@ -155,7 +155,7 @@ class Painter:
             self._shown |= {id(draw_call) for draw_call, is_shown in zip(draw_calls, shown, strict=True) if is_shown}
 
     def _note(self, quantity: str | None, values: Floats) -> None:
-        """Of all finite values the least and the greatest are kept."""
+        """Record the minimum and maximum of all finite values."""
         least = np.fmin.reduce(values, axis=None, initial=np.inf)
         most = np.fmax.reduce(values, axis=None, initial=-np.inf)
         if np.isinf(least) or np.isinf(most):
@@ -183,9 +183,9 @@ class Painter:
     def paint(
         self, drawn: Drawn, view: View, *, whole: bool = False, behind: Vector | None = None
     ) -> Floats | NDArray[np.uint8]:
-        """(n, 3) colours of all hits of a view over the background; numbers of 8 bits are welcome if ``whole``.
+        """Colours (n, 3) of all hits of a view over the background; 8-bit integers are allowed if ``whole``.
 
-        behind  another colour in place of the background
+        behind  another colour instead of the background
         """
         behind = self.scene.backdrop if behind is None else behind
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
@@ -251,7 +251,7 @@ class Painter:
         return found
 
     def contour_status(self, drawn: Drawn, view: View) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        """What contour_proof proves of all contours: (n,) in each pixel's square, and (n,) of how far they cover it."""
+        """Proved status (n,) of all contours in each pixel's square, and (n,) of their coverage."""
         status, coverage = np.zeros((2, view.count), np.uint8)
         for draw_call, hits in drawn:
             contours = draw_call.style.contours
@@ -275,7 +275,7 @@ class Painter:
         return self._palettes[key]
 
     def _bar(self, quantity: str | None, style: Style) -> ColorBar | None:
-        """How a colour map's bar is to be; that of the scene is meant for the scene's own field."""
+        """Settings of a colour map's bar; the scene's bar belongs to the scene's own field."""
         return style.bar or (self.scene.bar if quantity is None else None)
 
     def _scene_range(self, quantity: str | None, style: Style) -> object:
@@ -294,7 +294,7 @@ class Painter:
         return levels(*self.range_of(quantity, asked), contours.count)
 
     def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
-        """What the colours and contours of all draw calls mean, each said once."""
+        """Legends of the colours and contours of all draw calls, each once."""
         marks: dict[str | None, dict[tuple[float, Vector], None]] = {}
         for draw_call in draw_calls:
             contours = draw_call.style.contours
@@ -311,7 +311,7 @@ class Painter:
         return (*found, *(Legend(name or self.scene.field, None, tuple(own)) for name, own in marks.items()))
 
     def _constant(self, key: Key) -> float | None:
-        """The only value that is seen of what a colour map shows, where its range is that of what is seen."""
+        """The only visible value of a colour map's quantity, if its range is automatic."""
         low, high = self._seen.get(key[0], (-np.inf, np.inf))
         return low if key[2] == "seen" and is_constant(low, high) else None
 
@@ -326,7 +326,7 @@ class Painter:
         return radius_of_lines(self.scene, self.stages.loaded.is_far)
 
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
-        """What a user should know: objects that aren't there, contours of values that the data don't take."""
+        """Remarks for the user: invisible objects, contours at values outside the data."""
         found = list(self.stages.remarks(self.scene, self.volume_counts))
         for draw_call in draw_calls:
             if id(draw_call) not in self._shown:
@@ -341,7 +341,7 @@ class Painter:
         return list(dict.fromkeys(found))
 
     def _outside(self, quantity: str | None, values: Sequence[float]) -> str:
-        """The end of a sentence where some values lie outside the certified range of a quantity, if that is known."""
+        """The end of a sentence on values outside the certified range of a quantity, if that is known."""
         name = quantity or self.scene.field
         try:
             low, high = self.stages.bounds(name)
@@ -351,7 +351,7 @@ class Painter:
         return f" at {beyond}: {name} lies between {low:g} and {high:g}" if beyond else ""
 
     def is_complete(self, draw_calls: Sequence[DrawCall]) -> bool:
-        """Whether nothing depends on the range of what is seen."""
+        """Whether no colour depends on the range of the visible values."""
         volumes = [item for item in self.scene.every_object if isinstance(item, VolumeRendering)]
         if draw_calls and not all(item.transfer.colors for item in volumes):
             return False

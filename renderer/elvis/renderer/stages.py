@@ -69,9 +69,9 @@ def is_straight(block: GeometryBlock) -> bool:
 class Stages:
     """The stages over a loaded volume, each made when it is first needed.
 
-    made_of  what the volume was made of, where that is known
-    dataset  the same; None where a runtime plugin has made it
-    others   what quantities ask of data on other meshes
+    made_of  source of the volume, if known
+    dataset  the same; None if a runtime plugin has made it
+    others   requests of quantities to data on other meshes
     """
 
     def __init__(self, loaded: DeviceVolume, volume: Volume, made_of: Made, others: OtherData | None = None) -> None:
@@ -120,7 +120,7 @@ class Stages:
         return self._convolver.still(hits)
 
     def _greatest(self, names: Sequence[str]) -> float:
-        """What no component of a vector exceeds anywhere; zero where that is not known."""
+        """Upper bound of all components of a vector; zero if unknown."""
         try:
             return float(np.abs([self.bounds(name) for name in names]).max())
         except ElvisError:
@@ -167,7 +167,7 @@ class Stages:
         return count
 
     def remarks(self, scene: Scene, counts: Mapping[str, int]) -> Iterator[str]:
-        """What a user should know of volumes, of what rays meet in them, and of what isosurfaces leave out."""
+        """Remarks for the user on volumes, on elements along rays in them, and on skipped parts of isosurfaces."""
         volumes = [item for item in scene.every_object if isinstance(item, VolumeRendering)]
         if volumes and self.inverted_elements:
             yield f"inverted elements, wholly or in part, which are still drawn: {self.inverted_elements}"
@@ -220,7 +220,7 @@ class Stages:
         return None if name in (None, scene.field) else name
 
     def draw_calls(self, scene: Scene) -> list[DrawCall]:
-        """All surfaces of a scene, in its order; SceneError for what is not drawn of data on other meshes."""
+        """All surfaces of a scene, in its order; SceneError for unsupported uses of data on other meshes."""
         self.others.check(scene)
         found: list[DrawCall] = []
         for number, item in enumerate(scene.every_object, start=-1 if scene.plane else 0):
@@ -279,7 +279,7 @@ class Stages:
         return self._mark(hits, view, left, beyond) if len(left) and self.dataset is not None else hits
 
     def _mark(self, hits: HitBuffer, view: View, left: Ints, beyond: Floats | None) -> HitBuffer:
-        """The hit buffer, ambiguous where elements that were left out may hide it."""
+        """The hit buffer, ambiguous where skipped elements may hide it."""
         faces = replace(self.faces.faces, regions={"left": left})
         before = FaceDrawer(self.loaded, faces).draw(view, ("region:left",), beyond).depth < hits.depth
         status = np.where(before, np.uint8(Status.AMBIGUOUS), hits.status)
@@ -293,7 +293,7 @@ class Stages:
             return
         if low <= value <= high:
             return
-        # the bounds hold to rounding: what is as near as that to them is drawn, and proved pixel by pixel
+        # the bounds hold up to rounding: values within rounding of them are drawn, and proved pixel by pixel
         if not low - self._rounding(own, low) <= value <= high + self._rounding(own, high):
             raise AbsentError(f"values of an isosurface: {asked!r} lies between {low:g} and {high:g}, found {value:g}")
 
@@ -304,7 +304,7 @@ class Stages:
         return float(max(every, default=0.0))
 
     def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> HitBuffer:
-        """What a surface meets of the volume."""
+        """The intersection of a surface with the volume."""
         if isinstance(surface, Implicit):
             hits = self._at_level(view, surface.expression, 0.0, beyond)
             return self.resampled(hits, surface.expression, quantity, view)
@@ -317,7 +317,7 @@ class Stages:
         return hits if beyond is None else hits.without(~(hits.depth > beyond))
 
     def plain_cut(self, scene: Scene, view: PlaneView, references: bool) -> HitBuffer:
-        """What the only plane of a scene shows, with the scene's field."""
+        """The picture of the only plane of a scene, with the scene's field."""
         self.others.check(scene)
         found = self.cutter.draw(view, references=references or self.others.needs_references)
         return self.resampled(found, None, self.others.field, view, view.plane)
@@ -345,7 +345,7 @@ class Stages:
         return hits if known == wanted else hits.showing(values_at_hits(self.loaded, hits, wanted))
 
     def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
-        """What is seen of a draw call, from near to far: the hits that no clip takes away, while any shine through."""
+        """Visible hits of a draw call, near to far: hits that no clip removes, while the surface is translucent."""
         others = [clip for clip in clips if clip.surface != draw_call.surface]
         opacity = draw_call.style.opacity
         beyond, through = None, 1.0
@@ -360,15 +360,17 @@ class Stages:
             beyond = np.where(further, hits.depth + SAME * (self.loaded.extent + np.abs(hits.depth)), np.inf)
 
     def _clipped(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[HitBuffer, Bools]:
-        """What clips leave of hits, and (n,) the hits that they take away; without clips nothing is read."""
+        """Hits that clips leave, and (n,) the hits that they remove; without clips nothing is read."""
         if not clips:
             return hits, np.zeros(view.count, bool)
         gone, unsure, clear = self.hidden_by(hits, view, clips)
         return hits.clip(gone, unsure, clear) if np.isfinite(clear).any() else hits, gone
 
     def hidden_by(self, hits: HitBuffer, view: View, clips: Sequence[Clip]) -> tuple[Bools, Bools, Floats]:
-        """(n,) hits that lie where nothing is to be shown, (n,) those of which that is not certain, and (n,) how near
-        to a hit nothing is taken away, zero where that is not known and infinite without clips."""
+        """Hits (n,) that clips hide, uncertain ones among them (n,), and the distance (n,) to hidden parts.
+
+        The distance is zero if unknown and infinite without clips.
+        """
         gone, unsure = np.zeros((2, view.count), bool)
         clear = np.full(view.count, np.inf)
         hit = np.flatnonzero(hits.owner != NOBODY)
@@ -383,21 +385,23 @@ class Stages:
                 distance, close = self._height(hits, clip.surface.expression, hit)
                 near = np.abs(distance) <= 2.0 * close
             else:
-                # what lies on the surface stays, and what is nearer to it than rounding tells
+                # points on the surface remain, and so do points within rounding of it
                 distance, close = outside(clip.surface, points), np.full(len(hit), room)
                 away = -distance if clip.away == "inside" else distance
                 near = (away > 0.01 * room) & (away <= 2.0 * room) | (np.abs(distance) <= around) & (around > room)
             beyond = -distance if clip.away == "inside" else distance
             gone[hit] |= beyond > close
             unsure[hit] |= near
-            # distances are true ones of planes alone
+            # only distances of planes are true distances
             room_left = np.maximum(-beyond, 0.0) if isinstance(clip.surface, Plane) else 0.0
             clear[hit] = np.minimum(clear[hit], room_left)
         return gone, unsure, clear
 
     def _height(self, hits: HitBuffer, expression: str, hit: Ints) -> tuple[Floats, Floats]:
-        """(k,) the values of an expression at hits (k,), and what of them may be none: what is rounding, and what they
-        change by as near to the hit as surfaces are taken for one."""
+        """Values (k,) of an expression at hits (k,), and their uncertainty.
+
+        This includes rounding, and changes within the distance in which surfaces are treated as one.
+        """
         values, close = values_at_hits(self.loaded, hits, expression)[hit], np.zeros(len(hit))
         part = np.searchsorted(self.loaded.first, hits.owner[hit], side="right") - 1
         traversal, room = self.volumes.traversal, 2.0 * CLOSE * self.loaded.extent

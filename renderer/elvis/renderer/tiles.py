@@ -23,7 +23,7 @@ _BEFORE = 1 << 19
 
 @dataclass(frozen=True, eq=False)
 class Sections:
-    """Where elements may be seen.
+    """Ranges of pixels in which elements may be visible.
 
     element      (n,)    number in its part
     least, most  (n, 4)  bounds of x, y, x + y and x - y of their pixels, inclusive
@@ -56,7 +56,7 @@ class Tiles:
 
 
 def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
-    """Tiles of TILE x TILE pixels that cover the bounds (n, 4) of sections, but those that x + y or x - y cut off."""
+    """Tiles of TILE x TILE pixels that cover the bounds (n, 4) of sections, including those of x + y and x - y."""
     low, high = (np.ascontiguousarray(some.T, np.int32) for some in (least, most))
     across = (high[0] - low[0]) // TILE + 1
     along = (high[1] - low[1]) // TILE + 1
@@ -71,7 +71,7 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
     x = low[0, owner] + TILE * (index - row * wide)
     y = low[1, owner] + TILE * row
 
-    # keep those that the diagonal bounds touch
+    # keep tiles within the diagonal bounds
     last = TILE - 1
     kept = (x + y + 2 * last >= low[2, owner]) & (x + y <= high[2, owner])
     kept &= (x - y + last >= low[3, owner]) & (x - y - last <= high[3, owner])
@@ -79,7 +79,7 @@ def tiles_of(least: NDArray[Any], most: NDArray[Any]) -> Tiles:
 
 
 def tiles_by_section(least: NDArray[Any], most: NDArray[Any], view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Tile records of a view, each of one section alone (see ``bin_sections``), where it begins."""
+    """Tile records of a view, each of a single section (see ``bin_sections``), at which it begins."""
     pairs = tiles_of(least, most)
     if view.part_of is not None:
         before, after = view.first - TILE, view.last
@@ -95,12 +95,12 @@ def bin_sections(
     view: View | None = None,
     beside: Floats | None = None,
 ) -> tuple[NDArray[Any], NDArray[np.uint32]]:
-    """Tile records of a picture, row by row, and (m,) the sections that are seen in one tile after another.
+    """Tile records of a picture, row by row, and (m,) the visible sections of one tile after another.
 
     least, most  (n, 4)  bounds of x, y, x + y and x - y of the sections' pixels, inclusive
-    dtype        of Tile records, as a kernel lays them out
-    view         all of whose tiles are wanted; None for those that see a section
-    beside       (k, 3, n)  a, b and c of lines a x + b y = c, beyond which a section has no pixels, where there are any
+    dtype        of Tile records in a kernel's layout
+    view         all of whose tiles are wanted; None for tiles with a section
+    beside       (k, 3, n)  a, b and c of lines a x + b y = c, beyond which a section has no pixels, if there are any
     """
     aligned = least.copy()
     aligned[:, :2] = least[:, :2] // TILE * TILE
@@ -121,7 +121,7 @@ def bin_sections(
     if view is None:
         return _records(TILE * (left + seen % columns), TILE * (top + seen // columns), first, end, dtype), listed
 
-    # tiles that see no section are there, too
+    # tiles without a section are included
     tiles = _all_tiles(left, top, columns, rows, dtype).copy()
     tiles["first"][seen], tiles["end"][seen] = first, end
     return tiles, listed
@@ -167,7 +167,7 @@ def _grid(pairs: Tiles) -> tuple[int, int, int, int]:
 
 
 def _grid_of(view: View) -> tuple[int, int, int, int]:
-    """The same of those that cover a view."""
+    """Grid of the tiles that cover a view."""
     left, top = (view.first // TILE).tolist()
     right, bottom = (view.last // TILE).tolist()
     return left, top, right + 1 - left, bottom + 1 - top

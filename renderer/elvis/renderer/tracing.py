@@ -29,7 +29,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class StrokeStyle:
-    """What lines have in common that are one stroke."""
+    """Common properties of the lines of one stroke."""
 
     width: float
     color: Vector
@@ -40,7 +40,7 @@ class StrokeStyle:
 
 #: number of what a scene draws, and of its lines among them: borders are 0, contours follow by their values
 Place: TypeAlias = tuple[int, int]
-#: short lines of one style, by what has them: starts and ends (n, 2)
+#: short lines of one style, by their owners: starts and ends (n, 2)
 Found: TypeAlias = dict[StrokeStyle, list[tuple[Place, Floats, Floats]]]
 
 
@@ -65,7 +65,7 @@ class Tracer:
         return tuple(made)
 
     def _order(self, style: StrokeStyle) -> tuple[Place, float]:
-        """Where a style comes first, faint lines before others."""
+        """First position of a style, with faint lines before others."""
         return min(place for place, _, _ in self.found[style]), style.opacity
 
     def take(self, found: Found) -> None:
@@ -99,7 +99,7 @@ class Tracer:
         return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
 
     def _outline(self, drawn: Drawn, view: View, own: Bools) -> None:
-        """The border of all that is seen; distances to borders are those of the nearest surface."""
+        """The border of all visible pixels; distances to borders refer to the nearest surface."""
         distance, depth = np.full((2, view.count), np.inf)
         for _, hits in drawn:
             nearer = np.flatnonzero(hits.depth < depth)
@@ -137,7 +137,7 @@ class Tracer:
         hits: HitBuffer,
         own: Bools,
     ) -> None:
-        """Note lines (n, 2) to (n, 2) of a place on pixels (n,), as faint as what lies before them leaves them."""
+        """Store lines (n, 2) to (n, 2) of an object on pixels (n,), faded by the surfaces in front of them."""
         starts, ends, pixel = lines
         through = np.ones(len(pixel))
         depth = hits.depth[pixel]

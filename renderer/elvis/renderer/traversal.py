@@ -21,7 +21,7 @@ from elvis.scene.view import View
 APART = 1e-11
 #: part of values that is rounding where a plugin says nothing of it
 ROUNDING = 1e-13
-#: values along a part of a ray beyond those that a polynomial has, as in volume_trace.slang
+#: values along a part of a ray beyond the number for a polynomial, as in volume_trace.slang
 MORE = 4
 
 
@@ -41,8 +41,10 @@ class Traversal:
         return self.loaded.parts[number].affine and self.degree(number, quantity) > 0
 
     def rounding(self, number: int, quantity: str | None, value: float) -> Floats:
-        """(n,) how far computed values in each element of a part may be from the true ones; by default in parts of the
-        greatest value, or of ``value`` where no bounds are known."""
+        """Error bounds (n,) of computed values in each element of a part.
+
+        By default they are relative to the maximum value, or to ``value`` if no bounds are known.
+        """
         own = self.loaded.quantity(number, quantity)
         if own.rounding is not None:
             return own.rounding()
@@ -52,10 +54,10 @@ class Traversal:
         return np.asarray(ROUNDING * size)
 
     def steepest(self, number: int, quantity: str | None, value: float) -> Floats:
-        """(n,) how much a polynomial field may change at most in each element for a unit in reference coordinates.
+        """Maximum change (n,) of a polynomial field in each element per unit of reference coordinates.
 
-        Coefficients of derivatives are differences, times the degree n and half for each of three directions.  Where
-        bounds aren't known, values are no greater than what n products for each direction make of their rounding.
+        Coefficients of derivatives are differences, times the degree n and half for each of three directions.  If no
+        bounds are known, values are bounded through their rounding by n products for each direction.
         """
         low, high = self.loaded.bounds(number, quantity)
         degree = self.degree(number, quantity)
@@ -64,7 +66,7 @@ class Traversal:
         return np.asarray(1.5 * degree * extent)
 
     def flat(self, number: int, quantity: str | None, value: float) -> Bools:
-        """(n,) elements of a part whose field can't be told from the value anywhere, by its bounds."""
+        """Elements (n,) of a part whose field can't be distinguished from the value anywhere, by its bounds."""
         low, high = self.loaded.bounds(number, quantity)
         farthest = np.maximum(np.abs(high - value), np.abs(value - low))
         return farthest <= 4.0 * self.rounding(number, quantity, value)
@@ -105,7 +107,7 @@ class Traversal:
 
 
 def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
-    """Sections of the chosen tetrahedra with corners (n, 4, 3), those of near ones first."""
+    """Sections of the chosen tetrahedra with corners (n, 4, 3), nearest first."""
     elements = np.flatnonzero(chosen)
     points = corners[elements]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -120,7 +122,7 @@ def visible_sections(view: View, corners: Floats, chosen: Bools) -> Sections:
     least = np.nan_to_num(places.min(axis=1), nan=-np.inf) - 1e-3
     most = np.nan_to_num(places.max(axis=1), nan=np.inf) + 1e-3
 
-    # within the picture; what lies beyond it ends before it begins
+    # within the picture; sections beyond it end before they begin
     diagonal = 4 * (int(np.abs([view.first, view.last]).max()) + 1) * np.ones(2, np.int64)
     start, end = np.append(view.first, -diagonal), np.append(view.last, diagonal)
     before_start, after_end = np.append(view.first - 1, -diagonal), np.append(view.last + 1, diagonal)

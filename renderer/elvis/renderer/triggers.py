@@ -20,10 +20,10 @@ _AND = re.compile(r"\s+and\s+")
 
 @dataclass(frozen=True)
 class Condition:
-    """That the least or the greatest value of a quantity is beyond a number, as ``max(mach) > 1``.
+    """The condition that the minimum or maximum of a quantity is beyond a number, such as ``max(mach) > 1``.
 
     end    ``min`` or ``max``
-    above  whether it is to be greater than the number, else less
+    above  whether it must be greater than the number, else less
     """
 
     end: str
@@ -33,7 +33,7 @@ class Condition:
 
     @staticmethod
     def parse(text: str) -> Condition:
-        """SceneError for what is no condition."""
+        """The condition of a text; SceneError for an invalid one."""
         match = _PATTERN.fullmatch(text.strip())
         if match is not None:
             end, quantity, sign, number = match.groups()
@@ -54,7 +54,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Trigger:
-    """At which steps there is a picture: those of a period where all conditions hold, or may hold.
+    """Steps with a picture: steps of a period in which all conditions hold, or may hold.
 
     every  number of steps from one to the next; steps are counted from 0
     """
@@ -64,7 +64,7 @@ class Trigger:
 
     @staticmethod
     def of(every: int, when: str) -> Trigger:
-        """``when`` may join conditions by ``and``; SceneError for what is no period or no condition."""
+        """``when`` may join conditions by ``and``; SceneError for an invalid period or condition."""
         if isinstance(every, bool) or not isinstance(every, int) or every < 1:
             raise SceneError(f"every: expected a number of steps, 1 or more, found {every!r:.60}")
         if not isinstance(when, str):
@@ -73,11 +73,11 @@ class Trigger:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What the conditions are about."""
+        """Quantities of the conditions."""
         return tuple(condition.quantity for condition in self.conditions)
 
     def is_due(self, step: int) -> bool:
-        """Whether a step is of the period; SceneError for what is no number of a step."""
+        """Whether a step belongs to the period; SceneError for an invalid step."""
         if not isinstance(step, Integral):
             raise SceneError(f"step: expected a whole number, found {step!r:.60}")
         return step % self.every == 0

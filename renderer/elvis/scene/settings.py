@@ -215,7 +215,7 @@ Memory: TypeAlias = Annotated[
 
 
 class Model:
-    """Base of the dataclasses of a scene: settings that are checked, and a representation of those that are set.
+    """Base of the dataclasses of a scene: settings that are checked, and a representation of changed ones.
 
     noun  names the owner of a setting in errors
     """

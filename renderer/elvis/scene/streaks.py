@@ -70,7 +70,7 @@ def _covariance() -> tuple[float, float]:
     """Variance of the noise at a point, and the integral of its covariance along a line, in cells; means over both.
 
     In each direction the noise is white numbers times _SMOOTH times a hat function, so its covariance is their
-    autocorrelation: that of _SMOOTH between cubic B-splines.
+    autocorrelation: the one of _SMOOTH between cubic B-splines.
     """
     weights = np.convolve(_SMOOTH, _SMOOTH)
     places = np.arange(len(weights)) - len(weights) // 2
@@ -106,8 +106,8 @@ def tones(mean: Floats, weight: Floats, squares: Floats, width: float) -> Floats
     weight, squares  (n,) integrals of the weights, and of their squares, along the lines
 
     The variance of a mean is known: for long lines it is the integral of the covariance times squares over weight², for
-    short ones that of the noise; in between, the squares of the inverses of both add up, exactly so if covariance and
-    weights are Gaussian.
+    short ones the variance of the noise; in between, the squares of the inverses of both add up, exactly so if
+    covariance and weights are Gaussian.
     """
     variance, integral = spread(width)
     measure = mean * np.sqrt(np.hypot(1.0 / variance, weight**2 / (integral * squares)))

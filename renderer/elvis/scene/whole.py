@@ -131,13 +131,13 @@ class Deform(Model, of="the deformation"):
     ] = "undeformed"
 
     def check(self) -> None:
-        """SceneError where there is no displacement, or gradients are taken elsewhere."""
+        """SceneError if there is no displacement, or for an unknown configuration of gradients."""
         check(self.displacement.strip() != "", "displacement", "components such as u,v,w", "none")
         check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
 
     @property
     def deformation(self) -> Deformation:
-        """As readers of files take it."""
+        """The deformation in the form that readers of files use."""
         return Deformation(self.displacement, self.scale, self.gradients)
 
 

@@ -110,5 +110,5 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
 
 
 def folder_of(own: Scene) -> Path:
-    """Assumed folder of a saved scene: that of the data."""
+    """Assumed folder of a saved scene: the data's folder."""
     return Path(own.data[0]).parent if own.data else Path()

@@ -133,7 +133,7 @@ class Session:
     # what a page asks for
 
     async def receive(self, viewer: Viewer, message: object) -> None:
-        """Handle a message of a page; errors are sent back as a sentence."""
+        """Handle a message of a page; errors are sent back."""
         try:
             answer = await self._answer(viewer, parsed(message))
         except ElvisError as error:

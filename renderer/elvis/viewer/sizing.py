@@ -20,7 +20,7 @@ ERROR = 0.03
 
 
 class Sizing:
-    """Durations of the last pictures; times are those of one clock, in seconds."""
+    """Durations of the last pictures; times are from one clock, in seconds."""
 
     def __init__(self) -> None:
         #: by the part of the full size: what a draft took, and when it was there

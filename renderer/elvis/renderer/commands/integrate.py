@@ -195,7 +195,7 @@ def _is_finished(found: _Moments) -> bool:
 
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
-    """Write, plot or print integrals, with a warning for those that miss the requested error."""
+    """Write, plot or print integrals, with a warning for values that miss the requested error."""
     from elvis.core.files.columns import write_columns
     from elvis.core.integrals.integration import HEADERS
     from elvis.core.terminal import print_json, print_table, warn

@@ -433,7 +433,7 @@ class NativeSource:
 
 
 def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
-    """Print by how much quantities differ from those of the source, if a conversion has errors."""
+    """Print by how much quantities differ from the source's, if a conversion has errors."""
     from elvis.core.quantities.conversion_radius import sentence
     from elvis.core.terminal import note
 

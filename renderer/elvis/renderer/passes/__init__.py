@@ -1,1 +1,1 @@
-"""The passes: each draws one kind of thing into a hit buffer, with its kernels beside its Python."""
+"""The passes: each draws one kind of object into a hit buffer, with its kernels next to its Python."""

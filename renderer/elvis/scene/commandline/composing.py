@@ -97,7 +97,7 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
 
 
 def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
-    """The scene with its deformation, of which the options are taken out of ``given``."""
+    """The scene with the deformation of the options, which are removed from ``given``."""
     from elvis.scene.commandline.options import DEFORM
 
     own = given.pop("deform", scene.deform)

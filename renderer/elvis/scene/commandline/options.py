@@ -23,7 +23,7 @@ STYLES = tuple(name for name, setting in settings(Style).items() if setting.opti
 #: options that add objects, by the key ``kind``
 OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
-#: options of a deformed geometry, in addition to that of its displacement, by the key of Deform
+#: options of a deformed geometry, in addition to its displacement, by the key of Deform
 DEFORM = tuple(name for name, setting in settings(Deform).items() if setting.option)
 
 #: what streamlines follow, as pictures and `elvis trace` have it
@@ -68,7 +68,7 @@ def chapter_of(key: str) -> str:
 
 
 def scene_options(leaving: Sequence[str]) -> list[click.Option]:
-    """The options of a scene in the order of the help, except those of the keys in ``leaving``."""
+    """The options of a scene in the order of the help, except for the keys in ``leaving``."""
     found = []
     others = [key for key in settings(Scene) if key not in FIRST]
     for key in (*FIRST, *others):

@@ -1,7 +1,7 @@
-"""Faces cut into patches whose projected maps are nearly linear, so that a pixel's ray meets each of them once at most.
+"""Faces cut into patches whose projected maps are nearly linear, so that a pixel's ray meets each of them at most once.
 
-Screen nets (5, count, n) hold homogeneous control points of the projected maps: column, row and weight as by
-View.to_pixel, depth times w, and w.  NumPy goes quickly along long axes alone, so patches are the last axis.
+Screen nets (5, count, n) contain homogeneous control points of the projected maps: column, row and weight as by
+View.to_pixel, depth times w, and w.  NumPy is fast only along long axes, so patches are the last axis.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ TAME = 0.25
 THIN = 1e-6
 #: how often a face is halved at most
 _LEVELS = 96
-#: part of the reach below which a patch counts as a line: folds are not followed farther for what is beside them
+#: share of the reach below which a patch counts as a line: folds are not refined further for pixels next to them
 _THIN_BESIDE = 0.25
-#: columns of pixels up to which thin patches are looked at closely
+#: columns of pixels up to which thin patches are examined closely
 _COLUMNS = 8
-#: pixels beside a patch in which it is looked for nonetheless, beyond those that rounding moves it by
+#: margin in pixels around a patch within which it is still tested, in addition to its rounding
 _BESIDE = 0.01
 #: patches worked on at once
 _CHUNK = 1 << 14
@@ -37,14 +37,14 @@ _CHUNK = 1 << 14
 
 @dataclass(frozen=True, eq=False)
 class FacePatches:
-    """Patches of faces as a view sees them.
+    """Patches of faces in a view.
 
     face    (n,)       number of the face
     place   (n, 3, 2)  origin and axes of the patch in face coordinates
-    bounds  (2, n, 4)  least and greatest x, y, x + y and x - y of the pixels (x, y) that it may cover
+    bounds  (2, n, 4)  minimum and maximum x, y, x + y and x - y of the pixels (x, y) that it may cover
     beside  (k, 3, n)  a, b and c of lines a x + b y = c along its k sides, beyond which no such pixel lies
     near    (n,)       no point of it has a smaller depth
-    noise   (n,)       what rounding leaves undecided, in coordinates of the patch
+    noise   (n,)       uncertainty through rounding, in coordinates of the patch
     """
 
     face: Ints
@@ -55,7 +55,7 @@ class FacePatches:
     noise: Floats
 
     def within(self, view: View) -> FacePatches:
-        """Those with pixels in a window of the picture."""
+        """Patches with pixels in a window of the picture."""
         if view.part_of is None:
             return self
         return self.some(np.flatnonzero(is_in_picture(view, *self.bounds)))
@@ -203,9 +203,9 @@ def _rounding(nets: Floats, view: View) -> float:
 
 
 def _slack(weight: Floats, rounding: float, view: View) -> Floats:
-    """(n,) pixels below which rounding leaves no shape to patches in front of the eye, that have weights (count, n).
+    """Sizes (n,) in pixels below which rounding dominates patches in front of the eye, with weights (count, n).
 
-    So a patch that rounding may move onto a pixel's centre is kept, and no patch is halved into noise.
+    So a patch that rounding may move onto a pixel's centre is kept, and no patch is subdivided into noise.
     """
     with np.errstate(divide="ignore", over="ignore"):
         own = rounding / weight.min(axis=0, initial=np.inf)
@@ -218,9 +218,9 @@ def _extent(view: View) -> float:
 
 
 def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
-    """Patches that are tame, and those that are points or lines.
+    """Patches with nearly linear maps, and patches that are points or lines.
 
-    What is neither is halved where it looks longest, unless it covers no centre.
+    Other patches are bisected along their longest side, unless they cover no centre.
     rounding  see _rounding
     reach     see face_patches
     """
@@ -243,7 +243,7 @@ def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach:
 
 def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
     """Two patches for each, cut in this direction."""
-    # those that are cut in one direction stand together
+    # sort patches by their direction of bisection
     order = np.argsort(direction, kind="stable")
     batch = batch.some(order)
     ends = np.searchsorted(direction[order], np.arange(len(space.halves) + 1))
@@ -264,11 +264,13 @@ def _halve(space: FaceSpace, direction: Ints, batch: _Batch) -> _Batch:
 def _visible_patches(batch: _Batch, view: View, rounding: float, reach: float) -> tuple[_Batch, Bools]:
     """The patches that may cover the centre of a pixel, and (n,) whether they are in front of the eye.
 
-    Not those beyond a side of the picture or behind the eye.  Of those in front pixels and thinness are noted.
+    Patches beyond a side of the picture or behind the eye are dropped.  For patches in front, pixels and thinness are
+    stored.
     """
     batch = batch.some(np.flatnonzero(_is_in_picture(batch.screen, view, rounding, reach)))
 
-    # what rounding can't tell from the eye itself may be anywhere: a point in the middle, of the weight that says so
+    # points that rounding can't distinguish from the eye may be anywhere: they become a point in the middle, with a
+    # weight that marks this
     least = rounding / _extent(view)
     at_eye = batch.screen[2].max(axis=0) <= least
     batch.screen[:3, :, at_eye] = least * np.append(0.5 * (view.first + view.last), 1.0)[:, None, None]
@@ -282,7 +284,7 @@ def _visible_patches(batch: _Batch, view: View, rounding: float, reach: float) -
     batch.line[:] = False
     batch.line[front] = width < np.maximum(slack, _THIN_BESIDE * reach)
 
-    # those in front of the eye are left out where they cover no centre of a pixel
+    # drop patches in front of the eye that cover no centre of a pixel
     has_pixels = (pixels[1] >= pixels[0]).all(axis=0)
     kept = ~front
     kept[front] = has_pixels & ((reach > 0.0) | _may_hold(flat, ends, width, slack))
@@ -340,7 +342,7 @@ def _pixels(points: Floats, slack: Floats, view: View, reach: float) -> Ints:
     low = np.stack([side.min(axis=0) for side in every]).clip(-extent, extent)
     high = np.stack([side.max(axis=0) for side in every]).clip(-extent, extent)
 
-    # whole pixels, those of the picture
+    # whole pixels of the picture
     slack = slack + reach * np.array([[1.0], [1.0], [2.0], [2.0]])
     least = np.ceil(low - slack)
     most = np.floor(high + slack)
@@ -384,7 +386,7 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
     weights = [derivative[2].mean(axis=0) for derivative in derivatives]
 
     with np.errstate(all="ignore"):
-        # M, times vectors; the sums of what it makes of all changes
+        # M, times vectors; the sums of its effect on all changes
         inverse = 1.0 / (xs * yt - xt * ys)
         first, second = np.stack([yt, -xt]) * inverse, np.stack([-ys, xs]) * inverse
         b, g = np.zeros((2, 2, len(xs)))

@@ -30,7 +30,7 @@ from elvis.scene.view import View
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11
-#: pixels near edges that are looked at together
+#: number of pixels near edges that are processed together
 _AT_ONCE = 1 << 20
 #: half the side of a pixel's square
 _SQUARE = 0.5
@@ -43,7 +43,7 @@ class _ChosenFaces:
     """Faces of one block that are drawn.
 
     rows   (n,)           rows of the block
-    nets   (m, count, 4)  of those that stand for all (see Sides.alone)
+    nets   (m, count, 4)  of the representative faces (see Sides.alone)
     sides  the pairs among them
     """
 
@@ -54,7 +54,7 @@ class _ChosenFaces:
 
 @dataclass(frozen=True, eq=False)
 class _PartTiles:
-    """What one part has to draw: a kernel with its buffers, and (t,) how many patches each tile lists."""
+    """Work of one part: a kernel with its buffers, and (t,) the number of patches in each tile."""
 
     number: int
     kernel: Kernel
@@ -71,7 +71,7 @@ class SquarePatches:
     """Patches of faces of one part and shape that may reach into the squares of pixels.
 
     records  (n,) FacePatch (face.slang)
-    edges    what is seen as points and lines
+    edges    faces seen as points and lines
     """
 
     number: int
@@ -112,11 +112,11 @@ class FaceDrawer:
     def draw(
         self, view: View, select: Sequence[str] = ("all",), beyond: Floats | None = None, quantity: str | None = None
     ) -> HitBuffer:
-        """What is nearest on the faces that ``select`` names (see Faces.select), beyond depths (n,) where given.
+        """Nearest hits on the faces that ``select`` names (see Faces.select), beyond depths (n,) if given.
 
         quantity  one of the parts' quantities, None for their own field
-        Where hits are at one place, the one farther than the tolerance from the border of its face counts, then that of
-        the element with the lowest number.
+        If hits coincide, the one farther than the tolerance from the border of its face counts, then the hit of the
+        element with the lowest number.
         """
         device = self.loaded.device
         after = np.zeros(1) if beyond is None else np.ascontiguousarray(beyond, np.float64)
@@ -143,8 +143,8 @@ class FaceDrawer:
 
         select  as words; or (elements,) whether all faces of an element count, by its index
         rows    the first row and the one after the last, all by default
-        The records are those of face_list.slang.  A face appears as often as a ray meets it.  A ray within the
-        tolerance of an edge may meet the faces on both sides of it, at one depth.
+        The records are those of face_list.slang.  A face appears once for each time that a ray meets it.  A ray within
+        the tolerance of an edge may meet the faces on both sides of it, at one depth.
         """
         device = self.loaded.device
         dtype = device.kernel("face_list", self.loaded.parts[0]).dtype("hits")
@@ -161,7 +161,7 @@ class FaceDrawer:
         return wanted
 
     def near_squares(self, view: View, select: Sequence[str]) -> Iterator[SquarePatches]:
-        """What of the faces that ``select`` names may be in the squares of pixels; of two sides of a face one."""
+        """Patches of the faces that ``select`` names in the squares of pixels; one of two sides of a face."""
         for index, (block, rows) in enumerate(zip(self.faces.blocks, self._chosen_rows(tuple(select)), strict=True)):
             own = _choose(block, rows)
             patches, edges = face_patches(block.space, own.nets, view.whole, _SQUARE)
@@ -264,7 +264,7 @@ class FaceDrawer:
         return self._last.tiled[key]
 
     def _part_lines(self, number: int) -> Floats:
-        """(4, 3, n) what FacePatches knows of lines beside the patches of a part; the first ones again of triangles."""
+        """Lines (4, 3, n) along the patches of a part, as in FacePatches; triangles repeat their first one."""
         blocks = zip(self.faces.blocks, self._last.in_view, strict=True)
         return np.concatenate(
             [
@@ -278,7 +278,7 @@ class FaceDrawer:
     def _patches(self, view: View, select: Sequence[str] | Bools) -> list[tuple[FacePatches, Edges]]:
         """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
         choice = select if isinstance(select, np.ndarray) else tuple(select)
-        # what is interrupted leaves the last answers as they were
+        # an interruption leaves the last results unchanged
         last = self._last
         if not _same(last.choice, choice):
             chosen = [
@@ -319,7 +319,7 @@ class FaceDrawer:
         record["near"] = patches.near
         record["noise"] = patches.noise
 
-        # a margin changes by no more than the coordinates of the face
+        # a margin changes at most as much as the coordinates of the face
         axes = np.abs(patches.place[:, 1:]).sum(axis=1).max(axis=1)
         record["border_width"] = TOLERANCE + 2.0 * patches.noise * axes
 
@@ -374,7 +374,7 @@ def _without_repeats(hits: NDArray[Any], tie: float) -> NDArray[Any]:
 
 
 def _mark_edges(view: View, hits: HitBuffer, edges: Edges, after: Floats) -> None:
-    """What lies on an edge before all else is seen or not: such pixels are ambiguous."""
+    """Mark pixels with an edge in front of everything else, visible or not, as ambiguous."""
     for own, pixel in pixels_near(view, edges):
         near, far = edges.depth[:, own]
         in_front = (near <= hits.depth[pixel]) & (far >= after[pixel])

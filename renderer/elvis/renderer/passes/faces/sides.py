@@ -1,4 +1,4 @@
-"""Faces that two elements share: what is found of one side holds for the other."""
+"""Faces that two elements share: results on one side hold for the other."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ SAME = 1e-13
 class Sides:
     """Pairs among n faces with one shape and degree.
 
-    alone  (m,)       faces that stand for all: those without another side, and one side of each pair
+    alone  (m,)       representative faces: faces without another side, and one side of each pair
     first  (p,)       rows of ``alone``
-    other  (p,)       the faces that these are, too
+    other  (p,)       the corresponding other faces
     turn   (p, 3, 2)  point u of the first is point turn_0 + u_1 turn_1 + u_2 turn_2 of the other
     """
 
@@ -49,7 +49,7 @@ class Sides:
         return Sides(alone, np.searchsorted(alone, first), other, turns[which[found]])
 
     def both(self, patches: FacePatches) -> FacePatches:
-        """The patches of all faces, from those of the faces that stand alone, by their rows."""
+        """The patches of all faces, from the patches of representative faces, by their rows."""
         pair = np.full(len(self.alone), -1)
         pair[self.first] = np.arange(len(self.first))
         again = np.flatnonzero(pair[patches.face] >= 0)

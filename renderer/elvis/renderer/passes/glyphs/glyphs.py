@@ -22,7 +22,7 @@ _NEARER = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """What a view sees of solids on the device, and how much each tile has to do."""
+    """Solids in a view on the device, and the work of each tile."""
 
     view: View
     buffers: dict[str, Buffer]
@@ -37,14 +37,14 @@ class GlyphDrawer:
         self._known: WeakKeyDictionary[Frusta, _Prepared] = WeakKeyDictionary()
 
     def draw(self, view: View, solids: Frusta, beyond: Floats | None = None, quantity: str | None = None) -> HitBuffer:
-        """Where rays first enter or leave solids, behind the depths ``beyond`` (n,) where given.
+        """First points where rays enter or leave solids, behind the depths ``beyond`` (n,) if given.
 
-        A hit's element, reference coordinates and value are those of the glyph's anchor.
+        A hit's element, reference coordinates and value belong to the glyph's anchor.
         """
         kernel = self.loaded.device.kernel("glyph_draw")
         own = self._known.get(solids)
         if own is None or own.view != view:
-            # what was there is given back before more is taken
+            # release previous buffers before allocating new ones
             self._known.pop(solids, None)
             self._known[solids] = own = self._prepared(view, solids)
         return hits_in_tiles(self.loaded, kernel, view, own.buffers, own.work, beyond, quantity)

@@ -18,13 +18,13 @@ _TERMS, _SLOWEST = 400, 0.85
 
 @bounded_cache
 def tails(degree: int) -> Floats:
-    """(ellipses, boxes, 4) how far a function may be from its series of a degree, in parts of M (iso_enclose.slang).
+    """Bounds (ellipses, boxes, 4) on the error of a function's series of a degree, relative to M (iso_enclose.slang).
 
-    Values, first derivatives, second ones along one direction, and across two.  Infinite where the sums don't converge.
+    Values, first derivatives, second ones along one direction, and across two.  Infinite if the sums don't converge.
 
-    A term T_k that the series lacks stands for T_j, j <= degree, at the Chebyshev points: both count.  With the sums of
-    w_k r^-k T_k and of derivatives, w_0 = 1, else 2, over all k (``whole``) and those beyond the degree (``rest``),
-    terms beyond the degree in one direction at least sum to `rest` of that direction times `whole` of the others.
+    A term T_k that the series lacks equals T_j, j <= degree, at the Chebyshev points: both count.  With the sums of
+    w_k r^-k T_k and of derivatives, w_0 = 1, else 2, over all k (``whole``) and over k beyond the degree (``rest``),
+    terms beyond the degree in at least one direction sum to `rest` of that direction times `whole` of the others.
     """
     found = np.full((len(AXES), len(BOXES), 4), np.inf)
     for e, axis in enumerate(AXES):
@@ -36,7 +36,7 @@ def tails(degree: int) -> Floats:
 
 
 def powers(transform: Floats) -> Floats:
-    """The matrix (n, n) from values at Chebyshev points to coefficients of powers, from that to those of a series."""
+    """The matrix (n, n) from values at Chebyshev points to powers; ``transform`` leads to Chebyshev series."""
     count = len(transform)
     monomials = np.zeros((count, count))
     for k in range(count):

@@ -37,7 +37,7 @@ SPLIT, UNDEFINED = 0, 4
 MOST_SUB_ELEMENTS = 1 << 19
 #: the same of quantities that are no polynomials, whose series may never do: for each element, and at least
 _OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
-#: as many times more of those that are enclosed, whose points cost less
+#: factor for enclosed quantities, whose points cost less
 _OF_ENCLOSED = 4
 #: sub-elements whose series are on the device together
 _CHUNK = 1 << 16
@@ -86,14 +86,14 @@ class IsosurfaceDrawer:
         self._straight = StraightLevels(loaded, self.traversal)
 
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
-        """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) where they are given.
+        """The nearest point of the isosurface at each pixel, behind the depths ``beyond`` (n,) if they are given.
 
-        Hits nearer to one another than APART of the greatest coordinate are one.
+        Hits closer to one another than APART of the maximum coordinate are one.
 
         quantity  one of the parts' quantities; None is their own field
 
-        Status: ambiguous where roots could not be told apart down to a thousandth of a pixel, on borders of elements,
-        and without a hit where something may have been overlooked.
+        Status: ambiguous if roots could not be separated down to a thousandth of a pixel, on borders of elements, and
+        without a hit if a surface may have been missed.
         """
         if self.loaded.dimension != 3:
             raise SceneError("isosurfaces need 3D data: use contours for 2D data")
@@ -124,7 +124,7 @@ class IsosurfaceDrawer:
         return hits
 
     def _unproved(self, view: View, number: int, quantity: str | None, value: float) -> Bools:
-        """(n,) pixels that may see elements with the value, of which nothing is proved as they are no polynomials."""
+        """Pixels (n,) that may see elements with the value without proof, as they are not polynomials."""
         if self._is_certified(number, quantity):
             return np.zeros(view.count, bool)
         low, high = self.loaded.bounds(number, quantity)
@@ -165,7 +165,7 @@ class IsosurfaceDrawer:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
     def _ways(self, level: Level) -> list[Level]:
-        """The level of a quantity by series in boxes of elements, and of the elements without series as it is."""
+        """The level of a quantity by series in boxes of elements, and of the elements without series directly."""
         found = self.loaded.in_boxes(level.number, level.quantity, level.value)
         if found is None:
             return [level]
@@ -193,7 +193,7 @@ class IsosurfaceDrawer:
         return sub_elements
 
     def _sub_elements(self, level: Level, parents: NDArray[Any], whole: bool) -> NDArray[Any]:
-        """What is to be drawn of whole elements, or parts of sub-elements, in order of depth."""
+        """Elements, or parts of sub-elements, to draw, in order of depth."""
         of_polynomials = self.traversal.degree(level.number, level.quantity) > 0
         is_enclosed = self._is_enclosed(level.number, level.quantity)
         most_parents = min(self._points_at_once(level) // 8, _BATCH) if self._uses_grid(level) else _BATCH
@@ -214,7 +214,7 @@ class IsosurfaceDrawer:
         return self._sort_by_depth(_join(done))
 
     def _keep(self, level: Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
-        """What is left of some sub-elements, halved thrice or as they are; the ``last`` are halved no more."""
+        """The remaining sub-elements, subdivided three times or unchanged; the ``last`` are not subdivided further."""
         number, quantity = level.number, level.quantity
         split = self._kernel("iso_split", number, quantity)
         most = (8 if halved else 1) * len(parents)
@@ -247,7 +247,7 @@ class IsosurfaceDrawer:
         return sub_elements[np.lexsort([*centre.T, sub_elements["element"], sub_elements["near"]])]
 
     def _draw_sub_elements(self, draw: Kernel, level: Level) -> None:
-        """The other elements of a part, in sub-elements, and in parts of those in which rays take too many steps."""
+        """The other elements of a part, in sub-elements, some in parts where rays take too many steps."""
         certified = self._is_certified(level.number, level.quantity)
         for portion, elements in self.portions(level):
             level_view = partial(self._level_view, draw, portion, certified=certified)
@@ -313,13 +313,13 @@ class IsosurfaceDrawer:
             yield replace(level, buffers={**level.buffers, **lists}), some
 
     def _nodes_of_line(self, level: Level) -> int:
-        """Nodes of a line of the longest series of a quantity, or of what it is made of."""
+        """Nodes per line of the longest series of a quantity, or of its leaves."""
         own = self.loaded.quantity(level.number, level.quantity)
         enclosure = self._enclosure(level.number, level.quantity)
         return max(own.degree or stand_in(own), 0 if enclosure is None else enclosure.degree) + 1
 
     def _uses_grid(self, level: Level) -> bool:
-        """Whether kernels have the series of sub-elements in the grid, or those of leaves alone."""
+        """Whether kernels have the series of sub-elements in the grid, or only the series of leaves."""
         return self._nodes_of_line(level) > _SHORT or self._is_enclosed(level.number, level.quantity)
 
     def _points_at_once(self, level: Level) -> int:
@@ -348,20 +348,20 @@ class IsosurfaceDrawer:
         return self.traversal.degree(number, quantity) > 0 or self._is_enclosed(number, quantity)
 
     def _is_enclosed(self, number: int, quantity: str | None) -> bool:
-        """Whether a quantity is no polynomial, but enclosed."""
+        """Whether a quantity is enclosed but not a polynomial."""
         return self._enclosure(number, quantity) is not None
 
     def _has_series(self, number: int, quantity: str | None) -> bool:
-        """Whether it is enclosed and series stand for it: where it is made of distances, none do."""
+        """Whether it is enclosed with series: quantities with distances have none."""
         enclosure = self._enclosure(number, quantity)
         return enclosure is not None and not enclosure.distances
 
     def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
-        """What a quantity that is no polynomial is made of; None where it is one, or isn't enclosed."""
+        """The composition of a quantity; None if it is a polynomial, or isn't enclosed."""
         return enclosure_of(self.loaded.quantity(number, quantity))
 
     def _constants(self, number: int, quantity: str | None) -> dict[str, Buffer]:
-        """What the stages before the drawing read beside a part's own buffers: on the device once."""
+        """Inputs of the stages before drawing in addition to a part's own buffers, uploaded once."""
         if (number, quantity) not in self._constants_on_device:
             arrays = self._arrays(self.loaded.quantity(number, quantity))
             buffers = {name: self.device.buffer(array) for name, array in arrays.items()}
@@ -390,7 +390,7 @@ class IsosurfaceDrawer:
         }
 
     def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:
-        """The series that stand for a quantity that is no polynomial over sub-elements."""
+        """The series of a quantity that is not a polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
         if not self._has_series(number, quantity):
             return self.device.empty(np.float64, 1)
@@ -413,9 +413,9 @@ class IsosurfaceDrawer:
         where: Ints | None,
         level_view: Callable[..., Buffer],
     ) -> tuple[Ints, Ints]:
-        """Draws sub-elements; in which of them (m,) and in which tiles (m,) rays took too many steps: parts follow.
+        """Draw sub-elements; returns sub-elements (m,) and tiles (m,) in which rays took too many steps.
 
-        where  as of `_pairs`, in which tiles parts of which sub-elements are to be drawn; None for everywhere
+        where  as of `_pairs`, tiles in which parts of sub-elements are to be drawn; None for everywhere
         """
         least, most = (np.full((len(sub_elements), 4), bound, np.int32) for bound in (-(1 << 20), 1 << 20))
         least[:, :2] = np.maximum(sub_elements["bounds"][:, :2], level.view.first)
@@ -464,7 +464,7 @@ def _join(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _finish(hits: HitBuffer, value: float) -> HitBuffer:
-    """What the kernels have left of a value; ambiguous, too, where something before the hit may be overlooked."""
+    """The kernels' results for a value; also ambiguous if something before the hit may have been missed."""
     assert hits.doubt is not None
     hits.doubt = np.where(hits.doubt > 0, hits.doubt, np.inf)
     hits.status[(hits.doubt <= hits.depth) & np.isfinite(hits.doubt)] = Status.AMBIGUOUS

@@ -1,4 +1,4 @@
-"""Levels of straight tetrahedra: what no view changes is found once, and kept for the last ones."""
+"""Levels of straight tetrahedra: data that do not depend on the view, computed once and cached for recent levels."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _MOST = 16
 
 @dataclass(frozen=True, eq=False)
 class StraightLevel:
-    """What a level of straight tetrahedra is about, whatever the view.
+    """Data of a level of straight tetrahedra for every view.
 
     wanted           (n,) elements of the part that may have the value
-    flat, undefined  numbers of elements left out, see IsosurfaceDrawer
-    buffers          errors and greatest changes of the field, and of what tells where it isn't to be shown
+    flat, undefined  numbers of skipped elements, see IsosurfaceDrawer
+    buffers          errors and maximum changes of the field, and of the condition that hides it
     """
 
     wanted: Bools
@@ -61,7 +61,7 @@ class StraightLevels:
         return StraightLevel(wanted, int(flat.sum()), int(undefined.sum()), buffers)
 
     def _condition(self, number: int, quantity: str | None) -> dict[str, Floats]:
-        """How well it is known where the level isn't to be shown: errors of what tells, and its greatest change."""
+        """Accuracy of the condition that hides the level: its errors, and its maximum change."""
         condition = self._loaded.condition(number, quantity)
         if condition is None:
             return {"condition_errors": np.zeros(1), "condition_steepest": np.zeros(1)}

@@ -31,10 +31,10 @@ class Convolver:
         self._noise: tuple[object, Buffer] | None = None
 
     def tones(self, view: View, hits: HitBuffer, lic: Lic, velocity: Sequence[str | None], rest: float) -> Buffer:
-        """(n,) tones from -1 to 1 on the device, NaN where nothing moves; the hit buffer keeps them.
+        """Tones (n,) from -1 to 1 on the device, NaN where nothing moves; the hit buffer stores them.
 
         velocity  its components, quantities of the parts
-        rest      a speed along the surface that is no greater is none
+        rest      speeds along the surface up to this one count as zero
         """
         if TONES not in hits.held:
             motion, links = self._project(view, hits, velocity, rest)
@@ -42,7 +42,7 @@ class Convolver:
         return hits.held[TONES]
 
     def still(self, hits: HitBuffer) -> Bools:
-        """(n,) hits without a tone, of those that were given tones."""
+        """Hits (n,) without a tone, among the hits that were processed."""
         tones = self.loaded.device.read(hits.held[TONES], np.float64)[: len(hits.owner)]
         return np.asarray(np.isnan(tones) & (hits.owner != NOBODY))
 

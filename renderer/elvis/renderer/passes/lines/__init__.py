@@ -1,1 +1,1 @@
-"""Contours and mesh lines on what the other passes have drawn, and what is proved of them."""
+"""Contours and mesh lines on the results of the other passes, and proofs about them."""

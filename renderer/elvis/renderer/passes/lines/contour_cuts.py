@@ -51,7 +51,7 @@ class CutChart:
         self._space = space
         self.facets = lines.facets(number)
         if loaded.dimension == 2:
-            # those that are not parallel to the plane z = 0 of 2D data
+            # facets that are not parallel to the plane z = 0 of 2D data
             self.facets = self.facets[np.abs(self.facets[:, :2]).max(axis=1) > 0.0]
         one = sample_elements(loaded, number, np.zeros(1, np.int64), np.zeros((1, 3)), quantity)
         self.center: Floats = one.center[0]
@@ -75,7 +75,7 @@ class CutChart:
         return Derivatives.concatenate(found)
 
     def _slopes(self, elements: Ints, values: Floats) -> Slopes:
-        """Those of the field in elements (n,), by index, with nets (n, count) where it is a polynomial."""
+        """Slopes of the field in elements (n,), by index, with nets (n, count) if it is a polynomial."""
         bounds = self.slope_bounds
         if bounds is None:
             return _slopes(self._space, values)
@@ -83,7 +83,7 @@ class CutChart:
 
     @property
     def slope_bounds(self) -> SlopeBounds | None:
-        """What is known of the field where it is no polynomial."""
+        """Bounds of the field if it is not a polynomial."""
         return self._loaded.quantity(self._number, self._quantity).slopes
 
     def localised(self, bounds: Derivatives, elements: Ints, centre: Floats) -> Derivatives:
@@ -96,7 +96,7 @@ class CutChart:
         return is_nearby(shape, self.facets, _BEYOND[shape], centre + steps, slack)
 
     def sample(self, elements: Ints, places: Floats) -> Samples:
-        """What elements (n,), by index, have at reference points (n, 3)."""
+        """Samples of elements (n,), by index, at reference points (n, 3)."""
         own = elements - self._loaded.first[self._number]
         return sample_elements(self._loaded, self._number, own, places - self.center, self._quantity)
 
@@ -118,7 +118,7 @@ def _derivatives(space: BernsteinSpace, places: Floats, middle: Samples, own: Sl
 
 
 def _slopes(space: BernsteinSpace, values: Floats) -> Slopes:
-    """Of polynomials with nets (n, count)."""
+    """Slopes of polynomials with nets (n, count)."""
     beyond = _BEYOND[space.shape]
     gradient, curvature = derivative_sums(space, values, beyond)
     size = np.abs(derived(space, values, (), beyond)).max(axis=1)

@@ -1,8 +1,8 @@
-"""What is proved of contours on faces, in each pixel's square: with every patch of a face that may lie in it.
+"""Proofs about contours on faces, in each pixel's square: with every patch of a face that may lie in it.
 
-A patch that covers a square, and is nearer all over it than another one, hides that.  Where several are left, such as
-on both sides of an edge, a level counts as taken on a patch only where the others are certainly not: beyond a facet of
-each.
+A patch that covers a square, and is nearer than another one everywhere in it, hides the other.  If several remain, such
+as on both sides of an edge, a level counts as taken on a patch only where the others are certainly absent: beyond a
+facet of each.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _SQUARES = AT_ONCE // 16
 #: pixels from an edge up to which it may reach into a square
 _CORNER = 0.75
-#: patches in a square up to which it is looked at, and others that may hide a patch on which a level counts as taken
+#: maximum number of patches in a square that is examined, and of patches that may hide one with a level
 _MOST, _OTHERS = 24, 7
 #: part of the scene's size within which depths are one
 _TIE = 1e-10
@@ -55,15 +55,15 @@ class _Block:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """What n patches are in n squares, patches of one square together.
+    """State of n patches in n squares, patches of one square together.
 
     pixel     (n,)
     is_there  (n,) whether they may be in the square
-    is_known  (n,) whether the following holds
+    is_known  (n,) whether the following values are valid
     is_whole  (n,) whether they cover it
-    margins   (n, 4, 3) to facets: a x + b y + c for places (x, y) from the square's centre, less by ``bulge`` at most
+    margins   (n, 4, 3) to facets: a x + b y + c for positions (x, y) from the square's centre, minus at most ``bulge``
     bulge     (n,)
-    depth     (2, n) least and greatest in the square
+    depth     (2, n) minimum and maximum in the square
     """
 
     pixel: Ints
@@ -122,7 +122,7 @@ class FaceContours:
         number = np.concatenate([number for _, number in found])
         block = np.repeat(np.arange(len(found)), [len(pixel) for pixel, _ in found])
 
-        # too many patches in a square are left alone
+        # squares with too many patches remain open
         counts = np.bincount(pixel, minlength=self._view.count)
         self.is_open |= counts > _MOST
         is_left = counts[pixel] <= _MOST
@@ -169,7 +169,7 @@ class FaceContours:
             self.is_open[pixel[self._in_doubt(below, above, certain, others)]] = True
 
     def _pieces(self, pixel: Ints, number: Ints, rows: list[Ints], squares: list[Squares]) -> _Pieces:
-        """What patches are in squares (n,), from the squares of each block in its rows."""
+        """State of patches in squares (n,), from the squares of each block in its rows."""
         count = len(pixel)
         pieces = _Pieces(
             pixel,
@@ -215,7 +215,7 @@ class FaceContours:
 
 
 def _others(pixel: Ints) -> Ints:
-    """(n, m) the other patches in the same square, -1 in place of what isn't there; pixels (n,) ascend."""
+    """The other patches (n, m) in the same square, -1 for absent ones; pixels (n,) ascend."""
     count = len(pixel)
     starts = np.flatnonzero(np.diff(pixel, prepend=-1))
     lengths = np.diff(np.append(starts, count))
@@ -244,7 +244,7 @@ def _walls(pieces: _Pieces, others: Ints, is_left: Bools, tie: float) -> Floats:
     walls = np.tile(all_over, (count, min(most, _OTHERS), 1))
     is_left_beside = (others >= 0) & is_left[others]
 
-    # those that may lie before it, as many as there are at most
+    # patches that may lie in front, up to the maximum number
     is_before = is_left_beside & ~(pieces.depth[0][others] > pieces.depth[1][:, None] + tie)
     order = np.argsort(~is_before, axis=1, kind="stable")[:, : walls.shape[1]]
     walls[is_before.sum(axis=1) > _OTHERS] = none

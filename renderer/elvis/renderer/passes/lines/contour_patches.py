@@ -28,8 +28,8 @@ FACETS = {
     Shape.TRIANGLE: np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-1.0, -1.0, 0.0]]),
     Shape.QUADRILATERAL: np.array([[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, -1.0, 1.0]]),
 }
-#: how many times as large as a patch its neighbourhood is in which derivatives are bounded: the first in which the map
-#: bends no more than this, or the last; large ones are not for slopes of elements
+#: sizes, relative to a patch, of the neighbourhood in which derivatives are bounded: the first in which the map is
+#: curved at most this much, or the last; large ones are not used for slopes of elements
 _BEYOND, _BEYOND_SLOPES = (8.0, 4.0, 2.0, 1.5, 1.2), (1.5, 1.2)
 _TAME = 0.5
 #: elements that hold such neighbourhoods of their faces are as large: barycentric coordinates there are -1/6 at least
@@ -40,7 +40,7 @@ _ELEMENTS = 64
 
 @dataclass(frozen=True, eq=False)
 class PatchSamples:
-    """What patches have at n places: as `contour_squares.ChartSamples`, and their depth (n,).
+    """Samples of patches at n positions: as `contour_squares.ChartSamples`, and their depth (n,).
 
     point  (n, 3) in the world
     """
@@ -91,7 +91,7 @@ class PatchChart:
         return np.stack([columns, rows], axis=1), np.ones(len(columns))
 
     def sample(self, elements: Ints, places: Floats) -> PatchSamples:
-        """What patches (n,), by number, have at places (n, 2) in their coordinates."""
+        """Samples of patches (n,), by number, at positions (n, 2) in their coordinates."""
         records = self.records[elements]
         axes = np.stack([records["first"], records["second"]], axis=2)
         reference = records["start"] + np.einsum("nij,nj->ni", axes, places)
@@ -134,7 +134,7 @@ class PatchChart:
         found = self.sample(np.repeat(np.arange(count), len(space.points)), places)
         middle = self.sample(np.arange(count), np.tile(self.center, (count, 1)))
 
-        # nets of X - x W, Y - y W and W for the pixel (x, y) in the middle, in parts of the Jacobian there
+        # nets of X - x W, Y - y W and W for the pixel (x, y) in the middle, relative to the Jacobian there
         projected = _nets(space, self._view.projected(found.point), count)
         with np.errstate(all="ignore"):
             inverse = _inverses(middle.jacobian)
@@ -172,8 +172,10 @@ class PatchChart:
         return found[0], found[1], found[2]
 
     def _field(self, space: FaceSpace, values: Floats) -> tuple[Slopes, Floats]:
-        """Slopes of the field in coordinates of each patch, by its nets (n, count) or by those of the elements, and its
-        least and greatest values (2, n)."""
+        """Slopes of the field in coordinates of each patch, and its minimum and maximum (2, n).
+
+        They come from its nets (n, count), or from the slopes of the elements.
+        """
         if self._own.slopes is not None:
             return self._slopes_of_elements(), self._element_ends()
         found = np.empty((3, len(values)))
@@ -187,7 +189,7 @@ class PatchChart:
         return Slopes(*found), _endless(ends)
 
     def _slopes_of_elements(self) -> Slopes:
-        """Slopes in coordinates of each patch: one of the element changes by no more than the sum of a patch's axes."""
+        """Slopes in coordinates of each patch: a slope of the element changes at most by the sum of a patch's axes."""
         bounds = self._own.slopes
         assert bounds is not None
         own = self.records["element"].astype(np.int64)
@@ -226,7 +228,7 @@ class PatchChart:
         return _endless(ends[self.element].astype(np.float64).T)
 
     def _unbounded(self) -> PatchBounds:
-        """Of a quantity of which nothing is known but its range."""
+        """Bounds of a quantity with a known range only."""
         count = len(self.records)
         endless = np.full(count, np.inf)
         inverse = np.tile(np.eye(2), (count, 1, 1))

@@ -1,6 +1,6 @@
-"""What is proved of the contours in each pixel's square: that a value is taken there, or that it is not.
+"""Proofs about the contours in each pixel's square: that a value is taken there, or that it is not.
 
-Each square is looked at with every element that may lie in it, by bounds of the element's derivatives; see
+Each square is tested with every element that may lie in it, by bounds of the element's derivatives; see
 `elvis.renderer.passes.lines.contour_squares`.
 """
 
@@ -37,14 +37,14 @@ _SQUARES = AT_ONCE // 16
 class ContourProof:
     """The proofs of one hit buffer's contours.
 
-    status  (n,) of frame.Status by pixel: CERTAIN where every level is proved to be taken in the square or not to be,
-            else AMBIGUOUS; MISS where nothing is hit
+    status  (n,) of frame.Status by pixel: CERTAIN if every level is proved to be taken in the square or not to be, else
+            AMBIGUOUS; MISS without a hit
     taken   (n,) whether one of the levels is proved to be taken there
-    is_single  (n,) whether what is taken is one line of each level in each element: two may be nearer than is drawn
+    is_single  (n,) whether there is one line of each level in each element: two may be closer than is drawn
     """
 
     def coverage(self, width: float) -> NDArray[np.uint8]:
-        """(n,) what is known of how far lines of a width in pixels cover each pixel: by all squares near enough."""
+        """Status (n,) of the coverage of each pixel by lines of a width in pixels, from all squares near enough."""
         is_open = (self.status == Status.AMBIGUOUS) | ~self.is_single
         near = is_open.reshape(self._view.height, self._view.width)
         for _ in range(int(np.ceil(0.5 * width))):
@@ -108,7 +108,7 @@ class ContourProof:
         self._decide_items(self._others(is_shared.reshape(shape)))
 
     def _doubt_beside_clips(self, clear: Floats) -> None:
-        """Leave open what is taken in squares of which clips may take a part, since it may be taken in that part."""
+        """Leave squares open in which clips may remove the part that takes a level."""
         pixel = np.flatnonzero(self.taken)
         if not len(pixel):
             return

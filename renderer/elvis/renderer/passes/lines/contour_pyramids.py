@@ -1,8 +1,9 @@
 """Planes in pyramids: bounds of derivatives in boxes of their collapsed coordinates, as there are none at the apex.
 
 The map of a pyramid and its first derivatives in reference coordinates are polynomials of collapsed coordinates
-(a, b, c), second derivatives those over powers of the share (1 - c) / 2 (see `elvis.plugins.native.regions`).  So a
-square's derivatives are bounded in the box that holds its centre; boxes get smaller towards the apex.
+(a, b, c); second derivatives are polynomials over powers of the share (1 - c) / 2 (see
+`elvis.plugins.native.regions`).  So a square's derivatives are bounded in the box that contains its centre; boxes get
+smaller towards the apex.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class PyramidChart(CutChart):
             middle = self.sample(own, np.tile(self.center, (count, 1)))
             inverse = np.linalg.inv(regular(middle.jacobian))
 
-            # the map, and by how much its Jacobian differs from that at the centre, in parts of that
+            # the map, and the change of its Jacobian relative to the one at the centre
             away = samples.position.reshape(count, -1, 3) - middle.position[:, None]
             places.append(np.einsum("nij,nkj,km->nim", inverse, away, fit))
             values.append(samples.value.reshape(count, -1) @ fit)
@@ -67,7 +68,7 @@ class PyramidChart(CutChart):
         return Derivatives.concatenate(found)
 
     def localised(self, bounds: Derivatives, elements: Ints, centre: Floats) -> Derivatives:
-        """The bounds with those of the boxes that hold places (n, 3) in elements (n,)."""
+        """The bounds of the boxes that contain positions (n, 3) in elements (n,)."""
         box = _box(centre)
         both, row = np.unique(np.stack([elements, box], axis=1), axis=0, return_inverse=True)
         row = row.reshape(-1)
@@ -109,7 +110,7 @@ class PyramidChart(CutChart):
         for k in range(2):
             least = np.minimum(least, 1 + places[..., k] - (1 + low[:, k]) * share)
             least = np.minimum(least, (1 + high[:, k]) * share - 1 - places[..., k])
-        # by a unit of both coordinates no more than this
+        # maximum change per unit of both coordinates
         steepness = 1 + (2 + _BEYOND) / 2
         return np.asarray((least > steepness * slack).all(axis=0))
 

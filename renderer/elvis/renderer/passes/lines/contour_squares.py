@@ -1,16 +1,16 @@
-"""Squares of pixels on a plane cut, in the elements there: which values are taken in each, and which are not.
+"""Squares of pixels on a plane cut, in the elements there: values that are taken in each, and values that are not.
 
-On a plane cut an element's field is u(r(q)) of places q in the picture, where r(q) is the inverse map of the plane.
+On a plane cut an element's field is u(r(q)) of positions q in the picture, with the inverse map r(q) of the plane.
 With bounds of the first and second derivatives of u and of the map (Bernstein coefficients), u differs over a cell of a
-lattice from what is linear in each direction by at most
+lattice from a function that is linear in each direction by at most
 
     1/8 (|u_xx| + |u_yy|) <= (M + G m) rho^2 / s^2
 
 rho  half the square's extent in reference coordinates, of which s cells make a side
 G, M sums of the absolute first and second derivatives of u
-m    the same of the map's second derivatives, in parts of its Jacobian there
+m    the same of the map's second derivatives, relative to its Jacobian there
 
-so that values at the lattice's corners decide, but for a band that narrows as s grows.
+so that values at the lattice's corners decide, except for a band that narrows as s grows.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Derivatives:
     inverse: Floats
 
     def part(self, chosen: Ints) -> Derivatives:
-        """Those of some elements."""
+        """Derivatives of some elements."""
         return Derivatives(*(array[chosen] for array in vars(self).values()))
 
     @staticmethod
@@ -80,20 +80,20 @@ class Items:
 
 
 class Chart(Protocol):
-    """What squares need of a surface in the elements of a part: places (n, d), in coordinates of d dimensions.
+    """Requirements of squares on a surface in the elements of a part: positions (n, d), in coordinates of d dimensions.
 
-    facets  (k, d + 1) of the shape that elements have in these coordinates, see `facet_distances`
-    center  (d,) where the shape's map was taken apart
+    facets  (k, d + 1) of the shape of elements in these coordinates, see `facet_distances`
+    center  (d,) point about which the shape's map is expanded
     """
 
     facets: Floats
     center: Floats
 
     def targets(self, columns: Floats, rows: Floats) -> tuple[Floats, Floats]:
-        """Where the surface is under points of the picture (n, d), and how much nearer it seems there (n,)."""
+        """Positions (n, d) of the surface under points of the picture, and by how much it appears nearer there (n,)."""
 
     def sample(self, elements: Ints, places: Floats) -> ChartSamples:
-        """What elements (n,) have at places (n, d)."""
+        """Samples of elements (n,) at positions (n, d)."""
 
     def reaches(self, elements: Ints, centre: Floats, steps: Floats, slack: Floats) -> Bools:
         """(n,) whether derivatives are bounded within ``slack`` (n,) of places (n, d) with all steps (k, n, d)."""
@@ -103,7 +103,7 @@ class Chart(Protocol):
 
 
 class ChartSamples(Protocol):
-    """What elements have at n places: images (n, d), their Jacobians (n, d, d), values (n,) and gradients (n, d)."""
+    """Samples of elements at n positions: images (n, d), Jacobians (n, d, d), values (n,) and gradients (n, d)."""
 
     @property
     def position(self) -> Floats:
@@ -136,7 +136,7 @@ class Squares:
     """
 
     def __init__(self, chart: Chart, column: Floats, line: Floats, items: Items, bounds: Derivatives) -> None:
-        """Of pixels (n,) by column and line, with an element and its bounds each."""
+        """Squares of pixels (n,) by column and line, each with an element and its bounds."""
         self._chart = chart
         self._element = items.element
         self._bounds = bounds
@@ -163,9 +163,9 @@ class Squares:
         self._bound_extent()
 
     def _prove_outside(self, straight: Floats) -> Bools:
-        """(n,) whether squares are proved to lie outside; places (n, 3) of their centres by the Jacobian J(c) alone.
+        """Proofs (n,) that squares lie outside; positions (n, 3) of their centres by the Jacobian J(c) only.
 
-        An element with x(r) has |y - (r - c)| <= b |r - c| for y = J(c)^-1 (x - x(c)): where its points can't be.
+        An element with x(r) satisfies |y - (r - c)| <= b |r - c| for y = J(c)^-1 (x - x(c)), which excludes points.
         """
         steps = self._steps(self._bounds.inverse)
         greatest = np.max([facet_distances(self._facets, straight + step) for step in steps], axis=0)
@@ -219,7 +219,7 @@ class Squares:
         self.is_inside = self.is_good & (np.min(margins, axis=0) > self.bulge)
 
     def _steps(self, inverse: Floats) -> Floats:
-        """(4, n, 3) reference coordinates of the corners less those of the middle, by inverse Jacobians (n, 3, 3)."""
+        """Reference coordinates (4, n, 3) of the corners relative to the middle, by inverse Jacobians (n, 3, 3)."""
         return np.stack([np.einsum("nij,nj->ni", inverse, corner - self._middle) for corner in self._corners])
 
     def _curvature(self, some: Ints) -> Floats:
@@ -242,7 +242,7 @@ class Squares:
                 known to show the element; None: all are
         limits  (2, n) values that the element has nowhere else than between; None where none are known
         """
-        # what the gradient alone decides
+        # decisions by the gradient
         with np.errstate(invalid="ignore"):
             spread = self._bounds.gradient * (self._rho + self._missed) + self._bounds.noise
             self.may_be = np.stack([self._value - spread, self._value + spread])
@@ -266,7 +266,7 @@ class Squares:
 
     @property
     def doubtful(self) -> tuple[Floats, Floats]:
-        """Two ranges (2, n): values that may be taken, below and above those that certainly are."""
+        """Two ranges (2, n) of values that may be taken, below and above the certain ones."""
         is_empty = ~(self.certain[0] < self.certain[1])
         first, last = np.where(is_empty, self.may_be[1], self.certain)
         return np.stack([self.may_be[0], first]), np.stack([last, self.may_be[1]])
@@ -317,7 +317,7 @@ class Squares:
         away = target.reshape(count, len(x), -1) - self._middle[some, None]
         places = self._centre[some, None] + np.einsum("nij,nkj->nki", self._inverse[some], away)
 
-        # a Newton step from there, which is left out of the place but not of the value
+        # a Newton step from there, applied to the value but not to the position
         elements = np.repeat(self._element[some], len(x))
         found = self._chart.sample(elements, places.reshape(-1, places.shape[-1]))
         gap = target - found.position
@@ -331,7 +331,7 @@ class Squares:
 
 
 def regular(jacobians: Floats) -> Floats:
-    """Jacobians (n, d, d); singular ones are not a number, so that what is found by them is not proved."""
+    """Jacobians (n, d, d) in which singular ones are NaN, so that nothing is proved by them."""
     is_regular = np.abs(np.linalg.det(jacobians)) > 0.0
     return np.where(is_regular[:, None, None], jacobians, np.nan)
 
@@ -376,10 +376,10 @@ def _has_one_run(mask: Bools) -> Bools:
 
 
 def is_nearby(shape: Shape, facets: Floats, beyond: Floats | float, places: Floats, slack: Floats) -> Bools:
-    """(n,) whether all k points (k, n, d), and what is within ``slack`` (n,) of them, are in a shape's neighbourhood.
+    """Flags (n,) whether k points (k, n, d), and points within ``slack`` (n,), are in a shape's neighbourhood.
 
     facets  of the shape
-    beyond  how many times as large as the shape the neighbourhoods are, one or (n,)
+    beyond  size of the neighbourhoods relative to the shape, one or (n,)
     """
     if shape in (Shape.HEXAHEDRON, Shape.QUADRILATERAL):
         return np.asarray(np.abs(places).max(axis=(0, 2)) + slack < beyond)
@@ -396,7 +396,7 @@ def facet_distances(facets: Floats, places: Floats) -> Floats:
 
 
 def steepest(facets: Floats) -> float:
-    """By how much a distance to a facet changes at most where no coordinate changes by more than 1."""
+    """Maximum change of a distance to a facet if no coordinate changes by more than 1."""
     return float(np.abs(facets[:, :-1]).sum(axis=1).max())
 
 

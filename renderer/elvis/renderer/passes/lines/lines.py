@@ -28,12 +28,12 @@ from elvis.scene.view import View
 
 #: most contour values, and greatest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0
-#: a mark is a distance in these parts of a pixel; that of a contour has its number in place of the lowest bits
+#: a mark is a distance in these units of a pixel; a contour's mark has its number in the lowest bits
 UNITS = 1 << 26
 NOTHING = NOBODY
-#: what line_draw tells of squares, as in line.slang
+#: results of line_draw for squares, as in line.slang
 _MANY, _POSSIBLE = 1, 2
-#: squares that several elements have, above which it is told first which of them may have a contour
+#: number of squares with several elements above which possible contours are sifted first
 _SIFTED = 1 << 12
 #: lines from the centre of a reference shape that look for its facets
 _DIRECTIONS = 512
@@ -110,7 +110,7 @@ class Lines:
         return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
 
     def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> NDArray[Any]:
-        """The same lines as short straight ones, the records Stroke of line.slang; those that other parts hide too."""
+        """Lines as short straight ones, the records Stroke of line.slang; including hidden ones."""
         buffers, items, size = self._prepare(view, hits, values, 1.0, quantity)
         kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
         kernel.capacity = max(kernel.capacity, 4 * len(items))
@@ -123,7 +123,7 @@ class Lines:
     def _prepare(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
     ) -> tuple[dict[str, Buffer], NDArray[Any], dict[str, float]]:
-        """What line_draw needs for contours: buffers, items to be searched, and numbers of its record."""
+        """Inputs of line_draw for contours: buffers, items to search, and numbers of its record."""
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
         buffers = self._buffers(view, hits, width)
@@ -148,7 +148,7 @@ class Lines:
         return Marks(self._device, buffers["marks"], width, hits.owner)
 
     def _buffers(self, view: View, hits: HitBuffer, width: float) -> dict[str, Buffer]:
-        """What both kinds of lines need of a hit buffer, and empty marks."""
+        """Inputs of both kinds of lines from a hit buffer, and empty marks."""
         _check(width <= WIDEST, f"lines are at most {WIDEST:g} pixels wide, found {width:g}")
         return {
             **hits.bindings(self._device, "owner", "normal", *(() if hits.flat is not None else ("depth",))),
@@ -219,7 +219,7 @@ class Lines:
         return own.take(np.flatnonzero(self._tell(work, own, _MANY)))
 
     def _tell(self, work: _Work, own: NDArray[Any], what: int) -> NDArray[np.uint32]:
-        """(n,) what line_draw tells of the items' squares, 1 for yes."""
+        """Results (n,) of line_draw for the items' squares, 1 for yes."""
         count = len(own)
         work.buffers["told"] = self._device.empty(np.uint32, count)
         self._run_part(replace(work, size={**work.size, "telling": what}), own)

@@ -54,7 +54,7 @@ class Cutter:
         self.references = True
 
     def draw(self, view: PlaneView, *, references: bool = True) -> HitBuffer:
-        """What one view shows; without reference coordinates it is there a little sooner."""
+        """The hit buffer of one view; slightly faster without reference coordinates."""
         self.references = references
         self.clock = Clock()
         count = view.width * view.height
@@ -92,7 +92,7 @@ class Cutter:
     def _hits(
         self, view: PlaneView, pixels: Pixels, held: dict[str, Buffer], sections: NDArray[Any] | None
     ) -> HitBuffer:
-        """What the device holds, with what follows from the plane: depths and the normal."""
+        """The hit buffer on the device, with depths and the normal from the plane."""
         normal, hit = view.normal(), pixels.owner != NOBODY
         made = {
             "depth": lambda: np.where(hit, view.depths(), np.inf),
@@ -135,7 +135,7 @@ class Cutter:
         return sections[np.argsort(sections["element"])]
 
     def _retry(self, number: int, view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
-        """Candidates with indices in the volume; a thorough search decides what it can where nothing can be proved."""
+        """Candidates with indices in the volume; without a proof, a thorough search decides as many as possible."""
         if self.parts[number].solve is not None or not len(candidates):
             candidates["element"] += np.uint32(self.first[number])
             return candidates
@@ -178,9 +178,9 @@ def _candidates(device: Device, count: int) -> NDArray[Any]:
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:
-    """Pixels that nobody owns beside owned ones are ambiguous: far from the origin neighbours may both lose a point.
+    """Mark free pixels next to owned ones as ambiguous: far from the origin both neighbours may miss a point.
 
-    The maps of two elements are rounded each in its own way: a point of the face between them may be outside of both.
+    The maps of two elements are rounded differently: a point of the face between them may be outside of both.
     """
     owned = (pixels.owner != NOBODY).reshape(view.height, view.width)
     pixels.status[(~owned & beside(owned)).reshape(-1)] = Status.AMBIGUOUS

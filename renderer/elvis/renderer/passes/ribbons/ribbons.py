@@ -13,9 +13,9 @@ from elvis.renderer.pieces_in_view import PiecesInView, part_of
 
 
 class RibbonDrawer(PieceDrawer[Ribbons]):
-    """Ribbons in a loaded volume: where rays meet them; the radius is half their width.
+    """Intersections of rays with ribbons in a loaded volume; the radius is half their width.
 
-    A hit's element, reference coordinates and value are those of the middle of the ribbon, straight across from it.
+    A hit's element, reference coordinates and value belong to the middle of the ribbon, straight across from it.
     """
 
     kernel_name, list_name = "ribbon_draw", "strips"

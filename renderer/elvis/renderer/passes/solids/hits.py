@@ -1,4 +1,4 @@
-"""Where rays meet surfaces in space, and which points lie inside of them.  Needs no device."""
+"""Intersections of rays with surfaces in space, and points inside of these.  Needs no device."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
 
-#: pairs of a triangle and a pixel that are looked at at once
+#: number of pairs of a triangle and a pixel that are processed together
 _AT_ONCE = 1 << 20
-#: rounding in the discriminants of quadrics, in parts of their terms
+#: rounding in the discriminants of quadrics, relative to their terms
 _ROUNDING = 4e-15
 #: part of a triangle by which it is larger all round, so that no ray passes between two; hits of both are one
 _SEAM = 1e-12
@@ -121,10 +121,10 @@ def ray_depths(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, direc
 
 
 def _along(surface: Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> tuple[Floats, ...]:
-    """The quadric along rays, a t^2 + 2 b t + c, and the magnitudes that c is made of, all (n,).
+    """The quadric along rays, a t^2 + 2 b t + c, and the magnitudes of the terms of c, all (n,).
 
-    Then its start (n, 3), from the centre, and that point's depth: the ray's nearest to the centre, so that a distant
-    eye costs no digits.
+    Then its start (n, 3), from the centre, and that point's depth: it is the ray's nearest point to the centre, so that
+    a distant eye costs no digits.
     """
     matrix, center, level = _quadric(surface)
     shift = np.einsum("ni,ni->n", center - origins, directions) / np.einsum("ni,ni->n", directions, directions)
@@ -136,9 +136,9 @@ def _along(surface: Sphere | Cylinder | Cone, origins: Floats, directions: Float
 
 
 def _touched(surface: Plane | Sphere | Cylinder | Cone, origins: Floats, directions: Floats) -> Floats:
-    """(n,) depths from which on rays may touch the surface or miss it, as rounding has it; infinite for all others.
+    """Depths (n,) beyond which rays may touch the surface or miss it, due to rounding; infinite for all others.
 
-    Roots of a quadratic are one where its discriminant is no greater than the rounding of what it is made of.
+    Roots of a quadratic are equal if its discriminant is at most the rounding of its terms.
     """
     if isinstance(surface, Plane):
         return np.full(len(origins), np.inf)

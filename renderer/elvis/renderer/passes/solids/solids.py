@@ -39,7 +39,7 @@ class SolidDrawer:
     def looked_up(
         self, view: View, surface: Hashable, meet: Callable[[View], Hits], beyond: Floats | None = None
     ) -> HitBuffer:
-        """The same of anything that tells where it is met by rays; asked once for a view and a surface."""
+        """The hit buffer of any object with a function for its intersections; queried once per view and surface."""
         if self._key is None or self._key[0] is not view or self._key[1] != surface:
             self._key, self._met = (view, surface), self._near(meet(view), view)
             self._places, self._asked = Places.none(len(self._met.pixel)), np.zeros(len(self._met.pixel), bool)
@@ -91,7 +91,7 @@ def _points(view: View, pixel: Ints, depth: Floats) -> Floats:
 
 
 def _weigh(found: HitBuffer, view: View, met: Hits, chosen: Ints, extent: float) -> None:
-    """Tell the uncertainty of the chosen hits; those of which depths are known too badly are no longer certain."""
+    """Set the uncertainty of the chosen hits; hits with too uncertain depths are no longer certain."""
     pixel, depth = met.pixel[chosen], met.depth[chosen]
     if met.uncertainty is None:
         uncertainty = uncertainties(view, pixel, depth, met.normal[chosen], extent)

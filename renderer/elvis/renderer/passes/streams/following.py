@@ -1,8 +1,8 @@
-"""Streamlines followed on the device: many steps of many lines in a dispatch, and the rest by the host's tracer.
+"""Streamlines traced on the device: many steps of many lines in a dispatch, and the rest by the host's tracer.
 
-The kernel takes steps within the elements of one part and through the sides between these.  A line that comes to
-anything else (an end, an outer side, an element of another shape, a jump) is left as it was before, and the host takes
-that one step as it takes all steps where there is no device.  So what ends lines is written once.
+The kernel takes steps within the elements of one part and through the sides between these.  A line that reaches
+anything else (an end, an outer side, an element of another shape, a jump) keeps its previous state, and the host takes
+that one step as it takes all steps without a device.  So the rules for ends of lines are written once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from elvis.renderer.pixels import NOBODY
 FEW = 128
 #: steps that the host takes of few lines before a device goes on
 LONG = 400
-#: steps that a dispatch has room for, which lines share; those of a line at least and at most
+#: steps per dispatch, shared by lines; minimum and maximum steps per line
 _ROOM, _LEAST, _MOST = 1 << 16, 8, 128
 #: stands for an element of another part, as in trace_follow.slang
 _ELSEWHERE = int(NOBODY) - 1
@@ -80,7 +80,7 @@ class Followers:
         return DeviceTracer(self, velocity, neighbours, locator, limits, sign)
 
     def device_for(self, velocity: Velocity, neighbours: Neighbours) -> tuple[Device, list[_Stage]] | None:
-        """The device and its parts of a velocity; None where there is no device."""
+        """The device and its parts of a velocity; None without a device."""
         device = self._device()
         if device is None:
             return None
@@ -93,9 +93,9 @@ class Followers:
 
 @contextmanager
 def following(name: str) -> Iterator[Followers]:
-    """Followers on a device of this name, opened where lines are many and closed at the end.
+    """Tracers on a device of this name, opened if there are many lines and closed at the end.
 
-    DeviceError where it can't be opened, but for ``auto``, in place of which the host then follows lines.
+    DeviceError if it can't be opened; with ``auto`` the host then traces lines.
     """
     found: list[Device] = []
 
@@ -165,7 +165,7 @@ class DeviceTracer(Tracer):
             is_plain[rest] = True
 
     def _lines_in(self, stage: _Stage, lines: Ints) -> Ints:
-        """Those lines that are in a stage's elements."""
+        """The lines that are in a stage's elements."""
         return lines[self._elements(stage, lines) >= 0]
 
     def _elements(self, stage: _Stage, lines: Ints) -> Ints:
@@ -231,7 +231,7 @@ class DeviceTracer(Tracer):
         return np.concatenate([found[..., : self._dimension], found[..., 3:]], axis=-1)
 
     def _facts(self, layout: np.dtype[Any], stage: _Stage, most: int) -> NDArray[Any]:
-        """What holds for all lines."""
+        """Constants of all lines."""
         facts = np.zeros(1, layout)
         limits = self.limits
         for name in ("length", "duration", "speed", "rest", "tolerance"):
@@ -312,7 +312,7 @@ def _sides(neighbours: Neighbours, patch: int, layout: np.dtype[Any]) -> NDArray
 
 
 def _doors(neighbours: Neighbours, patches: list[int], number: Ints, layout: np.dtype[Any]) -> NDArray[Any]:
-    """What is beyond the sides of a part's elements."""
+    """Elements beyond the sides of a part's elements."""
     parts = []
     for patch in patches:
         other, across, corners = neighbours.doors(patch)

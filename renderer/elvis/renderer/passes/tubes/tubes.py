@@ -12,9 +12,9 @@ from elvis.renderer.pieces_in_view import PiecesInView
 
 
 class TubeDrawer(PieceDrawer[Pieces]):
-    """Tubes in a loaded volume: where rays first enter or leave them.
+    """First points where rays enter or leave tubes in a loaded volume.
 
-    A hit's element, reference coordinates and value are those of the curve's point whose ball is met.
+    A hit's element, reference coordinates and value belong to the point of the curve whose ball is hit.
     """
 
     kernel_name, list_name = "tube_draw", "curves"

@@ -21,7 +21,7 @@ from elvis.renderer.traversal import MORE
 #: long half axes of ellipses in elements' cubes that bends are known on, as many as in volume_enclose.slang; around
 #: tetrahedra there are distances in their place
 CUBE_AXES = (1.02, 1.08, 1.2, 1.45, 2.0, 3.0, 5.0, 9.0, 16.0)
-#: those of ellipses around parts of rays that are tried, as many as there: the first is the part itself
+#: half axes of ellipses around parts of rays, the same number as in cubes: the first is the part itself
 LINE_AXES = (1.0, 1.3, 1.8, 2.8, 4.5, 8.0)
 #: of both (9, 2) the half axis, and the distance in which they are known
 ELLIPSES = np.column_stack([CUBE_AXES, np.full(len(CUBE_AXES), 1e300)])
@@ -38,7 +38,7 @@ class Bends:
         self._known: dict[tuple[int, str | None], dict[str, Buffer]] = {}
 
     def buffers(self, number: int, quantity: str | None, degree: int) -> dict[str, Buffer]:
-        """What volume_trace.slang reads of a part's quantity, where the polynomials along rays have a degree."""
+        """Inputs of volume_trace.slang for a part's quantity, for polynomials along rays of a degree."""
         if (number, quantity) not in self._known:
             self._known[number, quantity] = self._find(number, quantity)
         tails = self._loaded.device.buffer(line_tails(degree + MORE))
@@ -70,7 +70,7 @@ class Bends:
         return np.concatenate(parts)
 
     def _in_cubes(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats:
-        """(elements, leaves, ellipses, 2) of a part's quantity that is made of leaves, one after the other."""
+        """Curvature (elements, leaves, ellipses, 2) of the leaves of a part's quantity, one after the other."""
         places = series(enclosure.degree)[0]
         sampled = self._sampled(number, quantity, enclosure, places, len(CUBE_AXES))
         return np.concatenate([bent for _, _, bent in sampled])
@@ -78,7 +78,7 @@ class Bends:
     def _sampled(
         self, number: int, quantity: str | None, enclosure: Enclosure, places: Floats, ellipses: int
     ) -> Iterator[tuple[int, Floats, Floats]]:
-        """For elements from one on what is known of a part's leaves at a lattice of places, and on some ellipses."""
+        """For blocks of elements, samples of a part's leaves at a lattice of points, and on some ellipses."""
         loaded, device, part = self._loaded, self._loaded.device, self._loaded.parts[number]
         kernel = device.kernel("volume_bends", part, quantity)
         transform = series(enclosure.degree)[1]

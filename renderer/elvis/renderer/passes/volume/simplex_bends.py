@@ -1,9 +1,9 @@
-"""How much polynomials on tetrahedra bend near them, from their values at a lattice of points.
+"""Curvature of polynomials on and near tetrahedra, from their values at a lattice of points.
 
-Chebyshev series need a cube around a tetrahedron, in the far corner of which polynomials are much larger than on it. So
-derivatives of all orders are bounded on the tetrahedron itself, by Bernstein coefficients. With the sums S_m of the
-bounds of all derivatives of order m, Taylor's formula bounds those of order j within the complex distance R of it, in
-each coordinate, by
+Chebyshev series need a cube around a tetrahedron, in whose far corner polynomials are much larger than on it.  So
+derivatives of all orders are bounded on the tetrahedron itself, by Bernstein coefficients.  With the sums S_m of the
+bounds of all derivatives of order m, Taylor's formula bounds the derivatives of order j within the complex distance R
+of it, in each coordinate, by
 
     sum over k of R^k / k! S_(j + k)
 """
@@ -22,12 +22,12 @@ from elvis.core.shapes import Shape
 RADII = (0.01, 0.03, 0.08, 0.2, 0.5, 1.0, 2.0, 5.0, 12.0)
 #: places on rays may be so far outside of their elements
 _OUTSIDE = 1e-5
-#: unit roundoff, and part of the greatest value by which values off the lattice may differ from what it makes of them
+#: unit roundoff, and tolerance, relative to the maximum value, for values off the lattice
 _UNIT, _ALIKE = 2.0**-53, 1e-6
 
 
 def nodes(degree: int) -> Floats:
-    """(degree + 1,) places on [-1, 1]: those of their lattice in the tetrahedron tell polynomials of a degree."""
+    """Positions (degree + 1,) on [-1, 1] whose lattice in the tetrahedron determines polynomials of a degree."""
     return np.linspace(-1.0, 1.0, degree + 1)
 
 
@@ -62,9 +62,9 @@ def tetrahedron_bends(values: Floats, errors: Floats, degree: int) -> Floats | N
 
 
 def _sums(space: BernsteinSpace, nets: Floats, slack: Floats) -> list[Floats]:
-    """Of each order up to the degree (n, leaves) sums of bounds of all derivatives of nets (n, leaves, count).
+    """For each order up to the degree, sums (n, leaves) of bounds of all derivatives of nets (n, leaves, count).
 
-    slack  (n, leaves) how far the nets may be off: a derivative's are off by no more than the degree times this
+    slack  (n, leaves) errors of the nets: a derivative's errors are at most the degree times these
     """
     degree = space.degrees[0]
     derivatives = {(0, 0, 0): (space, nets)}

@@ -1,4 +1,4 @@
-"""Where along their rays clips leave volumes to be seen.  Needs no device."""
+"""Visible parts of volumes along rays behind clips.  Needs no device."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Visibility:
         )
 
     def along(self, pixel: Ints) -> tuple[Ints, Floats, Ints]:
-        """How clips hide what rays pass: by how many it is hidden at the eye; where that changes, and by how much.
+        """Clips along rays: the number that hides the ray at the eye; positions of changes, and the changes.
 
         pixel  (m,) row by row from the top
-        Returns (m,), (most, m) and (most, m); depths in no order, infinite where there is none.  Between two hits of a
-        surface one point tells on which side of it they all are.
+        Returns (m,), (most, m) and (most, m); depths are unsorted, infinite for missing ones.  One point between two
+        hits of a surface decides on which side of it they all are.
         """
         origins, directions = self.view.rays_of(pixel)
         count, depths, changes = (
@@ -58,7 +58,7 @@ class Visibility:
         return count, np.concatenate(depths), np.concatenate(changes).astype(np.int64)
 
     def hides(self, boxes: NDArray[np.float32]) -> Bools:
-        """(n,) boxes (n, 6) that a plane alone hides."""
+        """Flags (n,) of boxes (n, 6) that a single plane hides."""
         gone, half = np.zeros(len(boxes), bool), 0.5 * (boxes[:, 3:] - boxes[:, :3]).astype(np.float64)
         for own, inside in self.clips:
             if isinstance(own, Plane):

@@ -30,7 +30,8 @@ from elvis.scene.view import View
 #: bytes of the lists that rays have at one time
 MOST_BYTES = 192 << 20
 LANES = TILE * TILE
-#: as many times the tolerance, for the diagonal of all elements, may be proved: a quarter of the error asked for, too
+#: error that must be proved for the diagonal of all elements, relative to the tolerance, which is a quarter of the
+#: requested error
 _PROVED = 1.0
 #: part of the error asked for that a part of a ray may have which holds a kink or a jump
 _OF_A_KINK = 2.0**-10
@@ -51,7 +52,7 @@ class Medium:
 
     @staticmethod
     def clip(quantity: str | None, away: str) -> Medium:
-        """What takes away where a quantity is negative (the inside) or positive."""
+        """A medium that hides where a quantity is negative (the inside) or positive."""
         return Medium(Transfer((0.0,), (0.0,), ((0.0, 0.0, 0.0),)), quantity, -1 if away == "inside" else 1)
 
     def counts(self, low: Floats, high: Floats) -> Bools:
@@ -73,17 +74,17 @@ class RayIntegrals:
     """The integrals of n rays through volumes and the surfaces between.
 
     color      (n, 3) times alpha
-    alpha      (n,)   part in [0, 1] of what lies behind that is hidden
-    coverage   (n,)   the same of the volumes alone
+    alpha      (n,)   share in [0, 1] of the background that is hidden
+    coverage   (n,)   the same for the volumes only
     length     (n,)   of the segments in elements, as far as light comes from them, in units of length
-    error      (n,)   of the colour: what quadrature estimates, and what follows from how far quantities may be off
-    segments   (n,)   their number; where there are none there is nothing else either
-    undefined  (n,)   segments left out because their field is not a number
-    lost       (n,)   places in curved elements, and ends of segments, that were not found
+    error      (n,)   of the colour: estimate of the quadrature, and effect of errors of quantities
+    segments   (n,)   their number; without any, all other values are zero
+    undefined  (n,)   segments skipped because their field is not a number
+    lost       (n,)   positions in curved elements, and ends of segments, that were not found
     """
 
     def __init__(self, tally: NDArray[np.uint32], lost: Ints, integrals: Callable[[], NDArray[Any]]) -> None:
-        """From what volume_march.slang counts, and what reads its integrals."""
+        """Integrals from the counts of volume_march.slang, and a function that reads them."""
         self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 2, lost
         self._covers, self._is_open, self._read = tally[:, 1] & 1, tally[:, 1] & 2, integrals
 
@@ -94,14 +95,17 @@ class RayIntegrals:
         return integrals
 
     def __getattr__(self, name: str) -> Any:
-        """What is read from the device when it is first asked for."""
+        """Arrays that are read from the device when they are first used."""
         if name not in ("color", "alpha", "coverage", "length", "error"):
             raise AttributeError(name)
         return self._lights[name]
 
     def status(self) -> NDArray[np.uint8]:
-        """(n,) what is known of the volumes (see frame.Status): failed where something was not found, ambiguous where
-        elements without numbers are left out, and where less is proved than the error asked for."""
+        """Status (n,) of the volumes (see frame.Status).
+
+        Failed if something was not found, ambiguous if elements without numbers are skipped, or if less is proved than
+        the requested error.
+        """
         known = np.where(self._covers, Status.CERTAIN, Status.MISS)
         known[self._is_open > 0] = Status.AMBIGUOUS
         known[self.undefined > 0] = Status.AMBIGUOUS
@@ -115,11 +119,11 @@ class RayIntegrals:
 
 @dataclass(eq=False)
 class _VisibleElements:
-    """What is seen of a part: tiles, and what the stage that lists their segments needs beside them.
+    """Visible elements of a part: tiles, and inputs of the stage that lists their segments.
 
     quantity_index  number of the quantity
-    rows    (tiles,) of entries, one for each pixel, that each needs: at most, or likely where elements are curved
-    proof   what bounds of the quantity are made of, on the device
+    rows    (tiles,) maximum number of entries, one per pixel, that each needs, or a likely one if elements are curved
+    proof   inputs of the quantity's bounds, on the device
     """
 
     number: int
@@ -171,13 +175,13 @@ class _Band:
 
 
 class _Media:
-    """What follows from the media of a picture, whatever its view.
+    """Data that depend on the media of a picture, but not on its view.
 
     quantities  of which segments are listed
     curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
     chosen      for each of them and each part the elements of which media show or hide something
     march       the kernel that marches along rays
-    rooms       entries that tiles' lists had to have in the last picture, by the numbers of their places
+    rooms       sizes of tiles' lists in the last picture, by the numbers of their positions
     buffers     the media and their transfer functions
     """
 
@@ -194,7 +198,7 @@ class _Media:
         self.rooms: dict[int, int] = {}
 
     def _counts(self, quantity: str | None, number: int) -> Bools:
-        """(n,) elements of a part of which a quantity's media show or hide something."""
+        """Elements (n,) of a part of which a quantity's media show or hide something."""
         low, high = self._loaded.bounds(number, quantity)
         found = np.zeros(len(low), bool)
         for medium in self.media:
@@ -222,9 +226,9 @@ class _Media:
 
 
 class VolumeRenderer:
-    """A loaded volume, ready for any transfer functions from any view.
+    """A loaded volume that is ready for any transfer functions from any view.
 
-    faces  gives the faces of its elements, for those that are curved
+    faces  provides the faces of its elements, for curved ones
     """
 
     def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
@@ -243,10 +247,10 @@ class VolumeRenderer:
         """The light that reaches the eye from all volumes and surfaces, where there are volumes; it enters the picture.
 
         fragments  the picture's surfaces, composed
-        error  greatest estimated error of a pixel's colour
-        clips  what they take away of the volumes, by all but implicit surfaces, for which there are media
+        error  maximum estimated error of a pixel's colour
+        clips  applied to the volumes, except implicit surfaces, for which there are media
 
-        Raises SceneError for 2D data, for curved elements without faces, and where densities times lengths overflow.
+        Raises SceneError for 2D data, for curved elements without faces, and if densities times lengths overflow.
         """
         march = _March(self, view, self._of(media), fragments, error, clips)
         for band in march.bands():
@@ -254,7 +258,7 @@ class VolumeRenderer:
         return march.ray_integrals()
 
     def _of(self, media: Sequence[Medium]) -> _Media:
-        """What follows from media: frame after frame has the same."""
+        """Data of media, reused for the same media in the next frame."""
         if self._last is None or self._last.media != media:
             for medium in media:
                 self._check(medium.transfer)
@@ -339,7 +343,7 @@ class _March:
         own = self._tolerance(self.quantities[quantity_index])
         wanted = np.zeros(1, kernel.dtype("wanted"))
         wanted["tolerance"], wanted["apart"] = own, APART
-        # what the field is off by is told by what it makes of colours: at most densities times lengths
+        # the error of the field matters through its effect on colours: at most densities times lengths
         wanted["proof"] = own * _PROVED * length / float(np.linalg.norm(np.ptp(self.loaded.box, axis=0)))
         wanted["most"] = own * 4.0 / self.error * length * densest
         wanted["quota"] = _OF_A_KINK * own * length
@@ -425,7 +429,7 @@ class _March:
         return stops, hidden.astype(np.int32)
 
     def _empty(self, tiles: int, rows: int) -> dict[str, Any]:
-        """Lists without segments: those of all tiles, with as many rows as they need together, for each quantity."""
+        """Lists without segments for all tiles and each quantity, with the total number of rows that they need."""
         many = len(self.quantities) * LANES
         zeros, room = np.zeros(many * tiles, np.uint32), many * rows
         lists = {"counts": self.device.buffer(zeros), "lost": self.device.buffer(zeros), **self.fixed}
