@@ -410,7 +410,7 @@ def test_mp4_has_all_frames(files, tmp_path, drawn):
 def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch):
     with pytest.raises(ElvisError, match=r"expected something that moves: a series, --key, --path or --orbit"):
         run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
-    with pytest.raises(ElvisError, match=r"expected films, .*, and one folder for frames, found .*x\.avi"):
+    with pytest.raises(ElvisError, match=r"expected animations, .*, and one folder for frames, found .*x\.avi"):
         run("animate", *files, *FAST, "-o", tmp_path / "x.avi")
     (tmp_path / "taken").write_text("")
     with pytest.raises(ElvisError, match="taken: cannot be written: it is a file, and a folder is to be written"):

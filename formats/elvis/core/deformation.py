@@ -13,8 +13,8 @@ GRADIENTS = ("undeformed", "deformed")
 
 #: the sentences of options and keys
 DISPLACEMENT_HELP = (
-    "Draw and measure on the deformed geometry x + S d(x): the components of d, fields or polynomials of fields, with "
-    "commas between them, or the name of a vector field without its suffixes."
+    "Draw and measure on the deformed geometry x + S d(x). The displacement d is given by its components (fields or "
+    "polynomials of fields, separated by commas) or by the name of a vector field without its suffixes."
 )
 SCALE_HELP = "Factor S of the displacement."
 GRADIENTS_HELP = "Configuration in which derivatives of quantities are taken on a deformed geometry."

@@ -228,11 +228,11 @@ class Pictures:
         if scene.deform is None:
             return self.data
         if not isinstance(self.data, Dataset):
-            raise SceneError(f"deform: what the plugin {self.data.name} opens has no polynomial maps: leave it out")
+            raise SceneError(f"deform: data of plugin {self.data.name} have no polynomial maps: leave deform out")
         if is_deformed(self.data, scene.deform.deformation):
             return self.data
         if self._part is not None or self._bricks is not None:
-            raise SceneError("deform: parts of data keep the geometry that they are read with: expected no other one")
+            raise SceneError("deform: the geometry of data read in parts cannot be changed: open the data with it")
         if self._deformed is None or self._deformed[0] != scene.deform:
             self._deformed = scene.deform, with_deformation(self.data, scene.deform.deformation)
             self._quantities = ()

@@ -122,7 +122,11 @@ class Deform(Model, of="the deformation"):
     """A deformed geometry: a displacement is added to the coordinates of every element."""
 
     displacement: Annotated[
-        Quantity, Setting("Its components, fields or polynomials of fields with commas between them, or a vector.")
+        Quantity,
+        Setting(
+            "Components of the displacement (fields or polynomials of fields, separated by commas) or name of a vector "
+            "field."
+        ),
     ]
     scale: Annotated[float, Setting(SCALE_HELP, finite=True, option="--scale")] = 1.0
     gradients: Annotated[

@@ -164,7 +164,7 @@ def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) 
     folders = [path for path in outputs if path not in films]
     if len(folders) > 1 or any(path.suffix and not path.is_dir() for path in folders):
         found = next((path for path in folders if path.suffix), folders[-1])
-        raise ElvisError(f"expected films, .webp, .mp4 or .gif, and one folder for frames, found {found}")
+        raise ElvisError(f"expected animations, .webp, .mp4 or .gif, and one folder for frames, found {found}")
     for path in films:
         check_film(path)
     check_places(films, data, overwrite)
