@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from claims import TEETH, check
+from numpy.polynomial import chebyshev
 
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
@@ -197,6 +198,37 @@ def test_patches_are_as_far_from_their_linear_part_as_taylors_theorem_says(state
     check(claim)
 
 
+def test_fields_beside_rays_are_as_far_from_linear_as_taylors_theorem_says(stated):
+    """x . H x / 2 at the corners of a cube; half of the bound is room for steps that are linear, too."""
+
+    def claim(rng):
+        hessian = rng.uniform(0.1, 1, (COUNT, 3, 3))
+        hessian += hessian.swapaxes(1, 2)
+        distance = rng.uniform(0.1, 2, COUNT)
+        half = np.abs(hessian).sum(axis=(1, 2)) / 2
+        found = np.einsum("nij->n", hessian) * distance**2 / 2
+        yield found, stated(2, np.stack([half, distance], axis=1))
+
+    check(claim, 0.49)
+
+
+def test_series_have_the_errors_of_values_and_their_rounding(stated):
+    """The coefficient of T_n from values at its nodes, each off its own way, and rounded; where T_n grows."""
+
+    def claim(rng):
+        for degree, end in ((2, 1.0), (4, 1.2), (6, 1.5)):
+            nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+            from_values = np.linalg.inv(chebyshev.chebvander(nodes, degree))[-1]
+            growth = chebyshev.chebval(end, np.eye(degree + 1)[-1])
+            own, local = rng.uniform(0.05, 0.2, (2, COUNT))
+            values = own[:, None] * np.sign(from_values)
+            found = growth * (values @ from_values + local)
+            factors = np.tile([growth, np.abs(from_values).sum()], (COUNT, 1))
+            yield found, stated(3, np.stack([own, local], axis=1), factors)
+
+    check(claim)
+
+
 def test_rays_in_skewed_tetrahedra_are_off_by_less_than_is_stated(stated):
     """Reference coordinates by cofactors, in floats and in fractions, of slivers a millionth as thick as long."""
     rng = np.random.default_rng(5)
@@ -210,7 +242,7 @@ def test_rays_in_skewed_tetrahedra_are_off_by_less_than_is_stated(stated):
     exact = np.array([solved(*both) for both in zip(jacobians, points, strict=True)], float)
     skewed = np.linalg.norm(jacobians, axis=1).prod(axis=1) / np.abs(determinants)
     third = np.column_stack([skewed, np.ones(COUNT)])
-    bound = stated(2, exact, np.zeros(3), third)
+    bound = stated(4, exact, np.zeros(3), third)
     away = np.abs(computed - exact).max(axis=1)
     assert (away <= bound).all()
     assert (away / bound).max() > 1e-2
