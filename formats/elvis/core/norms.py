@@ -314,10 +314,10 @@ def _add_coordinates(sums: Sequence[_Sum], space: int, patch: Patch, rule: _Rule
 def _map_points(patch: Patch, rule: _Rule, coefficients: Floats) -> tuple[Floats, Floats]:
     """World coordinates (e, 3, n) of the flat quadrature points, and measure (e, n k) of all."""
     places, jacobians = evaluate_with_gradients(patch.geometry, coefficients, rule.flat.points)
-    return places, np.tile(rule.share * rule.flat.weights * _stretch(jacobians), (1, len(rule.zeta)))
+    return places, np.tile(rule.share * rule.flat.weights * stretch_factors(jacobians), (1, len(rule.zeta)))
 
 
-def _stretch(jacobians: Floats) -> Floats:
+def stretch_factors(jacobians: Floats) -> Floats:
     """(e, n) length, area or volume factor of maps with derivatives (e, 3, n, d)."""
     if jacobians.shape[-1] == 1:
         return np.asarray(np.linalg.norm(jacobians[..., 0], axis=1))

@@ -237,3 +237,16 @@ def test_points_of_walls_have_kinds(tmp_path, elvis, elvis_json):
     assert "separation node" in elvis("info", *files, "--critical", "--wall", "all")
     (point,) = elvis_json("info", *files, "--critical")["points"]
     assert (point["kind"], point["index"]) == ("node in", -1)
+
+
+def test_resolution_of_fields_is_told(elvis_json, pipe):
+    mesh, field = pipe
+    facts = elvis_json("info", *mesh, field, "--resolution", "--field", "u")
+    assert [own["name"] for own in facts["fields"]] == ["u"]
+    assert len(facts["worst"]) == 10
+    assert facts["fields"][0]["removed"]["bound"] >= facts["fields"][0]["removed"]["attained"] > 0
+
+    text = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution"]).output
+    assert "u: resolved: the estimated error is" in text
+    wrong = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution", "--field", "u*v"])
+    assert str(wrong.exception) == "--resolution: expected a field of the data (u, v), found u*v"

@@ -21,6 +21,8 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities.interface_jumps import raise_across_interfaces
 from elvis.core.shapes import Shape
 
+#: places on a side are whole multiples of 1 in so many
+_PLACES = 1 << 20
 #: a side's points: its row among all sides, the row of the element and the values at the points
 _Seen = tuple[Ints, Ints, Floats]
 
@@ -102,7 +104,8 @@ def _lattice(corners: int, along: int) -> Floats:
     """(n, corners) weights of a side's vertices at the points of a lattice."""
     if corners == 1:
         return frozen_floats([[1.0]])
-    t = np.linspace(0.0, 1.0, along)
+    # products of such places are exact, so that points on quadrilaterals form a lattice to the last digit (`lattices`)
+    t = np.round(np.linspace(0.0, 1.0, along) * _PLACES) / _PLACES
     if corners == 2:
         return frozen_floats(np.stack([1 - t, t], axis=1))
     a, b = (part.reshape(-1) for part in np.meshgrid(t, t))

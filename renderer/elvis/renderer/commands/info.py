@@ -13,6 +13,7 @@ import click
 from elvis.core.arguments import field_option, json_option
 from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
+from elvis.renderer.commands.info_resolution import print_resolution
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
 from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, tell_conversion
 
@@ -39,6 +40,7 @@ Examples:
   elvis info wing.xml wing.fld --extrema --field p --field speed
   elvis info wing.xml wing.fld --critical
   elvis info wing.xml wing.fld --critical --wall wing
+  elvis info wing.xml wing.fld --resolution --field p
   elvis info beam.xml beam.fld --deform u,v,w --largest-scale
   elvis info wing.xml wing_*.chk
   elvis info wing.xml wing_*.chk --time 0.25
@@ -71,6 +73,12 @@ Examples:
     "components of another vector.",
 )
 @click.option(
+    "--resolution",
+    is_flag=True,
+    help="Estimate how well fields are resolved: decay of their modes, effect of one order less, the worst elements, "
+    "and advice.",
+)
+@click.option(
     "--largest-scale", is_flag=True, help="With --deform: find the smallest scale at which an element folds, certified."
 )
 @click.option("--wall", metavar="NAME", help="With --critical: zeros of the wall shear on this boundary.")
@@ -87,6 +95,7 @@ def info(
     predefined: bool,
     extremes: bool,
     critical: bool,
+    resolution: bool,
     largest_scale: bool,
     wall: str | None,
 ) -> None:
@@ -104,22 +113,22 @@ def info(
     from elvis.core.terminal import stage
 
     many = None if everything else _MANY
-    if strict + jacobian + predefined + extremes + critical + largest_scale > 1:
-        tasks_text = "--strict, --jacobian, --quantities, --extrema, --critical or --largest-scale"
-        raise click.UsageError(f"expected {tasks_text}, found several")
+    _check_options(
+        strict + jacobian + predefined + extremes + critical + resolution + largest_scale, wall is None or critical
+    )
     if largest_scale:
         from elvis.renderer.commands.info_scale import print_largest_scale
 
         print_largest_scale(data, ranks, as_json)
         return
-    if wall is not None and not critical:
-        raise click.UsageError("--wall: expected with --critical")
     if strict:
         _check(data.paths, ranks, as_json)
         return
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
-    comes_apart = partial(_have_all_sides, quantities, wall, ranks) if critical else partial(_are_borrowed, quantities)
+    comes_apart = partial(_is_in_parts, quantities, resolution)
+    if critical:
+        comes_apart = partial(_have_all_sides, quantities, wall, ranks)
     source = _opened(data, series, comes_apart, ranks)
     if source is None or (predefined and is_idle(ranks)):
         return
@@ -127,13 +136,10 @@ def info(
         (jacobian, "--jacobian", partial(_prove, as_json=as_json, many=many)),
         (extremes, "--extrema", partial(_bound, names=quantities, as_json=as_json)),
         (critical, "--critical", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
+        (resolution, "--resolution", partial(print_resolution, names=quantities, as_json=as_json)),
     )
-    for is_asked, what, task in tasks:
-        if is_asked:
-            if not isinstance(source, NativeSource):
-                raise click.UsageError(f"{what} needs native or converted data, found data of a runtime plugin")
-            task(source)
-            return
+    if _is_done(source, tasks):
+        return
     if predefined:
         _list([*source.names.flow.catalogue(), *source.names.attributes()], as_json)
         return
@@ -146,6 +152,29 @@ def info(
     _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
 
 
+def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSource], None]]]) -> bool:
+    """Do the first task that is requested, and tell whether there is one; UsageError for data of a runtime plugin.
+
+    tasks  whether each is requested, its option, and what does it
+    """
+    for is_asked, option, task in tasks:
+        if is_asked:
+            if not isinstance(source, NativeSource):
+                raise click.UsageError(f"{option} needs native or converted data, found data of a runtime plugin")
+            task(source)
+            return True
+    return False
+
+
+def _check_options(count: int, is_wall_used: bool) -> None:
+    """Raise UsageError for several questions at once, and for a wall without critical points."""
+    if count > 1:
+        tasks_text = "--strict, --jacobian, --quantities, --extrema, --critical, --resolution or --largest-scale"
+        raise click.UsageError(f"expected {tasks_text}, found several")
+    if not is_wall_used:
+        raise click.UsageError("--wall: expected with --critical")
+
+
 def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], bool], ranks: Ranks) -> Source | None:
     """The data that a rank describes: its part; if data don't come apart, all on the first rank, else None."""
     found = data.part(ranks, comes_apart, series=series)
@@ -154,6 +183,11 @@ def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], 
     if is_idle(ranks):
         return None
     return data.source() if found is None else found
+
+
+def _is_in_parts(quantities: Sequence[str], resolution: bool, dataset: Dataset) -> bool:
+    """Whether facts are put together from parts; the resolution takes elements and all of their neighbours."""
+    return not resolution and _are_borrowed(quantities, dataset)
 
 
 def _are_borrowed(quantities: Sequence[str], dataset: Dataset) -> bool:

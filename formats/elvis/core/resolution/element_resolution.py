@@ -1,0 +1,275 @@
+"""Measures of resolution of one field on each element."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.dataset import Dataset, Expansion
+from elvis.core.errors import ElvisError
+from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.norms import stretch_factors
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.resolution.decay_rates import (
+    LOWEST_ORDER,
+    decay_rates,
+    grows_at_top,
+    highest_energies,
+    remainder_shares,
+)
+from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basis
+
+#: numbers in a table of values at quadrature points
+_BATCH = 1 << 20
+#: rounding of coefficients, relative to the largest root mean square on an element: of double and single precision
+_DOUBLE, _SINGLE = 1e-12, 2.5e-7
+#: share by which a single precision number may be off after a change of basis in double precision
+_CHANGED = 1e-13
+#: elements whose values at vertices tell the precision
+_TOLD_BY = 256
+#: amplitude of the highest level, relative to the largest root mean square, below which growth there is not reported:
+#: below it lies the noise of single precision and of iterative solvers
+_NOISE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ElementResolution:
+    """Measures of one field on elements (n,).  They are estimates, not bounds.
+
+    element_ids  (n,)    ids in the file
+    orders       (n,)    highest order of the field
+    tail         (n,)    share of the energy that the projection to one order less removes (Persson and Peraire 2006,
+                         Sub-cell shock capturing for discontinuous Galerkin methods)
+    decay        (n,)    decay rate in the direction with the largest part of the error; NaN for orders below 2
+    rates        (n, 3)  decay rate in each reference direction; directions of a simplex or pyramid, and the two of the
+                         triangle of a prism, have one rate
+    removed      (n,)    L2 norm over the element of the difference to the projection to one order less
+    error        (n,)    L2 norm of what lies beyond the highest order, if the spectrum goes on to fall as it does on
+                         the element and its neighbours; that of ``removed`` for orders below 2
+    errors       (n, 3)  parts of the error by direction, each at most the error; zero beyond the dimension
+    grows        (n,)    whether energy grows at the highest mode, as aliasing leaves it
+    norm         (n,)    L2 norm of the field over the element
+    measure      (n,)    length, area or volume
+    """
+
+    element_ids: Ints
+    orders: Ints
+    tail: Floats
+    decay: Floats
+    rates: Floats
+    removed: Floats
+    error: Floats
+    errors: Floats
+    grows: Bools
+    norm: Floats
+    measure: Floats
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+    @staticmethod
+    def together(several: list[ElementResolution]) -> ElementResolution:
+        """The measures of several sets of elements."""
+        columns = [[getattr(own, field.name) for own in several] for field in fields(ElementResolution)]
+        return ElementResolution(*(np.concatenate(own) for own in columns))
+
+
+def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
+    """The measures of a field on the elements of the domain that have it.
+
+    ElvisError where no element has it, or with Fourier directions.
+    """
+    held = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None and len(patch)]
+    if not held:
+        raise ElvisError(f"expected elements of the domain under {name}, found none")
+    if any(patch.homogeneous for patch in held):
+        raise ElvisError(f"{name}: expected a field without Fourier directions, to measure its resolution")
+    spectra = [_Spectra.of(patch) for patch in held]
+    largest = max(float(np.nanmax(own.root_mean_squares, initial=0.0)) for own in spectra)
+    precision = _SINGLE if all(map(_is_single, held)) else _DOUBLE
+    squares = _squared_errors(spectra, _around(dataset, spectra))
+    pairs = zip(spectra, squares, strict=True)
+    return ElementResolution.together(
+        [own.measures(errors, precision * largest, _NOISE * largest) for own, errors in pairs]
+    )
+
+
+def _squared_errors(spectra: list[_Spectra], around: list[Floats]) -> list[Floats]:
+    """For each patch the squared parts (n, 3) of the error by direction.
+
+    The first estimate of `remainder_shares` tells elements apart; all are scaled to the sum of the second.
+    """
+    parts, sums = [], np.zeros(2)
+    for own, near in zip(spectra, around, strict=True):
+        energies = own.directed[..., :2].sum(axis=2) * own.scale[:, None]
+        shares = remainder_shares(near, own.order)
+        if own.order < LOWEST_ORDER:
+            energies[:, 0], shares = own.removed**2, (np.ones(len(near)),) * 2
+        parts.append(energies * shares[0][:, None])
+        sums += [np.nansum(energies * share[:, None]) for share in shares]
+    scale = sums[1] / sums[0] if sums[0] > 0 and sums[1] > 0 else 1.0
+    return [scale * own for own in parts]
+
+
+def _around(dataset: Dataset, spectra: list[_Spectra]) -> list[Floats]:
+    """For each patch (n, 3) sums of `highest_energies` over each element and its neighbours.
+
+    Elements that share vertices are neighbours: the energies are summed at vertices, and from there over elements.
+    """
+    mesh = dataset.mesh
+    sums = np.zeros((len(mesh.vertices), 3))
+    corners = []
+    for own in spectra:
+        shape = own.patch.shape
+        vertices = local_vertices(mesh, shape)[mesh.of(shape).rows_of(own.patch.element_ids)]
+        corners.append(vertices)
+        energies = np.nan_to_num(own.highest * own.scale[:, None], posinf=0.0)
+        for column in vertices.T:
+            np.add.at(sums, column, energies)
+    return [sums[vertices].sum(axis=1) for vertices in corners]
+
+
+def _of(patch: Patch) -> tuple[Expansion, Floats]:
+    """Expansion and coefficients of the first field of a patch."""
+    expansion, coefficients = patch.fields[0], patch.coefficients[0]
+    assert expansion is not None
+    assert coefficients is not None
+    return expansion, coefficients
+
+
+def _is_single(patch: Patch) -> bool:
+    """Whether the field was written in single precision, by its values at vertices of some elements."""
+    expansion, coefficients = _of(patch)
+    values = evaluate(expansion, coefficients[:_TOLD_BY], patch.shape.vertices)
+    # values that are too large for single precision become infinite, and differ
+    with np.errstate(over="ignore", invalid="ignore"):
+        rounded = values.astype(np.float32).astype(np.float64)
+        return bool((np.abs(values - rounded) <= _CHANGED * np.abs(values).max(initial=0.0)).all())
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectra:
+    """Energies of the elements of a patch, by level of each factor of their basis.
+
+    patch    whose first field is meant
+    basis    of the field
+    total    (n,) energies on the reference element
+    top      (n,) energies that the projection to one order less removes
+    levels   (n, p + 1) energies for each factor
+    removed, norm, measure  (n,) as in `ElementResolution`
+    """
+
+    patch: Patch
+    basis: ModalBasis
+    total: Floats
+    top: Floats
+    levels: tuple[Floats, ...]
+    removed: Floats
+    norm: Floats
+    measure: Floats
+
+    @staticmethod
+    def of(patch: Patch) -> _Spectra:
+        """The energies and norms, batch by batch."""
+        expansion, coefficients = _of(patch)
+        basis = modal_basis(expansion)
+        points, _ = exact_rule(expansion)
+        energies, norms = [], []
+        for batch in chunks(len(patch), max(1, _BATCH // max(len(points), coefficients.shape[1]))):
+            energies.append(_energies(basis, coefficients[batch]))
+            norms.append(_norms(patch, basis, batch))
+        total, top, *levels = (np.concatenate(own) for own in zip(*energies, strict=True))
+        removed, norm, measure = (np.concatenate(own) for own in zip(*norms, strict=True))
+        return _Spectra(patch, basis, total, top, tuple(levels), removed, norm, measure)
+
+    @property
+    def root_mean_squares(self) -> Floats:
+        """(n,) of the field on the reference element."""
+        return np.sqrt(self.total / self._reference_measure)
+
+    @property
+    def _reference_measure(self) -> float:
+        return float(exact_rule(_of(self.patch)[0])[1].sum())
+
+    @property
+    def scale(self) -> Floats:
+        """(n,) energies on the element in parts of those on the reference element."""
+        return self.measure / self._reference_measure
+
+    @cached_property
+    def directed(self) -> Floats:
+        """(n, 3, 3) `highest_energies` of each direction; those of a factor are divided by its directions."""
+        found = np.zeros((len(self.patch), 3, 3))
+        for factor, energies in zip(self.basis.factors, self.levels, strict=True):
+            share = highest_energies(energies) / len(factor.directions)
+            found[:, list(factor.directions)] = share[:, None]
+        return found
+
+    @property
+    def highest(self) -> Floats:
+        """(n, 3) `highest_energies`, summed over the directions."""
+        return np.asarray(self.directed.sum(axis=1))
+
+    @property
+    def order(self) -> int:
+        """The highest order of the field."""
+        return max(factor.highest for factor in self.basis.factors)
+
+    def measures(self, squares: Floats, floor: float, noise: float) -> ElementResolution:
+        """The measures.
+
+        squares  (n, 3) squared parts of the error by direction
+        floor    root mean square that is rounding
+        noise    root mean square below which growth is not reported
+        """
+        count = len(self.patch)
+        root = np.sqrt(self._reference_measure)
+        rates, grows = np.full((count, 3), np.nan), np.zeros(count, bool)
+        for factor, energies in zip(self.basis.factors, self.levels, strict=True):
+            rates[:, list(factor.directions)] = decay_rates(energies, floor * root)[:, None]
+            grows |= grows_at_top(energies, np.bincount(factor.levels), noise * root)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            tail = np.where(self.total == 0, 0.0, self.top / self.total)
+        # nothing is known of an element whose coefficients are not all finite
+        rates[~np.isfinite(self.total)] = np.nan
+        return ElementResolution(
+            element_ids=self.patch.element_ids,
+            orders=np.full(count, self.order),
+            tail=tail,
+            decay=rates[np.arange(count), np.where(np.isnan(rates), -1.0, squares).argmax(axis=1)],
+            rates=rates,
+            removed=self.removed,
+            error=np.sqrt(squares.sum(axis=1)),
+            errors=np.sqrt(squares),
+            grows=grows,
+            norm=self.norm,
+            measure=self.measure,
+        )
+
+
+def _energies(basis: ModalBasis, coefficients: Floats) -> tuple[Floats, ...]:
+    """Total energies (n,), those of the highest levels (n,), and those of the levels (n, p + 1) of each factor."""
+    squares = basis.modal(coefficients) ** 2
+    flat = squares.reshape(len(squares), -1)
+    levels = []
+    for axis, factor in enumerate(basis.factors, 1):
+        others = tuple(other for other in range(1, squares.ndim) if other != axis)
+        members = factor.levels[:, None] == np.arange(factor.highest + 1)
+        levels.append(squares.sum(axis=others) @ members.astype(np.float64))
+    return flat.sum(axis=1), flat @ basis.is_top(), *levels
+
+
+def _norms(patch: Patch, basis: ModalBasis, batch: slice) -> tuple[Floats, Floats, Floats]:
+    """L2 norms (n,) of what a projection to one order less removes and of the field, and the measures (n,)."""
+    expansion, coefficients = _of(patch)
+    points, weights = exact_rule(expansion)
+    own = coefficients[batch]
+    jacobians = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients[batch], points)[1]
+    measure = weights * stretch_factors(jacobians)
+    found = [evaluate(expansion, part, points) for part in (own - basis.truncated(own), own)]
+    removed, norm = (np.sqrt((values**2 * measure).sum(axis=1)) for values in found)
+    return removed, norm, measure.sum(axis=1)

@@ -1,0 +1,103 @@
+"""``elvis info --resolution``: how well fields are resolved, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import ROUND_CEILING, Context
+from math import isfinite, isnan
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from elvis.renderer.commands.sources import NativeSource
+
+Facts = dict[str, Any]
+
+#: ids of elements that a sentence holds
+_NAMED = 8
+_LEGEND = """
+tail: largest share of the energy in the highest modes; decay: median rate per order; one order less: L2 norm of the
+difference to the projection; at most: certified bound of its magnitude; error: estimated L2 norm"""
+
+
+def print_resolution(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
+    """Print a row for each field, the worst elements, and advice; ElvisError for what is not a field."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.resolution.resolution_facts import resolution_facts
+    from elvis.core.terminal import print_json, stage
+
+    dataset = source.dataset
+    fields = [field.name for field in dataset.solution]
+    wrong = [name for name in names if name not in fields]
+    if wrong or not fields:
+        known = ", ".join(fields) or "none"
+        found = wrong[0] if wrong else "none"
+        raise ElvisError(f"--resolution: expected a field of the data ({known}), found {found}")
+    with stage("measuring"):
+        facts = resolution_facts(dataset, list(dict.fromkeys(names)) or fields)
+    if as_json:
+        print_json(facts)
+    else:
+        _print_tables(facts)
+
+
+def _print_tables(facts: Facts) -> None:
+    """The table of fields, their advice, and the worst elements."""
+    import click
+
+    from elvis.core.terminal import print_table, say, warn
+
+    headers = ("field", "order", "tail", "decay", "by direction", "one order less", "at most", "jump", "error")
+    print_table(headers, [_field_row(field) for field in facts["fields"]])
+    click.echo()
+    for field in facts["fields"]:
+        say(f"{field['name']}: {field['advice']}")
+        if field["growing"]:
+            say(f"{field['name']}: energy grows at the highest mode of {_first(field['growing'])}")
+        if field["not_finite"]:
+            warn(f"{field['name']}: coefficients are not finite in {_first(field['not_finite'])}, which do not count")
+    click.echo()
+    columns = ("worst element", "place", "field", "tail", "decay", "one order less", "error", "of the norm")
+    print_table(columns, [_worst_row(row) for row in facts["worst"]])
+    say(_LEGEND)
+
+
+def _field_row(field: Facts) -> tuple[object, ...]:
+    """A row of the table of fields."""
+    least, most = field["orders"]
+    removed = field["removed"]
+    return (
+        field["name"],
+        f"{least}" if least == most else f"{least} to {most}",
+        _text(field["tail"]["greatest"]),
+        _text(field["decay"]["median"]),
+        ", ".join(map(_text, field["rates"])),
+        _text(removed["L2"]),
+        _text_above(removed["bound"]),
+        _text(field["jump"]),
+        _text(field["error"]["L2"]),
+    )
+
+
+def _worst_row(row: Facts) -> tuple[object, ...]:
+    """A row of the table of elements."""
+    place = ", ".join(f"{x:.6g}" for x in row["place"])
+    numbers = (_text(row[name]) for name in ("tail", "decay", "removed", "error", "relative"))
+    return row["element"], place, row["field"], *numbers
+
+
+def _text(number: float | None) -> str:
+    """A number with four digits; a dash where there is none."""
+    return "-" if number is None or isnan(number) else f"{number:.4g}"
+
+
+def _text_above(number: float) -> str:
+    """A bound with four digits, rounded up so that it stays a bound; a dash where there is none."""
+    if not isfinite(number):
+        return "-"
+    return f"{Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(number):.4g}"
+
+
+def _first(ids: Sequence[int]) -> str:
+    """The first few of many elements."""
+    more = ", …" if len(ids) > _NAMED else ""
+    return f"element{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:_NAMED]))}{more}"

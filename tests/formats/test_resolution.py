@@ -1,0 +1,156 @@
+"""Modal bases, decay rates and estimates of the error on every shape, against theory and functions that are known."""
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Dataset, Expansion, Field
+from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.expansion import mode_count, values
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.resolution.decay_rates import decay_rates, grows_at_top
+from elvis.core.resolution.element_resolution import element_resolution
+from elvis.core.resolution.modal_bases import exact_rule, modal_basis
+from elvis.core.resolution.resolution_facts import resolution_facts
+from elvis.core.resolution.truncation import truncated
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, one_element, ripple, scattered
+
+ORTHO = {
+    Shape.TRIANGLE: (Basis.ORTHO_A, Basis.ORTHO_B),
+    Shape.TETRAHEDRON: (Basis.ORTHO_A, Basis.ORTHO_B, Basis.ORTHO_C),
+    Shape.PYRAMID: (Basis.ORTHO_A, Basis.ORTHO_A, Basis.ORTHO_PYR_C),
+    Shape.PRISM: (Basis.ORTHO_A, Basis.GLL_LAGRANGE, Basis.ORTHO_B),
+}
+
+
+def other_bases(shape, modes):
+    return Expansion(shape, ORTHO.get(shape, (Basis.GLL_LAGRANGE,) * shape.dimension), modes)
+
+
+@pytest.mark.parametrize("expansion", [modified, other_bases])
+@pytest.mark.parametrize("counts", [(3, 3, 3), (4, 5, 6)])
+@pytest.mark.parametrize("shape", Shape)
+def test_truncation_is_the_orthogonal_projection(shape, counts, expansion):
+    own = expansion(shape, counts[: shape.dimension])
+    basis = modal_basis(own)
+    coefficients = np.random.default_rng(3).standard_normal((4, mode_count(own)))
+    kept = basis.truncated(coefficients)
+    points, weights = exact_rule(own)
+    table = values(own, points)
+    whole, part = coefficients @ table.T, kept @ table.T
+
+    # Parseval, what is removed is orthogonal to what is kept, and a second projection changes nothing
+    energies = basis.modal(coefficients).reshape(4, -1) ** 2
+    assert energies.sum(axis=1) == pytest.approx(whole**2 @ weights, rel=1e-12)
+    assert energies @ basis.is_top() == pytest.approx((whole - part) ** 2 @ weights, rel=1e-11)
+    assert ((whole - part) * part) @ weights == pytest.approx(np.zeros(4), abs=1e-11)
+    assert basis.truncated(kept) == pytest.approx(kept, abs=1e-11)
+
+
+@pytest.mark.parametrize("shape", Shape)
+def test_truncation_keeps_polynomials_of_lower_degree(shape):
+    bare = Dataset(grid(shape, 2))
+    field = approximated(bare, "u", lambda p: p[:, 0] ** 3 - p[:, 1] * p[:, 2], 5)
+    less = truncated(field, "less")
+    assert less.name == "less"
+    for block, own in zip(field.blocks, less.blocks, strict=True):
+        assert own.expansion == block.expansion
+        assert own.coefficients == pytest.approx(block.coefficients, abs=2e-9)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4, 5, 7])
+@pytest.mark.parametrize("shape", Shape)
+def test_decay_rate_is_that_of_the_nearest_pole(shape, order):
+    """Coefficients of 1/(a - x) on [-1, 1] fall like (a + sqrt(a^2 - 1))^-k (Trefethen, Approximation Theory, 8)."""
+    bare = Dataset(grid(shape, 2))
+    pole = 1.5
+    field = approximated(bare, "u", lambda p: 1 / (pole - p[:, 0]), order + 1)
+    found = element_resolution(Dataset(bare.mesh, (field,)), "u")
+    a = (pole - 0.75) / 0.25
+    assert found.decay.min() == pytest.approx(np.log(a + np.sqrt(a * a - 1)), rel=0.1)
+
+
+@pytest.mark.parametrize("parity", [0, 1])
+@pytest.mark.parametrize("order", [3, 4, 5, 8])
+def test_empty_levels_of_even_and_odd_functions_do_not_count(order, parity):
+    energies = np.exp(-2 * 1.3 * np.arange(order + 1))[None]
+    assert decay_rates(energies, 1e-14) == pytest.approx([1.3], rel=1e-9)
+    energies[0, parity::2] = 0.0
+    if (order, parity) != (3, 1):
+        assert decay_rates(energies, 1e-14) == pytest.approx([1.3], rel=0.02)
+    assert not grows_at_top(energies, np.ones(order + 1), 1e-6).any()
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON])
+def test_growth_in_one_element_is_found(shape):
+    bare = Dataset(grid(shape, 6))
+    field = approximated(bare, "u", lambda p: np.sin(2 * p[:, 0] + p[:, 1]), 5)
+    (block,) = field.blocks
+    basis = modal_basis(block.expansion)
+    assert not element_resolution(Dataset(bare.mesh, (field,)), "u").grows.any()
+
+    # the highest modes of one element are enlarged
+    coefficients = block.coefficients.copy()
+    row = len(block) // 2
+    removed = coefficients[row] - basis.truncated(coefficients[row : row + 1])[0]
+    coefficients[row] += 0.03 * removed / np.linalg.norm(basis.modal(removed[None]))
+    planted = Field("u", (type(block)(block.expansion, block.element_ids, coefficients),))
+    found = element_resolution(Dataset(bare.mesh, (planted,)), "u")
+    assert found.element_ids[found.grows].tolist() == [block.element_ids[row]]
+
+
+@pytest.mark.parametrize("shape", Shape)
+def test_maximum_of_what_is_removed_is_certified(shape):
+    mesh = curved(one_element(shape), ripple(0.05), n=3) if shape is not Shape.PYRAMID else one_element(shape)
+    bare = Dataset(mesh)
+    field = approximated(bare, "u", lambda p: np.exp(p[:, 0]) * np.cos(2 * p[:, 1] + p[:, 2]), 5)
+    (facts,) = resolution_facts(Dataset(mesh, (field,)), ["u"])["fields"]
+    points = scattered(shape, 400)
+    (block,), (less,) = field.blocks, truncated(field, "u").blocks
+    difference = np.abs(values(block.expansion, points) @ (block.coefficients - less.coefficients)[0])
+    removed = facts["removed"]
+    assert difference.max() <= removed["bound"]
+    assert removed["attained"] <= removed["bound"] <= 1.01 * removed["attained"]
+    assert facts["jump"] == 0.0
+
+
+def test_advice_names_the_direction_of_a_layer():
+    bare = Dataset(grid(Shape.HEXAHEDRON, 3))
+    layer = approximated(bare, "u", lambda p: np.tanh((p[:, 1] - 0.55) / 0.02) + p[:, 0], 5)
+    smooth = approximated(bare, "v", lambda p: p[:, 0] ** 2 + p[:, 2], 5)
+    facts = resolution_facts(Dataset(bare.mesh, (layer, smooth)), ["u", "v"])
+    assert facts["fields"][0]["advice"].startswith("refine h in reference direction 2 (along y) in 9 of 27 elements")
+    assert facts["fields"][1]["advice"].startswith("resolved")
+    assert [row["field"] for row in facts["worst"][:9]] == ["u"] * 9
+    assert all(1 / 3 <= row["place"][1] <= 2 / 3 for row in facts["worst"][:9])
+
+
+def test_estimated_error_is_near_the_true_one():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 12))
+
+    def gauss(p):
+        return np.exp(-30 * ((p[:, 0] - 0.3) ** 2 + (p[:, 1] - 0.4) ** 2))
+
+    coarse, fine = (approximated(bare, "u", gauss, modes) for modes in (6, 10))
+    truth = 0.0
+    points, weights = exact_rule(fine.blocks[0].expansion)
+    pairs = zip(coarse.blocks, fine.blocks, strict=True)
+    for one, other in pairs:
+        difference = one.coefficients @ values(one.expansion, points).T
+        difference -= other.coefficients @ values(other.expansion, points).T
+        truth += float((difference**2 @ weights).sum()) / 4 / 144
+    found = element_resolution(Dataset(bare.mesh, (coarse,)), "u")
+    assert 0.5 < np.sqrt((found.error**2).sum() / truth) < 2
+
+
+def test_bad_fields_are_named():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    field = approximated(bare, "u", lambda p: p[:, 0], 3)
+    coefficients = field.blocks[0].coefficients.copy()
+    coefficients[1, 0] = np.nan
+    broken = Field("u", (type(field.blocks[0])(field.blocks[0].expansion, field.blocks[0].element_ids, coefficients),))
+    found = element_resolution(Dataset(bare.mesh, (broken,)), "u")
+    assert np.isnan(found.decay).tolist() == [False, True, False, False]
+    with pytest.raises(ElvisError, match="expected elements of the domain under v, found none"):
+        element_resolution(Dataset(bare.mesh, (Field("v", ()),)), "v")
