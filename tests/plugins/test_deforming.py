@@ -14,6 +14,9 @@ from elvis.core.geometry import geometry
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
+from elvis.core.quantities import Expression
+from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 
 SCALE = 0.7
@@ -165,3 +168,29 @@ def test_elements_without_a_displacement_stay():
         for values in evaluate(block.expansion, block.coefficients[:, 0], Shape.QUADRILATERAL.vertices)
     )
     assert corners == pytest.approx([0.0, 0.0, 0.5, 5.5], abs=1e-14)
+
+
+def test_a_height_over_the_plane_keeps_gradients_and_has_the_area_of_its_slope():
+    data = polynomial_flow(Shape.TRIANGLE, 2, 3)
+    plane = approximated(data, "plane", lambda x: 0.3 * x[:, 0] - 0.4 * x[:, 1], 3)
+    flat = replace(data, fields=(*data.fields, plane))
+    # the area of z = S (0.3 x - 0.4 y) is that of the plane times the root of 1 + S^2 / 4
+    (area,), (before,) = integrate(deform(flat, height="plane", scale=2), ["1"]), integrate(flat, ["1"])
+    assert area.value == pytest.approx(before.value * np.sqrt(2), rel=1e-12)
+    texts, inner = ["d(p,x)", "d(p,y)", "grad(u*p)", "vorticity", "p"], scattered(Shape.TRIANGLE, 10)
+    found = []
+    for own in (flat, deform(flat, height="u*v+0.5*p", scale=1.5)):
+        expressions = [Expression.of(own, text) for text in texts]
+        evaluator = Evaluator(own, expressions)
+        (patch,) = evaluator.patches
+        found.append(np.array(list(evaluator.values_at(expressions, Lattice(patch, np.arange(len(patch)), inner)))))
+    assert np.abs(found[1] - found[0]).max() < 1e-12
+    assert undeformed(deform(flat, height="u")).mesh.space == 2
+    assert deform(deform(flat, height="u"), "u,v").bounds.shape == (2, 2)
+
+
+def test_heights_of_solids_and_two_deformations_are_rejected():
+    with pytest.raises(ElvisError, match="expected 2D data in a plane, found 3D elements"):
+        deform(polynomial_flow(Shape.TETRAHEDRON, 2), height="u")
+    with pytest.raises(ElvisError, match="expected one of --deform and --height, found both"):
+        deform(polynomial_flow(Shape.TRIANGLE, 2), "u,v", height="u")

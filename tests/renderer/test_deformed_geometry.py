@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, Deform, Scene, SceneError, Shape, deform, render, write
+from elvis import Camera, Dataset, Deform, Scene, SceneError, Shape, deform, render, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
 from elvis.scene.commandline.writing import option_words
@@ -60,12 +60,27 @@ def test_flat_data_are_drawn_deformed():
     assert np.array_equal(ours.field, theirs.field, equal_nan=True)
 
 
+def test_a_height_seen_from_above_is_the_picture_of_the_plane():
+    data = solid(Shape.QUADRILATERAL)
+    view = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)
+    options = {"camera": view, "size": 40, "faces": "all", "lit": False}
+    flat, high = render(data, "p", **options), render(data, "p", height="u", scale=3, **options)
+    both = (flat.element >= 0) & (high.element >= 0)
+    assert both.sum() > 1000
+    assert np.array_equal(flat.element, high.element)
+    assert np.abs(flat.field - high.field)[both].max() < 1e-12
+    heights = 5 - high.depth[both]
+    # u = 0.2 y^2 at the places of the pixels
+    assert np.abs(heights - 0.6 * high.position[both][:, 1] ** 2).max() < 1e-10
+    assert any("z = 3" in remark for remark in high.remarks)
+
+
 def test_a_scene_says_the_deformation_in_files_options_and_python():
     scene = scene_of({"deform": {"displacement": "u,v,w", "scale": 50.0, "gradients": "deformed"}})
     assert scene.deform == Deform("u,v,w", 50.0, "deformed")
     assert scene_of(table_of(scene)) == scene
     assert option_words(scene)[:2] == ["--deform", "u,v,w"]
-    with pytest.raises(SceneError, match="expected --deform with --scale"):
+    with pytest.raises(SceneError, match="expected --deform or --height with --scale"):
         render(solid(), "p", scale=2)
     with pytest.raises(SceneError, match="gradients"):
         Scene(deform=Deform("u,v", 1.0, "elsewhere"))

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.deformation import DISPLACEMENT_HELP, GRADIENTS, GRADIENTS_HELP, SCALE_HELP, Deformation
+from elvis.core.deformation import (
+    DISPLACEMENT_HELP,
+    GRADIENTS,
+    GRADIENTS_HELP,
+    HEIGHT_HELP,
+    SCALE_HELP,
+    Deformation,
+)
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.moments import BETWEEN
@@ -136,22 +143,26 @@ def deform_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a deformed geometry, which together are the parameter ``deformation``."""
 
     @click.option("--deform", metavar="U,V,W|VECTOR", help=DISPLACEMENT_HELP)
+    @click.option("--height", metavar="EXPR", help=HEIGHT_HELP)
     @click.option("--scale", type=float, help=f"{SCALE_HELP}  [default: 1]")
     @click.option("--gradients", type=click.Choice(GRADIENTS), help=f"{GRADIENTS_HELP}  [default: {GRADIENTS[0]}]")
     @wraps(command)
-    def parsed(deform: str | None, scale: float | None, gradients: str | None, **rest: Any) -> Any:
-        return command(deformation=_deformation(deform, scale, gradients), **rest)
+    def parsed(deform: str | None, height: str | None, scale: float | None, gradients: str | None, **rest: Any) -> Any:
+        return command(deformation=_deformation(deform, height, scale, gradients), **rest)
 
     return parsed
 
 
-def _deformation(displacement: str | None, scale: float | None, gradients: str | None) -> Deformation | None:
+def _deformation(
+    displacement: str | None, height: str | None, scale: float | None, gradients: str | None
+) -> Deformation | None:
     """What the options say; UsageError where there is no displacement for the others."""
-    if displacement is not None:
-        return Deformation(displacement, 1.0 if scale is None else scale, gradients or GRADIENTS[0])
+    if displacement is not None or height is not None:
+        factor = 1.0 if scale is None else scale
+        return Deformation(displacement or "", factor, gradients or GRADIENTS[0], height or "")
     if scale is not None or gradients is not None:
         given = "--scale" if scale is not None else "--gradients"
-        raise click.UsageError(f"expected --deform with {given}", click.get_current_context())
+        raise click.UsageError(f"expected --deform or --height with {given}", click.get_current_context())
     return None
 
 

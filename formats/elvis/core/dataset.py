@@ -155,6 +155,7 @@ class Deformed:
     gradients     where derivatives of quantities are taken: undeformed or deformed
     coordinates   names of the fields that hold the coordinates before the deformation
     told          remarks of the dataset on the deformation
+    is_height     whether 2D data became a surface in space, of which the displacement is the height
     """
 
     displacement: tuple[str, ...]
@@ -162,10 +163,14 @@ class Deformed:
     gradients: str
     coordinates: tuple[str, ...]
     told: tuple[str, ...] = ()
+    is_height: bool = False
 
     def __str__(self) -> str:
+        where = f"gradients are taken in the {self.gradients} configuration"
+        if self.is_height:
+            return f"the data are drawn on the surface z = {self.scale:.10g} · ({self.displacement[0]}); {where}"
         moved = f"{self.scale:.10g} · ({', '.join(self.displacement)})"
-        return f"the geometry is deformed by {moved}; gradients are taken in the {self.gradients} configuration"
+        return f"the geometry is deformed by {moved}; {where}"
 
 
 @dataclass(frozen=True, eq=False)

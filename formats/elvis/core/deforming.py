@@ -82,17 +82,45 @@ def deformed(
     )
 
 
+def raised(dataset: Dataset, height: Field, scale: float = 1.0, gradients: str = GRADIENTS[0]) -> Dataset:
+    """The dataset of 2D data on the surface z = scale · u(x, y), of which ``height`` is u.
+
+    Raises ElvisError as `deformed`, and for data that are not in a plane.
+    """
+    dataset = undeformed(dataset)
+    if (dataset.mesh.dimension, dataset.mesh.space) != (2, 2):
+        kind = f"{dataset.mesh.dimension}D elements in a space of {dataset.mesh.space}"
+        raise ElvisError(f"--height: expected 2D data in a plane, found {kind}")
+    rest = [replace(own, coefficients=frozen_floats(np.zeros_like(own.coefficients))) for own in height.blocks]
+    zero = replace(height, name="0", blocks=tuple(rest))
+    # in a plane a third coordinate of vertices has no meaning: maps of two coordinates leave it out
+    names = _free(dataset, MAP_FIELDS)[:2]
+    maps = [_field(name, axis, geometry(dataset)) for axis, name in enumerate(names)]
+    kept = [field for field in dataset.fields if field.name not in dataset.map_names]
+    metadata = {**dataset.metadata, MAP_KEY: ",".join(names)}
+    in_space = replace(dataset, mesh=replace(dataset.mesh, space=3), fields=(*kept, *maps), metadata=metadata)
+    found = deformed(in_space, (zero, zero, height), scale, gradients)
+    known = found.deformation
+    assert known is not None
+    # of the surface the places before are those in the plane
+    fields = tuple(own for own in found.fields if own.name != known.coordinates[2])
+    deformation = replace(known, displacement=(height.name,), coordinates=known.coordinates[:2], is_height=True)
+    return replace(found, fields=fields, deformation=deformation)
+
+
 def undeformed(dataset: Dataset) -> Dataset:
     """The dataset on the geometry that it had before it was deformed."""
     known = dataset.deformation
     if known is None:
         return dataset
-    names = dataset.map_names
+    mesh = replace(dataset.mesh, space=2) if known.is_height else dataset.mesh
+    names = dataset.map_names[: mesh.space]
     # the fields of the map change places with those of the coordinates before
     places = [replace(dataset.field(own), name=name) for own, name in zip(known.coordinates, names, strict=True)]
-    kept = [field for field in dataset.fields if field.name not in (*names, *known.coordinates)]
+    kept = [field for field in dataset.fields if field.name not in (*dataset.map_names, *known.coordinates)]
+    metadata = {**dataset.metadata, MAP_KEY: ",".join(names)}
     remarks = tuple(remark for remark in dataset.remarks if remark not in known.told)
-    return replace(dataset, fields=(*kept, *places), remarks=remarks, deformation=None)
+    return replace(dataset, mesh=mesh, fields=(*kept, *places), metadata=metadata, remarks=remarks, deformation=None)
 
 
 def check_displacement(dataset: Dataset, displacement: Sequence[Field]) -> None:

@@ -53,11 +53,11 @@ def _named_fields(dataset: Dataset, wanted: str) -> tuple[str, ...]:
 def _with_displacement(dataset: Dataset, chosen: Choice | None, own: Deformation) -> Collection[str]:
     """Fields that are chosen, all for None, and those that a displacement is made of."""
     from elvis.core.quantities.needed import needed_fields
-    from elvis.plugins.deforming import component_texts
+    from elvis.plugins.deforming import texts_of_deformation
 
     if chosen is None:
         return [field.name for field in dataset.fields]
-    return {*chosen(dataset), *needed_fields(dataset, component_texts(dataset, own.displacement))}
+    return {*chosen(dataset), *needed_fields(dataset, texts_of_deformation(dataset, own))}
 
 
 @dataclass(frozen=True)

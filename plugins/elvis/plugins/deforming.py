@@ -8,7 +8,7 @@ from dataclasses import replace
 from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset, Field
 from elvis.core.deformation import GRADIENTS, Deformation
-from elvis.core.deforming import check_displacement, deformed, moving_maps, undeformed
+from elvis.core.deforming import check_displacement, deformed, moving_maps, raised, undeformed
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
 from elvis.core.quantities.tree import AXES
@@ -29,7 +29,9 @@ _SUFFIXES = (
 )
 
 
-def deform(dataset: Dataset, displacement: str, scale: float = 1.0, gradients: str = GRADIENTS[0]) -> Dataset:
+def deform(
+    dataset: Dataset, displacement: str = "", scale: float = 1.0, gradients: str = GRADIENTS[0], height: str = ""
+) -> Dataset:
     """The dataset on the deformed geometry x + scale · d(x), which is exact: a polynomial map again.
 
     Parameters
@@ -44,6 +46,8 @@ def deform(dataset: Dataset, displacement: str, scale: float = 1.0, gradients: s
         Factor of the displacement.
     gradients : str
         Where derivatives of quantities are taken: ``undeformed`` (the default) or ``deformed``.
+    height : str
+        In place of a displacement, for 2D data: the height u of the surface z = scale · u(x, y).
 
     Returns
     -------
@@ -62,15 +66,18 @@ def deform(dataset: Dataset, displacement: str, scale: float = 1.0, gradients: s
     >>> bent = elvis.deform(ds, "u,v,w", scale=50)  # doctest: +SKIP
     >>> elvis.render(bent, "sqrt(u^2+v^2+w^2)")  # doctest: +SKIP
     """
-    return with_deformation(dataset, Deformation(displacement, scale, gradients))
+    return with_deformation(dataset, Deformation(displacement, scale, gradients, height))
 
 
 def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = ALONE) -> Dataset:
     """The dataset on a deformed geometry, or the part of it that one of several ranks has."""
     dataset = undeformed(dataset)
-    texts = component_texts(dataset, deformation.displacement)
+    texts = texts_of_deformation(dataset, deformation)
     components = _fields(dataset, texts)
-    found = deformed(dataset, components, deformation.scale, deformation.gradients)
+    if deformation.height:
+        found = raised(dataset, components[0], deformation.scale, deformation.gradients)
+    else:
+        found = deformed(dataset, components, deformation.scale, deformation.gradients)
     assert found.deformation is not None
     own = replace(found.deformation, displacement=tuple(texts))
     told = (str(own), *_doubts(components), *folded(found, ranks).sentences())
@@ -100,7 +107,8 @@ def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
         As `deform`, and for surfaces and lines in space.
     """
     dataset = undeformed(dataset)
-    components = _fields(dataset, component_texts(dataset, displacement))
+    texts = component_texts(dataset, displacement)
+    components = _fields(dataset, texts)
     check_displacement(dataset, components)
     return bounds_of_scale(moving_maps(geometry(dataset), components), dataset.mesh.space)
 
@@ -110,8 +118,14 @@ def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:
     known = dataset.deformation
     if known is None:
         return False
-    texts = tuple(component_texts(dataset, deformation.displacement))
-    return (known.displacement, known.scale, known.gradients) == (texts, deformation.scale, deformation.gradients)
+    texts = tuple(texts_of_deformation(undeformed(dataset), deformation))
+    asked = (texts, deformation.scale, deformation.gradients, bool(deformation.height))
+    return (known.displacement, known.scale, known.gradients, known.is_height) == asked
+
+
+def texts_of_deformation(dataset: Dataset, deformation: Deformation) -> list[str]:
+    """The texts of all fields that a deformation is made of."""
+    return [deformation.height] if deformation.height else component_texts(dataset, deformation.displacement)
 
 
 def component_texts(dataset: Dataset, displacement: str) -> list[str]:
@@ -137,7 +151,7 @@ def _doubts(components: Sequence[Field]) -> Iterator[str]:
 
 def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:
     """The components as fields; ElvisError for one that is not a polynomial of fields on every element."""
-    if len(texts) != dataset.mesh.space:
+    if len(texts) not in (1, dataset.mesh.space):
         # the number is told before what is wrong with one of them
         return [Field(text, ()) for text in texts]
     named = dict(zip(_free_names(dataset), texts, strict=False))

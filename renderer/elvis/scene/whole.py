@@ -5,7 +5,14 @@ from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from elvis.core.deformation import DISPLACEMENT_HELP, GRADIENTS, GRADIENTS_HELP, SCALE_HELP, Deformation
+from elvis.core.deformation import (
+    DISPLACEMENT_HELP,
+    GRADIENTS,
+    GRADIENTS_HELP,
+    HEIGHT_HELP,
+    SCALE_HELP,
+    Deformation,
+)
 from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.errors import SceneError
@@ -127,22 +134,24 @@ class Deform(Model, of="the deformation"):
             "Components of the displacement (fields or polynomials of fields, separated by commas) or name of a vector "
             "field."
         ),
-    ]
+    ] = ""
     scale: Annotated[float, Setting(SCALE_HELP, finite=True, option="--scale")] = 1.0
     gradients: Annotated[
         Literal["undeformed", "deformed"],
         Setting(GRADIENTS_HELP, option="--gradients", metavar="|".join(GRADIENTS), names=GRADIENTS),
     ] = "undeformed"
+    height: Annotated[Quantity, Setting(HEIGHT_HELP, option="--height", metavar="EXPR")] = ""
 
     def check(self) -> None:
-        """SceneError if there is no displacement, or for an unknown configuration of gradients."""
-        check(self.displacement.strip() != "", "displacement", "components such as u,v,w", "none")
+        """SceneError if there is not one displacement or height, or for an unknown configuration of gradients."""
+        given = [name for name in ("displacement", "height") if getattr(self, name).strip()]
+        check(len(given) == 1, "the deformation", "either displacement or height", " and ".join(given) or "neither")
         check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
 
     @property
     def deformation(self) -> Deformation:
         """The deformation in the form that readers of files use."""
-        return Deformation(self.displacement, self.scale, self.gradients)
+        return Deformation(self.displacement, self.scale, self.gradients, self.height)
 
 
 @dataclass(frozen=True, repr=False)

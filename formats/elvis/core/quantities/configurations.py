@@ -14,12 +14,15 @@ from collections.abc import Sequence
 from elvis.core.quantities.tree import ONE, ZERO, Node, call, field, world_derivative
 
 
-def derivative_before(root: Node, axis: int, coordinates: Sequence[str]) -> Node:
+def derivative_before(root: Node, axis: int, coordinates: Sequence[str], is_height: bool = False) -> Node:
     """The derivative of an expression along a coordinate before a deformation.
 
-    coordinates  names of the fields that hold these; none where there is no deformation, or along what is not among
+    coordinates  names of the fields that hold these; none without a deformation, and for a coordinate that is not among
                  them: then it is the derivative along the coordinate of the map
+    is_height    whether the map is a surface in space over two coordinates
     """
+    if is_height and coordinates:
+        return _derivative_in_plane(root, axis, coordinates)
     if axis >= len(coordinates):
         return world_derivative(root, axis)
     gradients = [[field(name, (k,)) for k in range(len(coordinates))] for name in coordinates]
@@ -29,6 +32,30 @@ def derivative_before(root: Node, axis: int, coordinates: Sequence[str]) -> Node
         if slope is not ZERO:
             total = call("+", total, call("*", slope, _cofactor(gradients, axis, k)))
     return total if total is ZERO else call("/", total, _determinant(gradients))
+
+
+def _derivative_in_plane(root: Node, axis: int, coordinates: Sequence[str]) -> Node:
+    """The derivative in the plane of a function on a surface over it; zero along the height.
+
+    With the gradients on the surface, which lie in its tangent planes, grad f = G^T df/dX and G = grad X, so that
+    df/dX = (G G^T)^-1 G grad f.
+    """
+    if axis >= len(coordinates):
+        return ZERO
+    gradients = [[field(name, (k,)) for k in range(3)] for name in coordinates]
+    slopes = [world_derivative(root, k) for k in range(3)]
+    metric = [[_dot(one, other) for other in gradients] for one in gradients]
+    along = [_dot(own, slopes) for own in gradients]
+    other = 1 - axis
+    top = call("-", call("*", metric[other][other], along[axis]), call("*", metric[axis][other], along[other]))
+    return top if top is ZERO else call("/", top, _determinant(metric))
+
+
+def _dot(one: Sequence[Node], other: Sequence[Node]) -> Node:
+    total = ZERO
+    for a, b in zip(one, other, strict=True):
+        total = call("+", total, call("*", a, b))
+    return total
 
 
 def _cofactor(matrix: Sequence[Sequence[Node]], row: int, column: int) -> Node:

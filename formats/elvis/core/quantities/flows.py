@@ -78,13 +78,14 @@ class Flow:
     fields      its names
     dimension   number of coordinates that they depend on
     parameters  known numbers by name, as expressions
-    undeformed  names of the fields along which derivatives are taken, see `derivative_before`
+    undeformed, is_height  names of the fields along which derivatives are taken, see `derivative_before`
     """
 
     fields: tuple[str, ...]
     dimension: int
     parameters: Mapping[str, Node]
     undeformed: tuple[str, ...] = ()
+    is_height: bool = False
 
     @property
     def shared(self) -> frozenset[str]:
@@ -188,7 +189,7 @@ class Flow:
 
     def derivative(self, of: Node, axis: int) -> Node:
         """The derivative along x, y or z."""
-        return derivative_before(of, axis, self.undeformed)
+        return derivative_before(of, axis, self.undeformed, self.is_height)
 
     def parameters_of(self, name: str) -> tuple[str, ...]:
         """The parameters that a quantity may need of these data."""

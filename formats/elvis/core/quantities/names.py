@@ -79,6 +79,11 @@ class Names:
         return replace(own, deformation=dataset.deformation)
 
     @property
+    def _is_height(self) -> bool:
+        """Whether 2D data are shown on a surface in space."""
+        return self.deformation is not None and self.deformation.is_height
+
+    @property
     def _along(self) -> tuple[str, ...]:
         """Names of the fields along which derivatives are taken; none where the coordinates of the map are these."""
         known = self.deformation
@@ -88,7 +93,9 @@ class Names:
     def flow(self) -> Flow:
         """The inputs of predefined quantities."""
         known = {name: number(value) for name, value in self.parameters.items()}
-        return Flow(self.fields, self.dimension, known, self._along)
+        # a height over 2D data is no coordinate of the flow
+        dimension = 2 if self._is_height else self.dimension
+        return Flow(self.fields, dimension, known, self._along, self._is_height)
 
     def meaning(self, name: str) -> Node | None:
         """The meaning of a name, None for an unknown name; raises ElvisError if its inputs are missing."""
@@ -110,7 +117,7 @@ class Names:
 
     def derivative(self, of: Node, axis: int) -> Node:
         """The derivative along x, y or z; ElvisError where a part has none that can be evaluated."""
-        return derivative_before(of, axis, self._along)
+        return derivative_before(of, axis, self._along, self._is_height)
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node:
         """A predefined quantity with some of its parameters; raises ElvisError if it isn't known, or takes others."""

@@ -99,12 +99,15 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
 def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
     """The scene with the deformation of the options, which are removed from ``given``."""
     from elvis.scene.commandline.options import DEFORM
+    from elvis.scene.whole import Deform
 
     own = given.pop("deform", scene.deform)
     parts = {name: given.pop(f"deform_{name}") for name in DEFORM if f"deform_{name}" in given}
-    if parts and own is None:
-        raise SceneError(f"expected --deform with --{next(iter(parts))}")
-    return replace(scene, deform=replace(own, **parts) if parts else own)
+    if parts and own is None and "height" not in parts:
+        raise SceneError(f"expected --deform or --height with --{next(iter(parts))}")
+    if parts:
+        own = Deform(**parts) if own is None else replace(own, **parts)
+    return replace(scene, deform=own)
 
 
 def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:
