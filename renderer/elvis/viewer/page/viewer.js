@@ -1778,7 +1778,7 @@ class Viewer {
       const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Hide the object; it stays in the list", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
       if (number !== undefined) buttons.append(button("duplicate", "Add a copy", () => this.add(item)));
       if (this.canBeHeld(item)) buttons.append(this.handleButton(key === "plane" ? key : `${key}.surface`));
-      buttons.append(=> button("delete", "Remove the object", () => => { this.selected = null; this.change({ [key]: null }); }));
+      buttons.append(button("delete", "Remove the object", () => { this.selected = null; this.change({ [key]: null }); }));
       return controls.fold(`${place + 1} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...this.transfer(key, item, controls), ...controls.rows(schemaOf(item.kind), item, set)], true);
     });
     const hidden = this.hidden.map(({ key, item }, number) => {
