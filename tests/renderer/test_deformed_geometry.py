@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from elvis import Camera, Dataset, Deform, Scene, SceneError, Shape, deform, render, write
 from elvis.core.testing import approximated, grid
@@ -84,6 +85,28 @@ def test_a_scene_says_the_deformation_in_files_options_and_python():
         render(solid(), "p", scale=2)
     with pytest.raises(SceneError, match="gradients"):
         Scene(deform=Deform("u,v", 1.0, "elsewhere"))
+
+
+def test_frames_over_the_scale_are_stills(files, tmp_path):
+    own = ["--field", "p", "--deform", "u,v,w", "--camera", "3,-3,2:0.5,0.5,0.5", "--range", "0:2", "--size", "40"]
+    film = [
+        "animate",
+        *files,
+        *own,
+        "--plain",
+        "--key",
+        "deform.scale=0:1.5",
+        "--frames",
+        "3",
+        "-o",
+        f"{tmp_path}/film",
+    ]
+    still = ["render", *files, *own, "--plain", "--scale", "0.75", "-o", f"{tmp_path}/still.png"]
+    for words in (film, still):
+        assert CliRunner().invoke(group, words).exit_code == 0
+    frames = [np.array(Image.open(path)) for path in sorted((tmp_path / "film").glob("*.png"))]
+    assert np.array_equal(frames[1], np.array(Image.open(tmp_path / "still.png")))
+    assert not np.array_equal(frames[0], frames[1])
 
 
 COMMANDS = {

@@ -16,7 +16,7 @@ from elvis.scene.tables import Table, input_files, scene_of, steps_of
 from elvis.scene.whole import Scene
 
 #: keys of a scene that define inputs, code and outputs, or that have no meaning on a page
-FIXED = {"data", "plugin", "reader", "others", "device", "outputs", "stats", "scenes", "panels", "timeout"}
+FIXED = {"data", "plugin", "reader", "others", "deform", "device", "outputs", "stats", "scenes", "panels", "timeout"}
 #: keys of objects
 _OBJECT = re.compile(r"plane|(objects|clip)\[(\d{1,9})\]")
 
