@@ -8,6 +8,9 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.needed import needed_fields
 from elvis.core.resolution.decay_rates import decay_rates, grows_at_top
 from elvis.core.resolution.element_resolution import element_resolution
 from elvis.core.resolution.modal_bases import exact_rule, modal_basis
@@ -154,3 +157,19 @@ def test_bad_fields_are_named():
     assert np.isnan(found.decay).tolist() == [False, True, False, False]
     with pytest.raises(ElvisError, match="expected elements of the domain under v, found none"):
         element_resolution(Dataset(bare.mesh, (Field("v", ()),)), "v")
+
+
+def test_decay_and_tail_are_quantities():
+    bare = Dataset(grid(Shape.TRIANGLE, 2))
+    dataset = Dataset(bare.mesh, (approximated(bare, "u", lambda p: np.exp(2 * p[:, 0] + p[:, 1]), 5),))
+    measures = element_resolution(dataset, "u")
+    quantity = Expression.of(dataset, "decay(u) + 10*tail(u)")
+    evaluator = Evaluator(dataset, [quantity])
+    (patch,) = evaluator.patches
+    rows = np.arange(len(patch))
+    found = evaluator.values(quantity, patch, rows, np.tile([-0.5, -0.2], (len(rows), 1)))
+    order = np.argsort(measures.element_ids)[np.argsort(np.argsort(patch.element_ids))]
+    assert found == pytest.approx((measures.decay + 10 * measures.tail)[order])
+    assert needed_fields(dataset, ["decay(u)"]) == ("u",)
+    with pytest.raises(ElvisError, match="expected a field in decay"):
+        Expression.of(dataset, "decay(u*u)")

@@ -13,6 +13,8 @@ quality          mean ratio of the map from the ideal element, which has equal e
 nx, ny, nz       outward unit normal on the element's sides, and
 face_height      height of the element above them; NaN elsewhere (see `element_sides`)
 jump(f)          largest jump of the field f across the element's faces (see `jumps`)
+decay(f)         rate at which the modes of the field f fall with the order (see `resolution.element_resolution`)
+tail(f)          share of the energy of f in the highest modes
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
 ref:p            the value of p in the dataset named ref, at the same position (see `elsewhere`)
 """
@@ -34,14 +36,14 @@ from elvis.core.patch import Patch
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.element_sizes import composites, sizes
 from elvis.core.quantities.jumps import jumps
-from elvis.core.quantities.tree import jumping_of, other_of, target_of
+from elvis.core.quantities.tree import measured_of, other_of, target_of
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import statuses
 
 if TYPE_CHECKING:
     from elvis.core.quantities.elsewhere import Elsewhere
 
-#: attributes that are constant on an element, in addition to jump(...)
+#: attributes that are constant on an element, in addition to functions of fields
 CONSTANT = ("element", "composite", "h", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 
@@ -60,7 +62,7 @@ _IDEAL: Mapping[Shape, list[list[float]]] = {
 
 def is_constant(name: str) -> bool:
     """Whether an attribute is one number throughout an element."""
-    return name in CONSTANT or jumping_of(name) is not None
+    return name in CONSTANT or measured_of(name) is not None
 
 
 @cache
@@ -131,7 +133,19 @@ class Attributes:
             blocks = self._dataset.field(name).blocks
             ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
             return ids, np.concatenate([np.empty(0), *(block.coefficients[:, 0] for block in blocks)])
-        return jumps(self._dataset, name[5:-1])
+        return self._measured(name)
+
+    def _measured(self, name: str) -> tuple[Ints, Floats]:
+        """Ids of elements, and a function of a field on each."""
+        found = measured_of(name)
+        assert found is not None
+        function, field = found
+        if function == "jump":
+            return jumps(self._dataset, field)
+        from elvis.core.resolution.element_resolution import element_resolution
+
+        measures = element_resolution(self._dataset, field)
+        return measures.element_ids, measures.decay if function == "decay" else measures.tail
 
     def _composites(self) -> tuple[Ints, Floats]:
         return composites(self._dataset)

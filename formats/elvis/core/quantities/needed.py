@@ -14,7 +14,7 @@ from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
-from elvis.core.quantities.tree import Node, jumping_of
+from elvis.core.quantities.tree import Node, measured_of
 
 if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
@@ -80,9 +80,9 @@ class _Meanings:
         if not self.expressions or any(_OF_FIELDS in each.attributes for each in self.expressions):
             return None
         attributes = [name for each in self.expressions for name in each.attributes]
-        jumping = {own for name in attributes if (own := jumping_of(name)) is not None}
+        measured = {own[1] for name in attributes if (own := measured_of(name)) is not None}
         found = {name for each in self.expressions for name in each.fields}
-        return (found | jumping | self.rates).intersection(Names.of(dataset).fields)
+        return (found | measured | self.rates).intersection(Names.of(dataset).fields)
 
 
 def _meanings(dataset: Dataset, text: str) -> _Meanings:

@@ -6,6 +6,7 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - grad(f), the length of the gradient
 - laplacian(f)
 - jump(u), the largest jump of a field across an element's faces
+- decay(u) and tail(u), the decay rate of a field's modes on an element, and the share of the highest ones
 - distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
   quoted
 
@@ -25,14 +26,15 @@ from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.quantities.tree import (
     AXES,
+    MEASURES,
     TIME,
     Node,
     at_time,
     attribute,
     call,
     in_dataset,
-    jump_name,
     leaves,
+    measure_name,
     negative,
     number,
     other,
@@ -40,7 +42,7 @@ from elvis.core.quantities.tree import (
 )
 
 #: functions that inspect their arguments, and their numbers of operands
-SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, "jump": 1, "distance": 1}
+SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys(MEASURES, 1), "distance": 1}
 
 T = TypeVar("T")
 
@@ -135,10 +137,10 @@ class Parser(Grammar[Node]):
         if name in FUNCTIONS:
             return call("^" if name == "pow" else name, *self._arguments(FUNCTIONS[name].arity))
         (of,) = self._arguments(1)
-        if name == "jump":
+        if name in MEASURES:
             if of.op != "field" or of.axes:
-                raise self._mistaken("expected a field in jump(…)", first)
-            return attribute(jump_name(of.name))
+                raise self._mistaken(f"expected a field in {name}(…)", first)
+            return attribute(measure_name(name, of.name))
         rule = _gradient if name == "grad" else _laplacian
         return self._guard(lambda: rule(of, self._names), first)
 

@@ -19,6 +19,8 @@ LEAVES = ("number", "coordinate", "field", "attribute")
 AXES = ("x", "y", "z")
 #: derivatives of fields that can be evaluated
 HIGHEST = 2
+#: functions of a field that are one number throughout each element
+MEASURES = ("jump", "decay", "tail")
 #: parts of an expression, its derivatives included
 MOST = 20000
 
@@ -90,6 +92,17 @@ def other_of(name: str) -> tuple[str, str] | None:
 def target_of(name: str) -> str | None:
     """The target of a distance attribute; None for other attributes."""
     return name[9:-1] if name.startswith("distance(") else None
+
+
+def measured_of(name: str) -> tuple[str, str] | None:
+    """The function of `MEASURES` and the field that an attribute is made of; None for other attributes."""
+    function, _, rest = name.partition("(")
+    return (function, rest[:-1]) if function in MEASURES and rest.endswith(")") else None
+
+
+def measure_name(function: str, name: str) -> str:
+    """The name of the attribute that a function of `MEASURES` makes of a field."""
+    return f"{function}({name})"
 
 
 def jumping_of(name: str) -> str | None:
