@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from elvis.scene import Scene
+from elvis.scene import Deform, Scene
 from elvis.scene.errors import SceneError
 from elvis.viewer.patches import FIXED, patched, put_back, scene_of_page, without
 
@@ -86,3 +86,8 @@ def test_a_page_reads_files_next_to_the_data_alone(tmp_path):
         scene_of_page({"field": "distance('/etc/body.stl')"}, own)
     with pytest.raises(SceneError, match="folder of the data"):
         scene_of_page({"palette": "/etc/map.xml"}, own)
+
+
+def test_a_deformation_stays_that_of_the_start():
+    own = Scene(deform=Deform("u,v", 2.0))
+    assert scene_of_page({"field": "u"}, own).deform == own.deform

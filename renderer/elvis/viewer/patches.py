@@ -105,7 +105,7 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
         place = path.resolve()
         if place not in known and not any(folder in place.parents for folder in folders):
             raise SceneError(f"{path}: a page may only read files in the folder of the data")
-    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "device")}
+    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "deform", "device")}
     return replace(scene, **settled)
 
 
