@@ -1,5 +1,5 @@
 // The viewer: one module for the page that `elvis view` serves and for notebooks (the form of anywidget).
-// A model sends JSON and hands on what comes: {type: "schema" | "state" | "frame" | "answer" | "error", …}, pictures as buffers.
+// A model sends JSON and receives {type: "schema" | "state" | "frame" | "answer" | "error", …}, pictures as buffers.
 
 // ---------------------------------------------------------------- vectors
 
@@ -11,7 +11,7 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const length = (a) => Math.hypot(...a);
 const unit = (a) => times(1 / (length(a) || 1), a);
 
-// Rodrigues' formula: v turned about a unit axis
+// Rodrigues' formula: v rotated about a unit axis
 function turned(v, axis, angle) {
   const c = Math.cos(angle), s = Math.sin(angle);
   return plus(plus(times(c, v), times(s, cross(axis, v))), times((1 - c) * dot(axis, v), axis));
@@ -19,7 +19,7 @@ function turned(v, axis, angle) {
 
 // ---------------------------------------------------------------- cameras
 
-// right, up and forward of a camera, and world units of a pixel in the plane through its target
+// right, up and forward directions of a camera, and world units of a pixel in the plane through its target
 function frameOf(camera, pixels) {
   const forward = unit(minus(camera.at, camera.eye));
   const right = unit(cross(forward, camera.up));
@@ -48,7 +48,7 @@ function pan(camera, dx, dy, pixels) {
   return { ...camera, eye: plus(camera.eye, step), at: plus(camera.at, step) };
 }
 
-// what lies under the pointer, x and y pixels from the middle, stays there
+// zoom about the point under the pointer, x and y pixels from the middle
 function zoom(camera, factor, x, y, pixels) {
   const { right, up, pixel, forward, distance } = frameOf(camera, pixels);
   const aside = plus(times(x * pixel, right), times(-y * pixel, up));
@@ -67,7 +67,7 @@ function projected(camera, isPerspective) {
   return { ...rest, fov: angle, eye: minus(camera.at, times(away, forward)) };
 }
 
-// column and row on the image at which a point of the world is seen, and world units of a pixel there
+// column and row on the image of a point in world coordinates, and world units of a pixel there
 function seenAt(camera, point, [width, height]) {
   const { right, up, forward, pixel, distance } = frameOf(camera, height);
   const offset = minus(point, camera.eye);
@@ -75,7 +75,7 @@ function seenAt(camera, point, [width, height]) {
   return { x: width / 2 + dot(offset, right) / own, y: height / 2 - dot(offset, up) / own, pixel: own };
 }
 
-// start and unit direction of the ray through a place of the image
+// start and unit direction of the ray through a position on the image
 function rayThrough(camera, x, y, [width, height]) {
   const { right, up, forward, pixel, distance } = frameOf(camera, height);
   const aside = plus(times((x - width / 2) * pixel, right), times((height / 2 - y) * pixel, up));
@@ -83,12 +83,12 @@ function rayThrough(camera, x, y, [width, height]) {
   return { start, way: unit(camera.fov ? plus(times(distance, forward), aside) : forward) };
 }
 
-// whether a scene's camera shows the same whatever is seen
+// whether a scene's camera is independent of what is visible
 const isFixed = (camera) => Boolean(camera?.fov || camera?.height);
 
 const plain = ({ eye, at, up, fov, height }) => (fov ? { eye, at, up, fov } : { eye, at, up, height });
 
-// ---------------------------------------------------------------- small helpers of the page
+// ---------------------------------------------------------------- helpers of the page
 
 function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
@@ -101,7 +101,7 @@ function make(tag, properties = {}, ...children) {
   return element;
 }
 
-// an element of SVG
+// an SVG element
 function shape(tag, attributes = {}, text = "") {
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
@@ -109,11 +109,11 @@ function shape(tag, attributes = {}, text = "") {
   return element;
 }
 
-// what stands in a scene's table at a dotted key
+// value in a scene's table at a dotted key
 const valueAt = (table, key) => key.split(/[.[\]]+/).filter(Boolean).reduce((value, step) => value?.[step], table);
 
 const short = (value) => (typeof value === "number" ? String(Number(value.toPrecision(6))) : String(value));
-// a number in as many digits as a field has room for
+// a number with as many digits as fit into a field
 function brief(value) {
   const texts = [7, 6, 5, 4, 3].map((digits) => String(Number(value.toPrecision(digits))));
   return texts.find((text) => text.length <= 9) ?? texts.at(-1);
@@ -122,7 +122,7 @@ function brief(value) {
 const words = (name) => name.replaceAll("_", " ");
 let counter = 0;
 
-// up to seven values in a range, by steps of 1, 2 or 5 times a power of ten; its ends where it is too narrow
+// up to seven values in a range, in steps of 1, 2 or 5 times a power of ten; the ends of the range if it is too narrow
 function roundValues(low, high) {
   const span = high - low, power = 10 ** Math.floor(Math.log10(span / 7));
   const step = [1, 2, 5, 10, 20].map((factor) => factor * power).find((one) => span / one <= 7);
@@ -131,21 +131,21 @@ function roundValues(low, high) {
   return Array.from({ length: count }, (_, i) => (begin + i) * step);
 }
 
-// names of boundaries after one was ticked or not: "all" stands alone, and for none
+// names of boundaries after one was ticked or unticked: "all" excludes the others and replaces an empty list
 function ticked(names, name, isTicked) {
   const others = names.filter((one) => one !== name && one !== "all");
   if (!isTicked) return others.length ? others : ["all"];
   return name === "all" ? ["all"] : [...others, name];
 }
 
-// ---------------------------------------------------------------- controls, made from the schema of scenes
+// ---------------------------------------------------------------- controls, generated from the schema of scenes
 
 const QUANTITIES = new Set(["field", "quantity", "expression"]);
-//: settings of which an object has one at most
+//: settings that exclude each other in an object
 const EITHER = [["radius", "width", "ribbon"], ["values", "count"]];
-//: what of a style is drawn on surfaces alone
+//: parts of a style that are drawn only on surfaces
 const ON_SURFACES = new Set(["contours", "mesh_lines", "lic"]);
-//: cosines of directions that count as equal
+//: cosines of directions that count as equal if they differ by less than this
 const NEARLY = 0.05;
 const OPTIONAL = (schema) => schema.anyOf?.some((one) => one.type === "null");
 
@@ -158,7 +158,7 @@ class Controls {
     return schema.$ref ? { ...this.schema.$defs[schema.$ref.split("/").pop()], description: schema.description } : schema;
   }
 
-  // a value that is valid where nothing is known
+  // a valid initial value of a setting
   start(schema, key) {
     const own = this.resolve(schema);
     const usual = {
@@ -179,18 +179,18 @@ class Controls {
       const kind = own.properties.kind ? { kind: own.properties.kind.const } : {};
       return Object.assign(kind, Object.fromEntries(needed.map((name) => [name, this.start(own.properties[name], name)])));
     }
-    // a number that may not be at its limits begins apart from them
+    // the initial value of a number with exclusive limits lies between them
     const { exclusiveMinimum: above } = own;
     const number = above === undefined ? 1 : (above + (own.exclusiveMaximum ?? own.maximum ?? above + 2)) / 2;
     return { number: own.minimum ?? number, integer: own.minimum ?? 1, boolean: false, string: "", array: [] }[own.type];
   }
 
-  // around what was seen when an object was added, else around all data
+  // box of what was visible when an object was added, else of all data
   get box() {
     return this.facts?.seen ?? this.facts?.box;
   }
 
-  // where new objects begin: at a peak that was found, else in the middle of what is seen
+  // where new objects are placed: at an extremum that was found, else in the middle of what is visible
   middle() {
     return this.facts?.place ?? (this.box ? times(0.5, plus(...this.box)) : [0, 0, 0]);
   }
@@ -199,7 +199,7 @@ class Controls {
     return box ? length(minus(box[1], box[0])) : 1;
   }
 
-  // the axis along which one looks most nearly; of several, that along which most is seen
+  // the axis closest to the viewing direction; of several, the one along which most is visible
   axis() {
     const { forward } = this.facts ?? {};
     if (!forward) return [0, 0, 1];
@@ -210,7 +210,7 @@ class Controls {
     return [0, 1, 2].map((i) => Number(i === chosen));
   }
 
-  // a labelled control of a setting; set(value, isMoving), undefined where it is to have its default
+  // a labelled control of a setting; set(value, isMoving), value undefined for the default
   row(key, schema, value, set) {
     const own = this.resolve(schema);
     const id = `elvis-${++counter}`;
@@ -256,7 +256,7 @@ class Controls {
       e.target.title = e.target.value;
       set([...current]);
     };
-    // a field that is not touched keeps all digits of its number, which its title shows
+    // a field that is not edited preserves all digits of its number, which its tooltip shows
     const fields = current.map((one, i) => make("input", { id: i ? "" : id, type: "number", step: "any", value: brief(one), title: String(one),
       "aria-label": `${key} ${i + 1}`, onchange: (e) => put(i, e) }));
     return make("div", { className: "elvis-several" }, ...fields);
@@ -282,7 +282,7 @@ class Controls {
     const field = make("input", { id, type: "text", value, spellcheck: false, placeholder: usual,
       onchange: (e) => set(e.target.value === "" ? undefined : e.target.value) });
     if (!chapters) return field;
-    // all names by chapter, and those that hold what is typed
+    // all names by chapter, and those that contain the typed text
     const names = Object.values(chapters).flat(), known = make("datalist", { id: `${id}-known` }, ...names.map((name) => make("option", { value: name })));
     field.setAttribute("list", known.id);
     const choose = (e) => e.target.selectedIndex && set(names[e.target.selectedIndex - 1]);
@@ -374,25 +374,25 @@ class Controls {
     return details;
   }
 
-  // folds of a panel are open as they were left, or as they were made
+  // restore the state in which the user left the folds of a panel
   static restore(panel) {
     for (const one of panel.querySelectorAll("details")) one.open = Controls.open.get(foldsAround(one).join("/")) ?? one.open;
   }
 }
 Controls.open = new Map();
 
-// names of the folds that an element is in, its own first: several objects have folds of one name
+// names of the folds around an element, the innermost first: folds of several objects have the same name
 function foldsAround(element) {
   const names = [];
   for (let at = element.closest("details"); at; at = at.parentElement?.closest("details")) names.push(at.firstChild.textContent.split(":")[0]);
   return names;
 }
 
-// ---------------------------------------------------------------- handles: planes, spheres, cylinders and cones are dragged in the picture
+// ---------------------------------------------------------------- handles: planes, spheres, cylinders and cones can be dragged in the picture
 
 const ARROW = 64, APART = 30, ROUND = 72;
 
-// corners of what a plane cuts of a box, in order around it
+// corners of the intersection of a plane and a box, in order around it
 function sectionOf(box, point, normal) {
   const corner = (k) => [0, 1, 2].map((axis) => box[(k >> axis) & 1][axis]);
   const heights = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => dot(normal, minus(corner(k), point)));
@@ -412,7 +412,7 @@ function sectionOf(box, point, normal) {
   return found.sort((one, other) => angle(one) - angle(other));
 }
 
-// the rim of a sphere as it is seen from a camera
+// the outline of a sphere as seen from a camera
 function rimOf(camera, { center, radius }) {
   const { right, up, forward } = frameOf(camera, 1);
   const towards = camera.fov ? minus(camera.eye, center) : times(-1, forward);
@@ -423,7 +423,7 @@ function rimOf(camera, { center, radius }) {
   return circle(middle, times(own, across), times(own, upwards));
 }
 
-// points around a middle, from two radii at right angles
+// points of a circle, from its centre and two perpendicular radii
 function circle(middle, across, upwards) {
   return Array.from({ length: ROUND }, (_, k) => (2 * Math.PI * k) / ROUND).map((angle) =>
     plus(middle, plus(times(Math.cos(angle), across), times(Math.sin(angle), upwards))));
@@ -438,7 +438,7 @@ class Handles {
     for (const kind of ["pointerup", "pointercancel"]) this.svg.addEventListener(kind, () => this.release());
   }
 
-  // the surface that is dragged, or the selected one
+  // the surface that is being dragged, or the selected one
   surface() {
     return this.dragged?.surface ?? (this.viewer.selected ? valueAt(this.viewer.table, this.viewer.selected) : null);
   }
@@ -460,7 +460,7 @@ class Handles {
     this.svg.replaceChildren(...(kind ? drawings[kind]() : []), ...(peak ? this.mark(peak) : []));
   }
 
-  // a cross with its value, where a field is least or greatest
+  // a cross with its value, where a field has its minimum or maximum
   mark({ field, value, position }) {
     const { x, y } = this.seen(position), reach = 9 * this.viewer.density;
     const texts = ["elvis-under", "elvis-over"].map((name) => shape("text", { x: x + 1.5 * reach, y: y - reach, class: name, "font-size": 1.5 * reach }, `${field} = ${short(value)}`));
@@ -490,14 +490,14 @@ class Handles {
     return ["elvis-under", "elvis-over"].map((name) => shape("line", { ...line, class: name }));
   }
 
-  // a point of what has no end: its own where that lies in the box, else another one that does, if there is any
+  // a point of an infinite surface: its own point if that lies in the box, else another one, in the box if possible
   holdOf(point, other) {
     const box = this.viewer.facts.box;
     const isWithin = !box || point.every((x, i) => x >= box[0][i] && x <= box[1][i]);
     return isWithin ? point : other(times(0.5, plus(...box)));
   }
 
-  // an arrow from a point along a direction, as long on the page everywhere: its tip, and where that is shown
+  // an arrow from a point along a direction, of constant length on the page: its tip, and where that is shown
   arrow(hold, way) {
     const start = this.seen(hold), ratio = this.viewer.density;
     const tip = plus(hold, times(ARROW * ratio * start.pixel, way));
@@ -514,7 +514,7 @@ class Handles {
       this.grip("move", "Drag: move the plane along its normal; with Shift: tilt the plane", start, (dx, dy, { isShift }) => (isShift ? tilt : move)(dx, dy))];
   }
 
-  // a direction at right angles to an axis and to the view, so that it is never foreshortened
+  // a direction perpendicular to an axis and to the view, so that it is never foreshortened
   aside(axis) {
     const { forward, right } = frameOf(this.camera, 1), across = cross(axis, forward);
     return length(across) > 1e-3 ? unit(across) : right;
@@ -525,7 +525,7 @@ class Handles {
     const hold = this.holdOf(point, (middle) => plus(point, times(dot(minus(middle, point), way), way)));
     const { start, tip, end } = this.arrow(hold, way);
     const across = times(radius, this.aside(way)), rim = plus(hold, across), least = 4 * start.pixel;
-    // its sides, as far as the box goes
+    // its sides, as far as the box extends
     const half = 0.5 * [0, 1, 2].reduce((sum, i) => sum + Math.abs(way[i]) * (box[1][i] - box[0][i]), 0);
     const sides = [1, -1].flatMap((sign) => this.segment(...[1, -1].map((other) => this.seen(plus(hold, plus(times(sign, across), times(other * half, way)))))));
     return [...sides, ...this.outline(circle(hold, across, cross(way, across))), ...this.segment(start, end),
@@ -536,7 +536,7 @@ class Handles {
 
   cone({ apex, axis, angle }) {
     const way = unit(axis), degree = Math.PI / 180, { start, tip, end } = this.arrow(apex, way);
-    // where its rim is held stays as it is while that is dragged
+    // the position of the rim along the axis is fixed during a drag
     const slant = length(minus(tip, apex)) * 2, reach = slant * Math.cos((this.dragged?.start.angle ?? angle) * degree);
     const middle = plus(apex, times(reach, way)), aside = this.aside(way), across = times(reach * Math.tan(angle * degree), aside);
     const rim = plus(middle, across), sides = [1, -1].flatMap((sign) => this.segment(start, this.seen(plus(middle, times(sign, across)))));
@@ -547,7 +547,7 @@ class Handles {
       this.grip("move", "Drag: move the cone", start, (dx, dy) => ({ apex: this.beside(apex, dx, dy) }))];
   }
 
-  // an end that is not hidden by the start, where an arrow points at the viewer
+  // an end that the start does not hide if an arrow points at the viewer
   apart(start, end, least) {
     const [dx, dy] = [end.x - start.x, end.y - start.y], own = Math.hypot(dx, dy);
     if (own >= least) return end;
@@ -555,20 +555,20 @@ class Handles {
     return { x: start.x + least * x, y: start.y + least * y };
   }
 
-  // how far the pointer has dragged a point along a unit direction: what of the line is nearest to the pointer's ray;
-  // where the direction points at the viewer, up and down
+  // distance by which the pointer has dragged a point along a unit direction: to the point of the line nearest to the pointer's ray;
+  // if the direction points at the viewer, vertical motion counts
   along(hold, direction, dx, dy) {
     const begin = this.seen(hold), { start, way } = rayThrough(this.camera, begin.x + dx, begin.y + dy, this.size);
     const share = dot(direction, way), square = 1 - share * share, offset = minus(start, hold);
     return square > 0.03 ? (dot(offset, direction) - share * dot(offset, way)) / square : -dy * begin.pixel;
   }
 
-  // the direction from a point to the tip of its arrow, which is dragged
+  // the direction from a point to the dragged tip of its arrow
   tilted(hold, tip, dx, dy) {
     return unit(minus(this.beside(tip, dx, dy), hold));
   }
 
-  // a point moved with the pointer, at its depth
+  // a point moved with the pointer, at constant depth
   beside(point, dx, dy) {
     const { right, up } = frameOf(this.camera, 1), { pixel } = this.seen(point);
     return plus(point, plus(times(dx * pixel, right), times(-dy * pixel, up)));
@@ -584,13 +584,13 @@ class Handles {
       this.grip("center", "Drag: move the sphere", this.seen(surface.center), (dx, dy) => ({ center: this.beside(surface.center, dx, dy) }))];
   }
 
-  // how far the ray through a place of the image passes a point
+  // distance of a point from the ray through a position on the image
   missBy(point, x, y) {
     const { start, way } = rayThrough(this.camera, x, y, this.size);
     return length(cross(minus(point, start), way));
   }
 
-  // grips are made again as they move, so the pointer is given to all of the handle
+  // grips are recreated as they move, so the whole handle captures the pointer
   press(event, pull) {
     event.stopPropagation();
     event.preventDefault();
@@ -628,7 +628,7 @@ class Handles {
 // ---------------------------------------------------------------- transfer functions, over the histogram of their quantity
 
 const PLOT = { width: 280, height: 116, foot: 16 };
-//: shares of the volume, as powers of ten below the greatest, that are shown
+//: decades of shares of the volume shown below the maximum
 const DECADES = 4;
 
 class TransferEditor {
@@ -699,7 +699,7 @@ class TransferEditor {
     return point;
   }
 
-  // the function with a point elsewhere, between its neighbours
+  // the function with a point moved between its neighbours
   moved(i, value, density) {
     const { values, densities } = this.transfer, least = 1e-6 * (this.high - this.low);
     const low = i > 0 ? values[i - 1] + least : -Infinity, high = i + 1 < values.length ? values[i + 1] - least : Infinity;
@@ -738,7 +738,7 @@ class TransferEditor {
     event.stopPropagation();
   }
 
-  // a double click removes the point under it, else adds one; as pointers are captured, its target tells nothing
+  // a double click removes the point under it, else adds one; pointers are captured, so the target of the event cannot tell which
   twice(event) {
     const under = this.points.indexOf(this.svg.getRootNode().elementFromPoint(event.clientX, event.clientY));
     if (under >= 0) {
@@ -749,7 +749,7 @@ class TransferEditor {
     this.insert(value, density);
   }
 
-  // one more point; without a density where the line has it
+  // add a point; without a density, on the line
   insert(value, density) {
     const { values, densities, colors } = this.transfer;
     if (values.includes(value)) return;
@@ -773,10 +773,10 @@ class TransferEditor {
 
 // ---------------------------------------------------------------- ranges, dragged on colour bars
 
-//: what the linear part of a symmetric logarithmic scale has for each power of ten beyond it, as matplotlib has it
+//: length of the linear part of a symmetric logarithmic scale relative to that of a power of ten, as in matplotlib
 const LINEAR_ROOM = 1 / (1 - 0.1);
 
-// what goes evenly along a bar as a function of its values, and the inverse
+// function that maps values to positions along a bar, up to a linear map, and its inverse
 function scaleOf({ scale, linear }) {
   if (scale === "log") return { there: Math.log, back: Math.exp };
   if (scale !== "symlog") return { there: (value) => value, back: (place) => place };
@@ -806,13 +806,13 @@ class BarGrips {
     this.svg.setAttribute("viewBox", `0 0 ${canvas.width} ${canvas.height}`);
     Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
     const focused = this.svg.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-    // a bar that is held keeps its values, though pictures at rest have come since
+    // a bar that is being dragged preserves its values even if final pictures arrive
     const held = this.dragged?.bar;
     this.svg.replaceChildren(...bars.flatMap((bar) => this.grips(bar.title === held?.title ? Object.assign(held, { box: bar.box, upright: bar.upright }) : bar)));
     if (focused) [...this.svg.children].find((one) => one.getAttribute("aria-label") === focused)?.focus({ preventScroll: true });
   }
 
-  // where a range stands in the scene: the scene's own, or those of the objects that show another quantity, or have one
+  // keys of a range in the scene: the scene's own, or those of the objects that show another quantity or have their own range
   keys({ title, low, high }) {
     const { table, picture } = this.viewer, field = picture.field;
     const shown = this.viewer.listed().filter(({ item }) => item.kind !== "volume" && item.kind !== "clip" && (item.style?.quantity ?? field) === title);
@@ -869,7 +869,7 @@ class BarGrips {
     });
   }
 
-  // both ends, one of them moved by a part of the bar, apart by a thousandth of it at least
+  // both ends, one of them moved by a part of the bar; they stay at least a thousandth of it apart
   put(bar, end, step) {
     const part = end === "high" ? Math.max(0.001, 1 + step) : Math.min(0.999, step);
     return { low: bar.low, high: bar.high, [end]: this.valueAt(bar, part) };
@@ -890,19 +890,19 @@ class BarGrips {
     event.stopPropagation();
   }
 
-  // keys that are not there need not be taken away
+  // keys that do not exist need not be removed
   send(bar, range, isMoving) {
     const keys = this.keys(bar).filter((key) => range || valueAt(this.viewer.table, key) !== undefined);
     if (keys.length) this.viewer.change(Object.fromEntries(keys.map((key) => [key, range])), isMoving);
   }
 }
 
-// ---------------------------------------------------------------- linear elements beside the exact picture
+// ---------------------------------------------------------------- linear elements next to the exact picture
 
-//: refinements that are offered
+//: available refinements
 const REFINEMENTS = [0, 1, 2, 3, 4];
 
-// To the right of a divider, what linear elements would show; asked for when a whole picture has come.
+// To the right of a divider, the picture of linear elements; requested when a final picture has arrived.
 class LinearSide {
   constructor(viewer) {
     Object.assign(this, { viewer, level: null, split: 0.5, asked: 0 });
@@ -957,7 +957,7 @@ class LinearSide {
     this.place();
   }
 
-  // over the image, from the divider on
+  // over the image, to the right of the divider
   place() {
     if (this.canvas.hidden) return;
     const ratio = this.viewer.density;
@@ -990,10 +990,10 @@ class LinearSide {
 
 // ---------------------------------------------------------------- the steps of a series
 
-//: steps a second that are offered
+//: available steps per second
 const SPEEDS = [1, 2, 5, 10, 25];
 
-// A slider over the steps; playing shows one step after another, each once the one before has come.
+// A slider over the steps; playing shows one step after another, each once the one before has arrived.
 class TimeBar {
   constructor(viewer) {
     Object.assign(this, { viewer, timer: 0, isPlaying: false });
@@ -1016,7 +1016,7 @@ class TimeBar {
     return this.viewer.facts?.times ?? [];
   }
 
-  // the step that is shown, or the nearest to the time that is
+  // the current step, or the one nearest to the current time
   get step() {
     const { step, time } = this.viewer.table, { length: count } = this.times;
     if (step !== undefined) return step < 0 ? step + count : step;
@@ -1025,7 +1025,7 @@ class TimeBar {
     return away.indexOf(Math.min(...away));
   }
 
-  // the step that is shown, or the two that its time is between
+  // the current step, or the two steps around the current time
   get place() {
     const { time } = this.viewer.table, last = this.times.length - 1;
     const above = time === undefined ? -1 : this.times.findIndex((one) => one > time);
@@ -1049,10 +1049,10 @@ class TimeBar {
   }
 
   show(changes, moving) {
-    // keys that are not there can't be taken away
+    // keys that do not exist cannot be removed
     const own = Object.entries(changes).filter(([key, value]) => value !== null || this.viewer.table[key] !== undefined);
     this.viewer.change(Object.fromEntries(own), moving);
-    // what moves is not told back to the page that moves it
+    // the server does not report moving values back to the page that moves them
     const kept = Object.entries({ ...this.viewer.table, ...changes }).filter(([, value]) => value !== null);
     this.viewer.table = Object.fromEntries(kept);
     this.update();
@@ -1106,28 +1106,28 @@ class TimeBar {
 // ---------------------------------------------------------------- the viewer
 
 const VIEWS = { "+x": "+x", "−x": "-x", "+y": "+y", "−y": "-y", "+z": "+z", "−z": "-z", iso: "iso" };
-//: from where named views look, and what is upwards
+//: directions of named views towards the eye, and upward directions
 const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwards", "+y": "from the front, z upwards",
   "-y": "from the back, z upwards", "+z": "from below, y upwards", "-z": "from above, y upwards", iso: "from the corner with maximum x, y and z" };
-//: what can be added that a surface bounds, and the surface's name in the schema
+//: objects with a surface that can be added, and the surface's name in the schema
 const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
 const STEP = Math.PI / 24;
-//: the colour of bodies next to other objects
+//: colour of bodies next to other objects
 const GREY = [0.78, 0.78, 0.78];
-//: a page and its image, column, row, width and height, before anything is known of either
+//: sizes of a page and its image (column, row, width and height) before either is known
 const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
-//: pixels by which a page may be smaller than its place
+//: pixels by which a page may be smaller than its area
 const SLACK = 20;
 
-// whether a small picture has the sides of another image, but for the rounding of its pixels
+// whether a small picture has an aspect ratio other than an image's, apart from rounding to pixels
 function isOtherShape([width, height], image) {
   return Math.abs(Math.log((width * image[3]) / (height * image[2]))) > 1 / Math.min(width, height) + 0.01;
 }
 
-// where the image of a draft lies, which is as large as it can be within a page
+// position of the image of a draft, which is as large as fits within a page
 function imageWithin(own, page) {
   const part = Math.min(...page) / Math.min(...FIRST.size);
   const [left, top] = FIRST.image.map((one) => Math.round(one * part));
@@ -1156,7 +1156,7 @@ class Viewer {
     this.timeBar = new TimeBar(this);
     this.canvas.after(...this.linear.parts, this.barGrips.svg, this.handles.svg);
     this.panel = make("div", { className: "elvis-panel" });
-    // a slider that is held must stay in the page
+    // a slider that is being dragged must stay in the page
     this.panel.addEventListener("pointerdown", (e) => { this.isSliding = e.target.type === "range" || Boolean(e.target.closest(".elvis-transfer")); });
     for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
     this.values = make("output", { "aria-label": "values under the pointer" });
@@ -1168,7 +1168,7 @@ class Viewer {
     el.append(this.root);
     this.listen();
     new ResizeObserver(() => this.sized()).observe(this.stage);
-    // another window has had a size of its own
+    // another window may have resized the picture
     window.addEventListener("focus", () => this.size && this.stage.isConnected && this.resize(this.size));
   }
 
@@ -1213,7 +1213,7 @@ class Viewer {
     Object.assign(this, { revision, hidden });
     // another view or other objects: their middle is not known yet
     if (!this.camera || JSON.stringify(table.camera) !== JSON.stringify(plain(this.camera))) this.middle = null;
-    // what pictures and searches have told since stays known; controls hold these facts, too
+    // facts from pictures and searches stay; controls hold this object, so update it in place
     if (facts) this.facts = Object.assign(this.facts ?? {}, facts);
     this.table = table;
     // 2D data have one side
@@ -1245,30 +1245,30 @@ class Viewer {
     this.waiting.delete(id);
   }
 
-  // a sentence; it goes with the next picture, or with that of the next change, or when the connection is back
+  // show a message; it disappears with the next picture, with the picture of the next change, or when the connection is back
   fail({ id, text, until = "change", fit = false }) {
     if (this.waiting.has(id)) {
       this.waiting.get(id).reject(new Error(text));
       this.waiting.delete(id);
       return;
     }
-    // a change that was refused has left the camera where it was
+    // a rejected change has not moved the camera
     if (!this.dragged && !this.rolling) this.camera = null;
     this.error.textContent = text;
-    // a view in which nothing is seen has a way back
+    // an empty view gets a button to fit the scene
     if (fit) this.error.append(" ", make("button", { type: "button", title: "Fit the whole scene in this direction", onclick: () => this.fit() }, "fit"));
     this.error.hidden = false;
     this.failed = { until, revision: Math.max(this.revision ?? 0, this.drawn ?? 0) };
     this.controls();
   }
 
-  // pictures and connections take back what was told of them
+  // pictures and connections remove the messages that they resolve
   recover(event, revision = 0) {
     const { until, revision: last } = this.failed ?? {};
     if (until === event || (event === "picture" && until === "change" && revision > last)) this.error.hidden = true;
   }
 
-  // files that were read have changed on disk since; told once
+  // files that were read have changed on disk since; shown once
   outdate(text = "") {
     if (text === this.stale) return;
     this.stale = text;
@@ -1278,7 +1278,7 @@ class Viewer {
     this.error.append(" ", make("button", { type: "button", onclick: () => this.model.send({ type: "read again" }) }, "read again"));
   }
 
-  // what was asked is never answered
+  // pending requests are never answered
   lose(message) {
     for (const { reject } of this.waiting.values()) reject(new Error(message.text));
     this.waiting.clear();
@@ -1291,7 +1291,7 @@ class Viewer {
 
   // ---- pictures
 
-  // pictures are shown in the order in which they come, however long each takes to be decoded
+  // pictures are shown in the order in which they arrive, however long each takes to decode
   queue(facts, buffer) {
     const decoded = createImageBitmap(new Blob([buffer]));
     this.showing = Promise.all([decoded, this.showing]).then(([picture]) => this.show(facts, picture));
@@ -1324,13 +1324,13 @@ class Viewer {
     this.overlay();
     if (!facts.final) return this.linear.clear();
     for (const resume of this.resting.splice(0)) resume();
-    // what is asked of the picture before is asked again
+    // requests about the previous picture are repeated
     this.point(this.pointer);
     this.linear.ask();
     if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
   }
 
-  // a draft has no title of its own, and that of the picture before it may tell another time
+  // a draft has no title, and the title of the previous picture may show another time
   retitle(text) {
     const context = this.canvas.getContext("2d"), [left, top, width] = this.picture.image;
     const [red, green, blue] = this.table.background ?? [1, 1, 1];
@@ -1347,7 +1347,7 @@ class Viewer {
     this.counts.title = remarks.join("\n");
   }
 
-  // the page of a picture; that of a draft which comes before any picture is as the one to come will be
+  // the page of a picture; a draft before any picture gets the page of the picture to come
   lay(facts) {
     const room = this.room, size = facts.final ? facts.size : room;
     Object.assign(this.canvas, { width: size[0], height: size[1] });
@@ -1356,24 +1356,24 @@ class Viewer {
     this.fill();
   }
 
-  // the colour of the picture's background
+  // background colour of the picture
   get paper() {
     const [red, green, blue] = (this.table.background ?? [1, 1, 1]).map((part) => Math.round(255 * part));
     return `rgb(${red}, ${green}, ${blue})`;
   }
 
-  // pixels of the screen that there are for the picture
+  // pixels of the screen available for the picture
   get room() {
     const ratio = window.devicePixelRatio || 1;
     return [this.stage.clientWidth, this.stage.clientHeight].map((side) => Math.floor(side * ratio));
   }
 
-  // pixels of the picture in one of the page
+  // pixels of the picture per pixel of the page
   get density() {
     return this.canvas.width / (this.canvas.getBoundingClientRect().width || this.canvas.width);
   }
 
-  // pixels of the picture are those of the screen; one that has another size, as the window had or as another window has, fills its place
+  // pixels of the picture equal those of the screen; a picture of another size, from before or from another window, is scaled to its area
   fill() {
     const { room, canvas } = this, part = Math.min(room[0] / canvas.width, room[1] / canvas.height);
     const isFitting = part >= 1 && part < 1.08;
@@ -1381,7 +1381,7 @@ class Viewer {
     Object.assign(canvas.style, { width: `${canvas.width * scale}px`, height: `${canvas.height * scale}px` });
   }
 
-  // the size of an image whose page fills the stage, as what stands around it is proportional to its smaller side
+  // the size of an image whose page fills the stage: margins are proportional to the smaller side of the image
   sized() {
     const { room } = this;
     if (Math.min(...room) < 1) return;
@@ -1395,14 +1395,14 @@ class Viewer {
     this.overlay();
   }
 
-  // what lies over the picture, and follows its place
+  // overlays of the picture follow its position
   overlay() {
     this.handles.draw();
     this.barGrips.draw();
     this.linear.place();
   }
 
-  // once the picture of that size is there, what lacks or is too much is known: texts have their own widths
+  // adjust the size once the picture has arrived: the widths of texts are known only then
   adjust() {
     const { room } = this, { size, image } = this.picture;
     const isOwn = this.size && image[2] === this.size[0] && image[3] === this.size[1];
@@ -1432,7 +1432,7 @@ class Viewer {
     return { ...camera, up, pole };
   }
 
-  // The page's own camera is ahead of the scene's until that has come to it: pictures on their way show older ones.
+  // The page's own camera is ahead of the scene's until that has caught up: pictures in transit show older ones.
   follow(isStart) {
     const isGesture = this.dragged || this.rolling;
     const isReached = this.camera && JSON.stringify(this.table.camera) === JSON.stringify(plain(this.camera));
@@ -1455,25 +1455,25 @@ class Viewer {
     });
   }
 
-  // all that is shown, seen from where one looks; the direction of a named view is its own
+  // fit all that is shown in the current direction; a named view has its own direction
   fit() {
     this.centre = null;
     const camera = this.current();
     if (!camera || typeof (this.table.camera ?? "fit") === "string") return this.change({ camera: this.table.camera ?? "fit" });
     const { eye, at, up, fov } = camera;
     this.camera = null;
-    // the fit is parallel; its perspective view follows, as one step that is undone
+    // the fit is parallel; its perspective view follows, both as one step of undo
     this.refit = Boolean(fov);
     this.change({ camera: { eye, at, up } }, this.refit);
   }
 
-  // a camera that fits itself to what is seen would run away under the hand, or with what is added: it stays
+  // a camera that fits itself to what is visible would move during a drag or when objects are added: fix it
   still() {
     const { camera } = this.table;
     return isFixed(camera) || !this.picture ? {} : { camera: plain(this.current()) };
   }
 
-  // what one turns about: a place that was chosen, else the middle of what was seen when the turning began
+  // centre of rotation: a point that was chosen, else the middle of what was visible when the rotation began
   pivot(camera) {
     this.middle ??= this.picture?.middle ?? camera.at;
     return this.centre ?? this.middle;
@@ -1497,7 +1497,7 @@ class Viewer {
     canvas.addEventListener("pointerup", (e) => this.release(e));
     canvas.addEventListener("pointercancel", (e) => this.release(e));
     canvas.addEventListener("dblclick", (e) => this.recentre(e));
-    // grips lie over the picture: what is under them is seen and zoomed, too
+    // grips lie over the picture: what is under them can be picked and zoomed too
     stage.addEventListener("pointermove", (e) => (this.dragged ? this.drag(e) : this.point(e)));
     stage.addEventListener("pointerleave", () => this.point(null));
     stage.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
@@ -1575,7 +1575,7 @@ class Viewer {
 
   // ---- values
 
-  // what the whole picture shows under the pointer: drafts tell nothing, and one that comes in between shows another
+  // what the final picture shows under the pointer: drafts have no answer, and a picture that arrives in between shows something else
   async pick(event) {
     const [column, row] = this.place(event).map(Math.floor);
     for (;;) {
@@ -1583,12 +1583,12 @@ class Viewer {
       const { number } = this.picture;
       const found = await this.ask("pick", { row, column, number }).catch(() => ({ element: -1 }));
       if (found) return found;
-      // another picture has been drawn, and is on its way or here
+      // another picture has been drawn, and is in transit or here
       if (this.picture.number === number) await this.rest();
     }
   }
 
-  // the next whole picture
+  // wait for the next final picture
   rest() {
     return new Promise((resume) => this.resting.push(resume));
   }
@@ -1598,13 +1598,13 @@ class Viewer {
   }
 
   point(event) {
-    // a value that was found elsewhere is not that of this place
+    // a value found elsewhere is not the value at this position
     this.tip.hidden = true;
     this.pointer = event ? { clientX: event.clientX, clientY: event.clientY } : null;
     this.hover();
   }
 
-  // what lies under the pointer, also once another picture has come; one question at a time, the last one is answered
+  // value under the pointer, updated when another picture arrives; one request at a time, the last one is answered
   async hover() {
     if (this.isPicking) return;
     this.isPicking = true;
@@ -1630,7 +1630,7 @@ class Viewer {
     this.values.textContent = `${found.field} = ${found.value ?? "not a number"}  at (${place})  element ${found.element}${more}  ${found.status}`;
   }
 
-  // six digits of the value beside the pointer
+  // six digits of the value next to the pointer
   hint(found, { clientX, clientY }) {
     this.tip.hidden = !(found?.element >= 0) || typeof found.value !== "number";
     if (this.tip.hidden) return;
@@ -1640,7 +1640,7 @@ class Viewer {
     Object.assign(this.tip.style, { left: `${left}px`, top: `${Math.max(2, clientY - box.top - 26)}px` });
   }
 
-  // what was told last, a name and a value a line, for tables
+  // copy the last picked point for tables, a name and a value per line
   copyPicked() {
     const { field, value, position, element, order, jacobian, status } = this.picked;
     const rows = { [field]: value ?? "not a number", x: position[0], y: position[1], z: position[2], element, order, jacobian, status };
@@ -1716,7 +1716,7 @@ class Viewer {
     this.dialog.showModal();
   }
 
-  // ---- what is shown, and how
+  // ---- objects and their settings
 
   controls() {
     if (!this.schema || !this.facts || this.isSliding) return;
@@ -1731,7 +1731,7 @@ class Viewer {
     if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
   }
 
-  // where the field is least and greatest, which is proved: shown, told, and where new objects begin
+  // certified minimum and maximum of the field: marked, reported, and where new objects are placed
   peaks() {
     const button = (text, number) => make("button", { type: "button", title: `Mark the ${text} of the field; new planes pass through it`, onclick: () => this.findPeak(number) }, text);
     return make("div", { className: "elvis-row" }, make("label", {}, "find"), make("div", { className: "elvis-several" }, button("minimum", 0), button("maximum", 1)));
@@ -1752,7 +1752,7 @@ class Viewer {
     return [...this.panel.querySelectorAll("input,select,button,summary,[tabindex]")];
   }
 
-  // of a control, by the folds that it is in, so that it is found again once controls are made anew
+  // name of a control from the folds around it, to find it again after controls are recreated
   nameOf(element) {
     const own = (one) => `${one.tagName} ${one.getAttribute("aria-label") ?? one.labels?.[0]?.textContent ?? one.textContent}`;
     const name = [own(element), ...foldsAround(element)].join("/");
@@ -1760,7 +1760,7 @@ class Viewer {
     return `${name}/${twins.indexOf(element)}`;
   }
 
-  // the shortcut `plane` is the first object
+  // all objects and clips; the shortcut `plane` is the first object
   listed() {
     const own = this.table.objects ?? [];
     const first = this.table.plane ? [{ key: "plane", item: { kind: "cut", surface: { kind: "plane", ...this.table.plane } } }] : [];
@@ -1794,7 +1794,7 @@ class Viewer {
     return [make("h2", {}, "Objects"), ...note, ...rows, ...hidden, adding];
   }
 
-  // the editor of a volume's transfer function; the histogram comes when it is counted
+  // the editor of a volume's transfer function; the histogram appears once it is computed
   transfer(key, item, controls) {
     if (item.kind !== "volume") return [];
     const quantity = item.quantity ?? this.shown();
@@ -1803,7 +1803,7 @@ class Viewer {
     return [new TransferEditor(item.transfer, known, controls.extent(), (transfer, moving) => this.change({ [`${key}.transfer`]: transfer }, moving)).element];
   }
 
-  // the histogram of a quantity at the moment that is shown: null where there is none, undefined until it is asked for
+  // the histogram of a quantity at the current time: null if there is none, undefined before it is requested
   counted(quantity) {
     return this.histograms.get(this.momentOf(quantity));
   }
@@ -1826,7 +1826,7 @@ class Viewer {
     this.change({ plane: null, objects: [item, ...(this.table.objects ?? [])] }, moving);
   }
 
-  // an object as it stands in the scene
+  // an object in the form that the scene stores
   kept(key, item) {
     if (key === "plane") return item.surface;
     const { kind, ...rest } = item;
@@ -1844,7 +1844,7 @@ class Viewer {
     return own;
   }
 
-  // the surface, by its key, that has a handle in the picture
+  // select a surface by its key; the picture then shows its handle
   select(key) {
     this.selected = key;
     this.controls();
@@ -1877,13 +1877,13 @@ class Viewer {
     return [];
   }
 
-  // the direction of a plane as on a globe: longitude and latitude of its normal, about its point in the box
+  // the direction of a plane as longitude and latitude of its normal; it turns about its point in the box
   angles(item, normal, set) {
     const degree = Math.PI / 180;
     const around = Math.atan2(normal[1], normal[0]), above = Math.asin(Math.max(-1, Math.min(1, normal[2])));
     const at = (a, b) => [Math.cos(b) * Math.cos(a), Math.cos(b) * Math.sin(a), Math.sin(b)];
     const turn = (next, moving) => set({ ...item, surface: { ...item.surface, normal: next } }, moving);
-    // at the poles all longitudes are one: sliders keep off them by a little, as the other one could not be told
+    // at the poles the longitude is undefined: sliders stop just before them
     const most = 89.999;
     return [this.slider("turn", -180, 180, around / degree, (e, moving) => turn(at(Number(e.target.value) * degree, Math.max(-most * degree, Math.min(most * degree, above))), moving)),
       this.slider("tilt", -most, most, above / degree, (e, moving) => turn(at(around, Number(e.target.value) * degree), moving))];
@@ -1906,18 +1906,18 @@ class Viewer {
         oninput: (e) => move(e, true), onchange: (e) => move(e, false) }));
   }
 
-  // the view stays as it is, and so does what is seen, as a background of the new object
+  // the view and what is visible stay unchanged, as a background of the new object
   add(item, more = this.still()) {
     const { objects = [], plane } = this.table, { bodies = [], kind } = this.facts;
     const put = (...items) => this.change({ ...Object.fromEntries(items.map((one, i) => [`objects[${objects.length + i}]`, one])), ...more });
-    // flat data show themselves as long as they have no objects
+    // 2D data are shown by themselves while they have no objects
     if (kind !== "solid" && !objects.length && !plane && item.kind !== "faces") return put({ kind: "faces", select: ["all"] }, item);
     const isBodies = bodies.length && objects.length === 1 && objects[0].kind === "faces" && !objects[0].style && String(objects[0].select) === String(bodies);
     if (isBodies && item.kind !== "faces") more = { ...more, "objects[0].style": { color: GREY } };
     put(item);
   }
 
-  // a new object, begun where one looks
+  // a new object, placed where the camera looks
   async create(kind, controls) {
     await this.survey();
     if (kind in SURFACES) return this.createSurface(kind, controls);
@@ -1931,7 +1931,7 @@ class Viewer {
     else this.add({ kind: "volume", transfer: { values: [low, middle, high], densities } });
   }
 
-  // least and greatest value of the shown quantity in its histogram, which is of all elements; else of those in the picture
+  // minimum and maximum of the shown quantity in its histogram, over all elements; else of those in the picture
   async spread() {
     const quantity = this.shown();
     await this.count(quantity);
@@ -1944,7 +1944,7 @@ class Viewer {
     return this.table.field || this.picture?.field || this.facts.fields[0] || "x";
   }
 
-  // a cut; or a clip, which takes away the half of what is seen that is nearer
+  // a cut; or a clip, which removes the nearer half of what is visible
   createSurface(kind, controls) {
     const surface = { kind: SURFACES[kind].toLowerCase(), ...controls.start(this.schema.$defs[SURFACES[kind]]) };
     const list = kind === "clip" ? "clip" : "objects";
@@ -1955,7 +1955,7 @@ class Viewer {
     this.change({ [`clip[${(this.table.clip ?? []).length}]`]: clip, ...this.still() });
   }
 
-  // what is seen, and along which direction: where new objects begin
+  // what is visible, and the viewing direction: where new objects are placed
   async survey() {
     const camera = this.current();
     this.facts.forward = camera && frameOf(camera, 1).forward;
@@ -2010,7 +2010,7 @@ class Viewer {
     if (!may) option?.remove();
   }
 
-  // into the folder of the data, where elvis view runs; what is there already goes once that was confirmed
+  // into the folder of the data, where elvis view runs; existing files are replaced after confirmation
   writeHere() {
     const field = make("input", { type: "text", value: "picture.png", spellcheck: false, "aria-label": "name of the file" });
     const note = make("p", { className: "elvis-copied", role: "status" });
@@ -2037,7 +2037,7 @@ class Viewer {
     field.select();
   }
 
-  // what makes this very picture elsewhere: to the clipboard, and for all to see
+  // a command, script or link that reproduces this picture: to the clipboard, and shown in a dialog
   async copy(language) {
     try {
       if (language === "link") return this.give(language, this.model.link(this));
@@ -2053,11 +2053,11 @@ class Viewer {
     const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
     this.dialog.replaceChildren(field, make("div", { className: "elvis-buttons" }, close, note));
     this.dialog.showModal();
-    // long lines take several: all are seen, from the first
+    // long lines are wrapped: show all of them, from the first
     field.style.height = `${field.scrollHeight + 4}px`;
     field.select();
     field.scrollTop = 0;
-    // browsers that refuse leave the text selected
+    // if the browser denies access to the clipboard, the text stays selected
     const isCopied = await navigator.clipboard?.writeText(text).then(() => true, () => false);
     note.textContent = isCopied ? "copied" : "press Ctrl+C to copy";
   }
@@ -2102,11 +2102,11 @@ function render({ model, el }) {
 
 export default { render };
 
-// ---------------------------------------------------------------- links: the view in the fragment of an address, which browsers keep to themselves
+// ---------------------------------------------------------------- links: the view in the fragment of an address, which browsers do not send
 
 const LONGEST_LINK = 4000;
 
-// the view, and all other keys that differ from those at the start, where they are short
+// the view, and all other keys that differ from those at the start, if they are short
 function fragmentOf(table, start) {
   const values = { ...table, camera: table.camera ?? "fit" };
   const names = new Set([...Object.keys(values), ...Object.keys(start)]);
@@ -2116,7 +2116,7 @@ function fragmentOf(table, start) {
   return all.length > LONGEST_LINK ? write(["camera"]) : all;
 }
 
-// changes of a table; what it lacks need not be taken away
+// changes of a table; missing keys need not be removed
 function changesOf(fragment, table) {
   const found = [...new URLSearchParams(fragment)].map(([name, text]) => {
     try {
@@ -2128,7 +2128,7 @@ function changesOf(fragment, table) {
   return Object.fromEntries(found.filter(([name, value]) => value !== null || name in table));
 }
 
-// ---------------------------------------------------------------- the page's own model: a socket that comes back
+// ---------------------------------------------------------------- the page's own model: a socket that reconnects
 
 class Socket {
   constructor() {
@@ -2141,7 +2141,7 @@ class Socket {
     return `${location.href.split("#")[0]}#${fragmentOf(table, start)}`;
   }
 
-  // what the address says of the view, once; the server checks it as any change
+  // the view from the address, once; the server validates it like any change
   restore(viewer) {
     this.viewer = viewer;
     const fragment = location.hash.slice(1);
@@ -2192,7 +2192,7 @@ class Socket {
     };
   }
 
-  // false where there is no connection
+  // false if there is no connection
   send(message) {
     const isOpen = this.socket?.readyState === WebSocket.OPEN;
     if (isOpen) this.socket.send(JSON.stringify(message));
