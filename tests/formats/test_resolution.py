@@ -147,6 +147,16 @@ def test_estimated_error_is_near_the_true_one():
     assert 0.5 < np.sqrt((found.error**2).sum() / truth) < 2
 
 
+@pytest.mark.parametrize("modes", [7, 8])
+def test_error_of_an_even_function_on_one_element_is_estimated(modes):
+    bare = Dataset(grid(Shape.SEGMENT, 1))
+    field, fine = (approximated(bare, "u", lambda p: np.exp(-6 * (p[:, 0] - 0.5) ** 2), n) for n in (modes, 20))
+    points, weights = exact_rule(fine.blocks[0].expansion)
+    difference = [own.blocks[0].coefficients[0] @ values(own.blocks[0].expansion, points).T for own in (field, fine)]
+    truth = np.sqrt((difference[0] - difference[1]) ** 2 @ weights / 2)
+    assert 0.3 < element_resolution(Dataset(bare.mesh, (field,)), "u").error[0] / truth < 10
+
+
 def test_bad_fields_are_named():
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))
     field = approximated(bare, "u", lambda p: p[:, 0], 3)

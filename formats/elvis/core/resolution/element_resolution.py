@@ -29,6 +29,8 @@ _BATCH = 1 << 20
 _DOUBLE, _SINGLE = 1e-12, 2.5e-7
 #: share by which a single precision number may be off after a change of basis in double precision
 _CHANGED = 1e-13
+#: quotient of the two estimates of the squared error below which the highest level is empty
+_EMPTY = 1e-6
 #: elements whose values at vertices tell the precision
 _TOLD_BY = 256
 #: amplitude of the highest level, relative to the largest root mean square, below which growth there is not reported:
@@ -101,7 +103,8 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
 def _squared_errors(spectra: list[_Spectra], around: list[Floats]) -> list[Floats]:
     """For each patch the squared parts (n, 3) of the error by direction.
 
-    The first estimate of `remainder_shares` tells elements apart; all are scaled to the sum of the second.
+    The first estimate of `remainder_shares` tells elements apart; all are scaled to the sum of the second if that is
+    smaller.
     """
     parts, sums = [], np.zeros(2)
     for own, near in zip(spectra, around, strict=True):
@@ -111,7 +114,10 @@ def _squared_errors(spectra: list[_Spectra], around: list[Floats]) -> list[Float
             energies[:, 0], shares = own.removed**2, (np.ones(len(near)),) * 2
         parts.append(energies * shares[0][:, None])
         sums += [np.nansum(energies * share[:, None]) for share in shares]
-    scale = sums[1] / sums[0] if sums[0] > 0 and sums[1] > 0 else 1.0
+    # symmetric meshes of even or odd functions leave one of the two highest levels empty on all elements: the second
+    # estimate is then too large or nothing, and the first one holds
+    is_known = sums[1] > _EMPTY * sums[0]
+    scale = min(1.0, sums[1] / sums[0]) if is_known else 1.0
     return [scale * own for own in parts]
 
 

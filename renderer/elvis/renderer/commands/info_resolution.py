@@ -94,7 +94,8 @@ def _text_above(number: float) -> str:
     """A bound with four digits, rounded up so that it stays a bound; a dash where there is none."""
     if not isfinite(number):
         return "-"
-    return f"{Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(number):.4g}"
+    above = Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(number)
+    return f"{float(above):.4g}"
 
 
 def _first(ids: Sequence[int]) -> str:
