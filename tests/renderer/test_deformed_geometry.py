@@ -11,6 +11,7 @@ from PIL import Image
 from elvis import Camera, Dataset, Deform, Scene, SceneError, Shape, deform, render, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
+from elvis.renderer.rendering import Pictures
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.tables import scene_of, table_of
 
@@ -59,6 +60,16 @@ def test_flat_data_are_drawn_deformed():
     data = solid(Shape.QUADRILATERAL)
     ours, theirs = render(data, "p", deform="u,v", scale=2, size=40), render(moved(data, 2), "p", size=40)
     assert np.array_equal(ours.field, theirs.field, equal_nan=True)
+
+
+def test_a_scene_without_deformation_shows_the_data_as_they_are():
+    data, drawn = solid(Shape.QUADRILATERAL), {"size": (20, 20)}
+    with Pictures(data) as pictures:
+        fields = [
+            pictures.draw(Scene("p", deform=deform, **drawn)).field for deform in (None, Deform("u,v", 2.0), None)
+        ]
+    assert np.array_equal(fields[0], fields[2], equal_nan=True)
+    assert not np.array_equal(fields[0], fields[1], equal_nan=True)
 
 
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():

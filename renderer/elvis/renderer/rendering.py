@@ -20,7 +20,6 @@ from elvis.core.memory import release_free_memory
 from elvis.core.picturing import Kind
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress, warn
-from elvis.plugins.deforming import is_deformed, with_deformation
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
@@ -31,6 +30,7 @@ from elvis.renderer.bricks import Bricks, InMemory, opening_for, timed
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
+from elvis.renderer.deformed_data import DeformedData
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
@@ -59,7 +59,6 @@ from elvis.scene.permissions import PIXELS
 from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
-from elvis.scene.whole import Deform
 
 T = TypeVar("T")
 #: pixels at once below which a device that fails has failed for good
@@ -177,7 +176,8 @@ class Pictures:
         self._bricks = data if isinstance(data, Bricks) else None
         self.data = data.dataset if isinstance(data, RankPart | Bricks) else data
         self._quantities, self._kind = (), None
-        self._deformed: tuple[Deform, Dataset] | None = None
+        self._deformed = DeformedData(self.data, self.data is data)
+        self._geometry: Dataset | PluginData = self.data
         self._checked: tuple[str, float | None] | None = None
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
@@ -201,7 +201,9 @@ class Pictures:
 
     def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
         """The requested scene, the scene that shows it, the data of its picture and remarks on them."""
-        data = self._on_geometry(scene)
+        data = self._deformed.of(scene)
+        if data is not self._geometry:
+            self._geometry, self._quantities = data, ()
         if scene.range == "series":
             raise SceneError("range: series needs the files of a series: expected seen, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
@@ -222,21 +224,6 @@ class Pictures:
         if self._bricks is not None and isinstance(found, Dataset):
             remarks = tuple(dict.fromkeys((*remarks, *found.remarks)))
         return asked, scene, found, remarks
-
-    def _on_geometry(self, scene: Scene) -> Dataset | PluginData:
-        """The data on the geometry that the scene asks for; SceneError where it can't be deformed."""
-        if scene.deform is None:
-            return self.data
-        if not isinstance(self.data, Dataset):
-            raise SceneError(f"deform: data of plugin {self.data.name} have no polynomial maps: leave deform out")
-        if is_deformed(self.data, scene.deform.deformation):
-            return self.data
-        if self._part is not None or self._bricks is not None:
-            raise SceneError("deform: the geometry of data read in parts cannot be changed: open the data with it")
-        if self._deformed is None or self._deformed[0] != scene.deform:
-            self._deformed = scene.deform, with_deformation(self.data, scene.deform.deformation)
-            self._quantities = ()
-        return self._deformed[1]
 
     def _tell_conversion(self, data: Dataset | PluginData, scene: Scene) -> None:
         """Record the error of the conversion in the shown quantities, once for the same quantities."""
