@@ -264,4 +264,4 @@ def test_a_surface_within_a_face_shared_by_elements_is_there(iso):
 def test_remarks_tell_of_constant_elements(draw):
     data = constant(Shape.HEXAHEDRON, 0.25)
     frame = draw(data, objects=(Isosurface((0.25,)), CutSurface(Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0)))), size=(8, 8))
-    assert any("u is 0.25 all over: 1" in remark for remark in frame.stats["remarks"])
+    assert any("u is 0.25 everywhere: 1" in remark for remark in frame.stats["remarks"])

@@ -22,7 +22,9 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
+    from elvis.plugins.chosen_fields import ChosenFields
     from elvis.plugins.exporting import Loss
 
 EPILOG = """\b
@@ -106,14 +108,20 @@ def export(
     moment = Moment(step, time, between)
     reading = Reading(None, options, not no_cache, moment, others, reference=reference, deformation=deformation)
     dataset = dataset_of(data, reading)
-    for remark in dataset.remarks:
-        note(remark)
-    found, measures = chosen.of(dataset)
-    for sentence in (*(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
-        note(sentence)
+    found = _with_chosen(chosen, dataset)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)
     for sentence in exporter(output.suffix[1:])(found, None, order, output, report):
         note(f"{output.name}: {sentence}")
+
+
+def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
+    """A dataset with the chosen fields; its remarks, and the errors of what was added, become notes."""
+    from elvis.core.terminal import note
+
+    found, measures = chosen.of(dataset)
+    for sentence in (*dataset.remarks, *(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
+        note(sentence)
+    return found
 
 
 def _check_suffix(output: Path, suffixes: Sequence[str]) -> None:
