@@ -45,6 +45,10 @@ _CHUNK = 1 << 16
 _ROUNDS, _BATCH = 48, 1 << 14
 #: numbers that are on the device together: of leaves of elements, and of points or series of sub-elements
 _OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
+#: terms of the models of sub-elements that are on the device together
+_OF_MODELS = 1 << 22
+#: the error that models may have, in parts of the changes of map and field over a sub-element
+_MODELS_OFF = 1e-6
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: nodes of a line up to which kernels have series in their threads' own memory (`Terms` in iso_series.slang)
@@ -253,6 +257,7 @@ class IsosurfaceDrawer:
             level_view = partial(self._level_view, draw, portion, certified=certified)
             unfinished, where = elements, None
             for draft in range(_DRAFTS):
+                portion = self._with_models(portion)
                 sub_elements = self._sub_elements(portion, unfinished, whole=draft == 0)
                 if not len(sub_elements):
                     break
@@ -265,6 +270,17 @@ class IsosurfaceDrawer:
                 rows, parent = np.unique(number, return_inverse=True)
                 unfinished, where = sub_elements[rows], _pairs(parent, np.concatenate([places for _, places in found]))
                 unfinished["parent"] = np.arange(len(rows))
+
+    def _with_models(self, level: Level) -> Level:
+        """A level with room for the models of its sub-elements."""
+        room = _OF_MODELS if self._nodes_of_line(level) > _SHORT else 1
+        models = {
+            "models": self.device.empty(np.float64, 4 * room),
+            "model_room": np.array([room], np.uint32),
+            "model_off": np.array([_MODELS_OFF]),
+            "model_count": self.device.buffer(np.zeros(1, np.uint32)),
+        }
+        return replace(level, buffers={**level.buffers, **models})
 
     def portions(self, level: Level) -> Iterator[tuple[Level, NDArray[Any]]]:
         """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
