@@ -274,7 +274,7 @@ class IsosurfaceDrawer:
     def _with_models(self, level: Level) -> Level:
         """A level with room for the models of its sub-elements."""
         room = _OF_MODELS if self._nodes_of_line(level) > _SHORT else 1
-        models = {
+        models: dict[str, Any] = {
             "models": self.device.empty(np.float64, 4 * room),
             "model_room": np.array([room], np.uint32),
             "model_off": np.array([_MODELS_OFF]),
