@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -33,6 +33,8 @@ _HERE = Path(__file__).parent
 SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdir() if any(path.glob("*.slang")))]
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
+#: stages that evaluate elements with all lanes of a wave; the number of lanes that read for one another in software
+SHARING, SHARING_LANES = ("cut_draw", "face_draw", "iso_draw"), 8
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
 COMPACT = ("line_draw", "trace_follow", "volume_bends")
 #: stages that bound quantities along rays
@@ -211,7 +213,9 @@ class Device:
         source = f"export static const int rows = {ROWS[self.adapter.software]};"
         source += f"export static const int media = {media};"
         if part is not None:
-            source += _of_type(stage, part, part.quantity(quantity), line_degree)
+            chosen = part.quantity(quantity)
+            source += f"export static const int sharing_lanes = {self._sharing_lanes(stage, chosen)};"
+            source += _of_type(stage, part, chosen, line_degree)
         else:
             source += f"export static const int line_degree = {line_degree or STAND_IN};"
         key = (str(self._folders[-1]), stage, source)
@@ -220,6 +224,20 @@ class Device:
             with compiling():
                 self._kernels[key] = self._link(stage, source)
         return self._kernels[key]
+
+    def _sharing_lanes(self, stage: str, chosen: Part | Quantity) -> int:
+        """The number of lanes that read for one another in a stage (lanes.slang); 1 if they do not."""
+        shares = stage in SHARING and (stage != "iso_draw" or chosen.degree > 0)
+        return SHARING_LANES if shares and self._has_wide_waves else 1
+
+    @cached_property
+    def _has_wide_waves(self) -> bool:
+        """Whether the device is in software, where loads are slow, and its waves have enough lanes to share loads."""
+        if not self.adapter.software or self.adapter.kind != "vulkan":
+            return False
+        found = self.buffer(np.zeros(1, np.uint32))
+        self.kernel("wave_lanes")(1, {"lane_count": found}, groups=True)
+        return int(self.read(found, np.uint32)[0]) >= SHARING_LANES
 
     def _link(self, stage: str, source: str) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
