@@ -202,8 +202,10 @@ def test_the_end_is_quiet(wave):
 
     with subprocess.Popen(command, **pipes, preexec_fn=heed_interrupts) as process:
         told = ""
-        while "ends it" not in told:
-            told += process.stdout.readline()
+        while "to stop" not in told:
+            line = process.stdout.readline()
+            assert line, told
+            told += line
         os.killpg(process.pid, signal.SIGINT)
         # the pipe ends with the last process that holds it
         told += process.communicate(timeout=PATIENCE)[0]
