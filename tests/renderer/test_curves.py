@@ -69,5 +69,5 @@ def test_views_of_curves_are_fitted_and_files_written(tmp_path):
 
 def test_curves_that_are_not_in_the_picture_are_told():
     camera = Camera((9.0, 9.0, 3.0), (9.0, 9.0, 0.0), (0, 1, 0), height=1.0)
-    with pytest.raises(SceneError, match="the picture is empty: nothing of any object is seen"):
+    with pytest.raises(SceneError, match="the picture is empty: nothing of any object is visible"):
         render(chain(axis(3), lambda p: p[:, 0]), camera=camera, size=(30, 20))

@@ -42,7 +42,7 @@ def cube(linear):
 def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
     monkeypatch.setattr(canvas, "_free_memory", lambda second: 1e7)
     for scene in ({"objects": (Faces(),)}, {"plane": PLANE}):
-        with pytest.raises(SceneError, match=r"200 x 100 pixels takes \d\d\.\d MiB of memory, .* or for a \.png alone"):
+        with pytest.raises(SceneError, match=r"200 x 100 pixels takes \d\d\.\d MiB of memory, .* or write only a \.png"):
             draw(cube, camera=NEAR, size=(200, 100), **scene)
         assert draw(cube, camera=NEAR, size=(70, 60), **scene).seen.any()
 
@@ -120,7 +120,7 @@ def test_a_list_of_which_kernels_do_not_reach_all_is_drawn_in_pieces(cube, rende
         first.reach = 1 << 16
         with monkeypatch.context() as patch:
             patch.setattr(rendering, "FEWEST", rendering.BAND)
-            with pytest.raises(DeviceError, match=r"reaches 64 KiB of a bound .* takes [\d.]+ [KM]iB, even"):
+            with pytest.raises(DeviceError, match=r"addresses 64 KiB of a bound .* takes [\d.]+ [KM]iB, even"):
                 drawing.render(scene)
 
         # the device that is opened in its place is as it should be
@@ -249,7 +249,8 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     # files are arguments: those of the data, and scenes where there are several; --set takes reference values
     keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference"}
     names = [option.name for option in scene_options(())]
-    assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES])
+    of_deform = ["deform_gradients", "deform_height", "deform_scale"]
+    assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES, *of_deform])
 
 
 @pytest.mark.parametrize(("own", "asked", "time"), [(3.0, None, 3.0), (3.0, 0.5, 0.5), (None, -2.0, -2.0)])

@@ -286,7 +286,7 @@ def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
             for name in ("a.png", "a.npz"):
                 frame.save(tmp_path / name)
             assert ((tmp_path / "a.png").read_bytes(), (tmp_path / "a.npz").read_bytes()) == expected
-        with pytest.raises(SceneError, match=r"^memory: expected [\d.]+ [KM]iB at least, .*, found 500 bytes$"):
+        with pytest.raises(SceneError, match=r"^memory: expected at least [\d.]+ [KM]iB .*, found 500 bytes$"):
             pictures.draw(replace(scene, memory=500.0))
 
 
