@@ -72,6 +72,16 @@ def test_a_scene_without_deformation_shows_the_data_as_they_are():
     assert not np.array_equal(fields[0], fields[1], equal_nan=True)
 
 
+def test_bricks_are_those_of_the_geometry():
+    data, drawn = solid(Shape.QUADRILATERAL), {"size": (20, 20), "memory": float(1 << 30)}
+    deformed = [Deform("u,v", scale) for scale in (1.0, 2.0)]
+    with Pictures(data) as pictures:
+        found = [pictures.draw(Scene("p", deform=each, **drawn)).field for each in (None, *deformed, None)]
+    for each, field in zip((None, *deformed, None), found, strict=True):
+        with Pictures(data) as fresh:
+            assert np.array_equal(field, fresh.draw(Scene("p", deform=each, **drawn)).field, equal_nan=True)
+
+
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():
     data = solid(Shape.QUADRILATERAL)
     view = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)

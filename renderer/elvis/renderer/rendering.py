@@ -203,7 +203,8 @@ class Pictures:
         """The requested scene, the scene that shows it, the data of its picture and remarks on them."""
         data = self._deformed.of(scene)
         if data is not self._geometry:
-            self._geometry, self._quantities = data, ()
+            # bricks of another geometry are of no use; data that were read in parts have one geometry
+            self._geometry, self._quantities, self._bricks = data, (), None
         if scene.range == "series":
             raise SceneError("range: series needs the files of a series: expected seen, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
