@@ -115,11 +115,13 @@ def export(
 
 
 def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
-    """A dataset with the chosen fields; its remarks, and the errors of what was added, become notes."""
+    """A dataset with the chosen fields; prints its remarks and the errors of added fields as notes."""
     from elvis.core.terminal import note
 
+    for remark in dataset.remarks:
+        note(remark)
     found, measures = chosen.of(dataset)
-    for sentence in (*dataset.remarks, *(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
+    for sentence in (*(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
         note(sentence)
     return found
 
