@@ -53,7 +53,9 @@ def test_what_the_scene_says_counts(renderer):
     styles = [item.style for item in frame.scene.every_object]
     assert styles == [red, Style("x")]
     assert render(dataset, field="x", plane=cut, **SMALL).stats["remarks"] == []
-    with pytest.raises(SceneError, match="--isosurface: the data contain a mesh but no field: also give"):
+    with pytest.raises(
+        SceneError, match="--isosurface: the data contain a mesh but no field: also give the field file"
+    ):
         render(dataset, objects=(Isosurface((0.5,)),), **SMALL)
     levels = render(dataset, objects=(Isosurface((0.5,), "x"),), camera="iso", **SMALL)
     assert levels.status.any()

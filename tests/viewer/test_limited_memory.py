@@ -64,5 +64,7 @@ def test_bricks_tell_what_the_whole_tells(limited, monkeypatch):
     ask = {"quantities": ["u"], "start": [0, 0, 0], "end": [1, 1, 1]}
     for name, content in (("line", ask), ("histogram", "u"), ("extremes", "u"), ("linear", {"level": 0})):
         assert whole.answer(name, 2, content)
-        with pytest.raises(ElvisError, match="need all elements, which --memory does not allow"):
+        with pytest.raises(
+            ElvisError, match="need all elements, which --memory does not allow: start elvis view without"
+        ):
             drawing.answer(name, 2, content)
