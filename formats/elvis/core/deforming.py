@@ -140,7 +140,11 @@ def check_displacement(dataset: Dataset, displacement: Sequence[Field]) -> None:
 
 def _free(dataset: Dataset, names: Sequence[str]) -> tuple[str, ...]:
     """The names, or longer ones where fields have these already; those of the map are free."""
-    taken = {field.name for field in dataset.fields} - set(dataset.map_names)
+    return free_names(names, {field.name for field in dataset.fields} - set(dataset.map_names))
+
+
+def free_names(names: Sequence[str], taken: set[str]) -> tuple[str, ...]:
+    """The names, or longer ones if some of them are taken."""
     while taken.intersection(names):
         names = [f"{name}_" for name in names]
     return tuple(names)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from elvis.core.arguments import texts_of
 from elvis.core.dataset import Dataset, Field
 from elvis.core.deformation import GRADIENTS, Deformation
-from elvis.core.deforming import check_displacement, deformed, moving_maps, raised, undeformed
+from elvis.core.deforming import check_displacement, deformed, free_names, moving_maps, raised, undeformed
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
 from elvis.core.quantities.tree import AXES
@@ -154,7 +154,8 @@ def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:
     if len(texts) not in (1, dataset.mesh.space):
         # the number is told before what is wrong with one of them
         return [Field(text, ()) for text in texts]
-    named = dict(zip(_free_names(dataset), texts, strict=False))
+    names = free_names([f"displacement_{axis}" for axis in AXES], {field.name for field in dataset.fields})
+    named = dict(zip(names, texts, strict=False))
     expressions = {name: text for name, text in named.items() if text not in dataset}
     if not expressions:
         return [dataset.field(text) for text in texts]
@@ -173,12 +174,3 @@ def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:
         for name, text in expressions.items()
     }
     return [own[name] if name in own else dataset.field(text) for name, text in named.items()]
-
-
-def _free_names(dataset: Dataset) -> list[str]:
-    """A name for each component, which no field has."""
-    names = [f"displacement_{axis}" for axis in AXES]
-    taken = {field.name for field in dataset.fields}
-    while taken.intersection(names):
-        names = [f"{name}_" for name in names]
-    return names

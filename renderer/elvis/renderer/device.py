@@ -227,6 +227,7 @@ class Device:
 
     def _sharing_lanes(self, stage: str, chosen: Part | Quantity) -> int:
         """The number of lanes that read for one another in a stage (lanes.slang); 1 if they do not."""
+        # isosurfaces of quantities that are not polynomials evaluate them on some lanes only
         shares = stage in SHARING and (stage != "iso_draw" or chosen.degree > 0)
         return SHARING_LANES if shares and self._has_wide_waves else 1
 

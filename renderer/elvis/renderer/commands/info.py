@@ -15,7 +15,7 @@ from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.info_resolution import print_resolution
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
-from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, tell_conversion
+from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source, tell_conversion
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -159,9 +159,7 @@ def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSo
     """
     for is_asked, option, task in tasks:
         if is_asked:
-            if not isinstance(source, NativeSource):
-                raise click.UsageError(f"{option} needs native or converted data, found data of a runtime plugin")
-            task(source)
+            task(native_source(source, option))
             return True
     return False
 

@@ -27,7 +27,7 @@ def print_largest_scale(data: Data, ranks: Ranks, as_json: bool) -> None:
     """Print both bounds, the element and the place; UsageError without a displacement."""
     from elvis.core.terminal import print_json, say, stage
     from elvis.plugins.deforming import largest_scale
-    from elvis.renderer.commands.sources import NativeSource
+    from elvis.renderer.commands.sources import native_source
 
     if data.deformation is None:
         raise click.UsageError("expected --deform with --largest-scale", click.get_current_context())
@@ -35,9 +35,7 @@ def print_largest_scale(data: Data, ranks: Ranks, as_json: bool) -> None:
         return
     text = data.deformation.displacement
     # the geometry itself is not deformed: its folds at some scale say nothing of others
-    source = replace(data, deformation=None).source()
-    if not isinstance(source, NativeSource):
-        raise click.UsageError("--largest-scale proves what is native, but a runtime plugin opens these data")
+    source = native_source(replace(data, deformation=None).source(), "--largest-scale")
     with stage("proving"):
         found = largest_scale(source.dataset, text)
     if as_json:

@@ -432,6 +432,15 @@ class NativeSource:
         return shared_validity(self.dataset, self.ranks) if self.is_part else validity(self.dataset)
 
 
+def native_source(source: Source, option: str) -> NativeSource:
+    """Data with polynomials, which an option needs; UsageError for data of a runtime plugin."""
+    import click
+
+    if not isinstance(source, NativeSource):
+        raise click.UsageError(f"{option} needs native or converted data, found data of a runtime plugin")
+    return source
+
+
 def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
     """Print by how much quantities differ from the source's, if a conversion has errors."""
     from elvis.core.quantities.conversion_radius import sentence
