@@ -1,4 +1,4 @@
-"""Pictures and commands on deformed geometry: equal to those of data whose map was moved beforehand."""
+"""Pictures and commands on deformed geometry agree with data whose map was moved beforehand."""
 
 import json
 from dataclasses import replace

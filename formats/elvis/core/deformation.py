@@ -1,4 +1,4 @@
-"""What a user says of a deformation: options, keys of scenes and arguments of Python mean the same."""
+"""User settings of a deformation, shared by options, scene keys and Python arguments."""
 
 from __future__ import annotations
 

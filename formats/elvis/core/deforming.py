@@ -1,8 +1,8 @@
-"""Deformed geometry: x + S d(x) in place of the map x, for polynomial displacements d.
+"""Deformed geometry: replaces the map x by x + S d(x), for polynomial displacements d.
 
 On an element with a map of degree p and a displacement of degree q, both in reference coordinates, x + S d(x) is a
-polynomial map of degree max(p, q).  It is given to the dataset as fields (``GeometryMap``): so it is the map for
-whatever asks for one.  Fields keep their coefficients, and so stay with their material points.
+polynomial map of degree max(p, q).  The dataset stores it as fields (``GeometryMap``), so all commands use it
+as the map.  Fields keep their coefficients, and so stay with their material points.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def deformed(
 
 
 def raised(dataset: Dataset, height: Field, scale: float = 1.0, gradients: str = GRADIENTS[0]) -> Dataset:
-    """The dataset of 2D data on the surface z = scale · u(x, y), of which ``height`` is u.
+    """2D data on the surface z = scale · u(x, y); ``height`` is u.
 
     Raises ElvisError as `deformed`, and for data that are not in a plane.
     """
@@ -139,7 +139,7 @@ def check_displacement(dataset: Dataset, displacement: Sequence[Field]) -> None:
 
 
 def _free(dataset: Dataset, names: Sequence[str]) -> tuple[str, ...]:
-    """The names, or longer ones where fields have these already; those of the map are free."""
+    """The names, or longer ones if fields already have them; names of map fields may be reused."""
     return free_names(names, {field.name for field in dataset.fields} - set(dataset.map_names))
 
 
@@ -220,7 +220,7 @@ def _in_one_space(
 def _candidates(spaces: Sequence[Expansion]) -> list[Expansion]:
     """Expansions that may hold sums of functions of several, smaller ones first.
 
-    On all shapes but pyramids the first one does: expansions of more modes hold those of fewer.  Pyramids have two
+    The first one always works except on pyramids, because larger expansions contain smaller ones.  Pyramids have two
     families.  Modified functions with 2 n - 1 modes hold orthogonal ones, all polynomials of degree n - 1.
     """
     shape = spaces[0].shape
@@ -254,8 +254,8 @@ def _fitted(target: Expansion, parts: Sequence[tuple[Expansion, Floats]]) -> Flo
 def _projection(expansion: Expansion) -> tuple[Floats, Floats, Floats]:
     """(m, k) values of modes at points, (k, m) coefficients by least squares from values there, and the points.
 
-    The points (k, d) are those of Gauss rules in collapsed coordinates, more than there are modes, so that functions
-    that are not in the space leave a residual.  Modes are scaled to one size, as inner ones of high order are small.
+    The points (k, d) are Gauss points in collapsed coordinates.  They outnumber the modes, so functions outside the
+    space leave a residual.  Modes are scaled to one size, as inner ones of high order are small.
     """
     shape = expansion.shape
     lines = np.meshgrid(*[gauss(max(expansion.modes) + 1)[0]] * shape.dimension, indexing="ij")

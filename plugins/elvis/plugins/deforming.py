@@ -1,4 +1,4 @@
-"""Datasets on a deformed geometry, whose displacement is said in words: fields, expressions, a vector."""
+"""Datasets on a deformed geometry, with the displacement as text: fields, expressions or a vector."""
 
 from __future__ import annotations
 
@@ -124,12 +124,12 @@ def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:
 
 
 def texts_of_deformation(dataset: Dataset, deformation: Deformation) -> list[str]:
-    """The texts of all fields that a deformation is made of."""
+    """The texts of all fields in a deformation."""
     return [deformation.height] if deformation.height else component_texts(dataset, deformation.displacement)
 
 
 def component_texts(dataset: Dataset, displacement: str) -> list[str]:
-    """The components that a text names, those of a vector one by one."""
+    """The components in a text; a vector gives all of its components."""
     texts = texts_of(displacement) or []
     if len(texts) != 1 or dataset.mesh.space == 1:
         return texts
@@ -142,7 +142,7 @@ def component_texts(dataset: Dataset, displacement: str) -> list[str]:
 
 
 def _doubts(components: Sequence[Field]) -> Iterator[str]:
-    """What is to be said of a displacement with jumps."""
+    """Remarks on a displacement with jumps."""
     broken = [own.name for own in components if own.continuous is False]
     if broken:
         names = ", ".join(broken)

@@ -66,7 +66,7 @@ def _cofactor(matrix: Sequence[Sequence[Node]], row: int, column: int) -> Node:
 
 
 def _determinant(matrix: Sequence[Sequence[Node]]) -> Node:
-    """By its first row; 1 of a matrix without rows."""
+    """The determinant, expanded along the first row; 1 for an empty matrix."""
     if not matrix:
         return ONE
     total = ZERO

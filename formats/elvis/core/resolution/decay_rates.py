@@ -117,7 +117,7 @@ def highest_energies(energies: Floats) -> Floats:
 
 
 def remainder_shares(highest: Floats, order: int) -> tuple[Floats, Floats]:
-    """(n,) energy beyond the highest level p in parts of that of the levels p and p - 1, estimated in two ways.
+    """(n,) energy beyond the highest level p, relative to the levels p and p - 1, estimated in two ways.
 
     If the energies of levels fall by r, the share is r^2 / (1 - r^2).  The first estimate takes r^2 as the quotient of
     the two pairs of levels; for order 3 the lower pair is a level, and the quotient r + r^2; order 2 has no lower pair.
@@ -149,7 +149,7 @@ def _quotient(numerator: Floats, denominator: Floats) -> Floats:
 
 
 def _geometric(squares: Floats) -> Floats:
-    """(n,) q / (1 - q) for q at most that of the least rate."""
+    """(n,) q / (1 - q), with q limited by the least rate."""
     bounded = np.minimum(squares, np.exp(-4 * LEAST_RATE))
     return np.asarray(bounded / (1 - bounded))
 

@@ -1,4 +1,4 @@
-"""What is known of the resolution of fields: a row for each field, its advice, and the worst elements."""
+"""Facts about the resolution of fields: a row for each field, its advice, and the worst elements."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _field_facts(dataset: Dataset, name: str, own: ElementResolution, centres: _
 
 
 def _norm(values: Floats) -> float:
-    """Root of the sum of squares of norms on elements, without those that are unknown."""
+    """Root of the sum of squares of the known norms on elements."""
     return float(np.sqrt(np.nansum(values**2)))
 
 
@@ -108,13 +108,13 @@ def _share(part: float, whole: float) -> float:
 
 
 def _median(values: Floats) -> float | None:
-    """The median of those that are known; None if none is."""
+    """The median of the known values; None if all are unknown."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
 def _greatest(values: Floats) -> float:
-    """The greatest of those that are known; NaN if none is."""
+    """The largest known value; NaN if all are unknown."""
     known = values[np.isfinite(values)]
     return float(known.max()) if len(known) else np.nan
 
@@ -177,7 +177,7 @@ def _main(own: ElementResolution) -> Bools:
 
 
 def _direction(own: ElementResolution, main: Bools, centres: _Centres) -> str:
-    """The direction that most of the error comes from, in words; empty if there is no such direction."""
+    """The direction that contributes most of the error, in words; empty if no direction dominates."""
     squares = own.errors[main] ** 2
     parts = squares.sum(axis=0)
     direction = int(parts.argmax())

@@ -30,7 +30,7 @@ def truncated(field: Field, name: str) -> Field:
 
 
 def removed_part(field: Field, name: str) -> Field:
-    """What `truncated` removes from a field, as a field of another name."""
+    """The difference of a field and its `truncated` field, under another name."""
     return _mapped(field, name, lambda basis, coefficients: coefficients - basis.truncated(coefficients))
 
 

@@ -75,7 +75,7 @@ class LargestScale:
 
     @property
     def is_certified(self) -> bool:
-        """Whether both bounds are proved, and differ by no more than the tolerance."""
+        """Whether both bounds are proved and differ by at most the tolerance."""
         if self.folded == inf:
             return self.valid > 0
         return self.state != "undecided" and self.folded - self.valid <= TOLERANCE * self.folded

@@ -20,7 +20,7 @@ difference to the projection; at most: certified bound of its magnitude; error: 
 
 
 def print_resolution(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
-    """Print a row for each field, the worst elements, and advice; ElvisError for what is not a field."""
+    """Print a row for each field, the worst elements, and advice; ElvisError for names that are not fields."""
     from elvis.core.errors import ElvisError
     from elvis.core.resolution.resolution_facts import resolution_facts
     from elvis.core.terminal import print_json, stage

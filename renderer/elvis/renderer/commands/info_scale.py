@@ -51,7 +51,7 @@ def _facts(found: LargestScale) -> dict[str, object]:
 
 
 def _sentences(found: LargestScale) -> list[str]:
-    """What is proved, in words."""
+    """The proved bounds, in sentences."""
     if found.folded == 0:
         return [f"element {found.element} is inverted or folded without any displacement"]
     valid = f"no element folds at any scale from 0 to {found.valid:.9g}: proved"
