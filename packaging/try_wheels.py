@@ -110,7 +110,7 @@ def work(commands: Path, folder: Path, environ: dict[str, str]) -> tuple[dict[st
     for name, arguments, more, may_refuse in WORK:
         elvis = shutil.which("elvis", path=str(commands)) or "elvis"
         status, words, spent = run([elvis, *arguments], folder, environ | more)
-        refused = may_refuse and status == 1 and ("drawing needs" in words or "nothing can draw" in words)
+        refused = may_refuse and status == 1 and ("drawing needs" in words or "no device can draw" in words)
         seconds[name] = "says why" if refused else f"{spent:.1f}" if status == 0 else "FAILS"
         if status and not refused:
             fault = fault or f"{name}: {words}"

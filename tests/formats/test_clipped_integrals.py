@@ -59,7 +59,7 @@ def test_the_error_of_an_integral_that_is_zero_is_told_as_it_is():
     level = approximated(bare, "p", lambda p: p[:, 1] - (p[:, 0] - 0.5) ** 2, 4)
     found = integrate(Dataset(bare.mesh, (level,)), "p", over="p=0")
     assert abs(found.value) <= found[0].error < 1e-6
-    assert "p over p=0 is known within" in found.remarks[0]
+    assert "p over p=0 is only known within" in found.remarks[0]
 
 
 def test_a_level_set_that_is_a_field():

@@ -90,7 +90,7 @@ def test_what_is_no_curve_is_refused(over, sentence):
 
 def test_normals_and_layers_need_what_they_are_of():
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
-    with pytest.raises(ElvisError, match="nx is known on boundaries and cuts alone"):
+    with pytest.raises(ElvisError, match="nx is only known on boundaries and cuts, not on line"):
         integrate(dataset, "nx", "line:0,0:1,1")
     with pytest.raises(ElvisError, match="expected one curve, such as --over normal:wall"):
         integrate(dataset, "momentum_thickness(x)")

@@ -272,7 +272,7 @@ def test_data_without_a_common_place_have_no_difference():
     flat, solid = (with_p(grid(shape, 1), lambda p: p[:, 0]) for shape in (Shape.QUADRILATERAL, Shape.HEXAHEDRON))
     far = with_p(replace(flat.mesh, vertices=9 + flat.mesh.vertices), lambda p: p[:, 0])
     for other in (solid, far):
-        sentence = f"none of the first, of {other.mesh.dimension}D data, in the second, of 2D"
+        sentence = f"nothing of the first, of {other.mesh.dimension}D data, in the second, of 2D data"
         with pytest.raises(ElvisError, match=sentence):
             diff(other, flat)
 

@@ -319,7 +319,7 @@ def test_elements_without_the_field_do_not_count():
         ("u", "region:a", "there is no region 'a'"),
         ("u", "element:77", "there is no element 77 in the data"),
         ("u", "element:x", "expected element: and the id of an element of 2D or 3D data, found 'element:x'"),
-        ("nx", "domain", "nx: nx is known on boundaries and cuts alone"),
+        ("nx", "domain", "nx: nx is only known on boundaries and cuts, not on domain"),
         ("volume", "wall", "wall has a length, no volume"),
         ("length", "domain", "domain has an area, no length"),
         ("u +", "domain", "expected"),

@@ -229,7 +229,7 @@ def test_what_it_cannot_draw_is_said():
         render(flat, replace(scene, objects=(Isosurface((0.5,)),)))
     with pytest.raises(ElvisError, match="expected all, inner or a composite of the mesh"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Faces(("nowhere",)),)))
-    with pytest.raises(ElvisError, match="nothing of any object is seen"):
+    with pytest.raises(ElvisError, match="nothing of any object is visible"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Isosurface((7.0,)),)))
     with pytest.raises(ElvisError, match="there is no 'w'"):
         render(solid(Shape.HEXAHEDRON), replace(scene, objects=(Faces(style=Style(quantity="w")),)))

@@ -66,7 +66,7 @@ def test_an_isosurface_of_a_constant_is_empty_and_the_reason_is_told(draw):
     data = rising(grid(Shape.TETRAHEDRON, 1))
     block = data.fields[0].blocks[0]
     flat = (replace(data.fields[0], blocks=(replace(block, coefficients=0.0 * block.coefficients),)),)
-    with pytest.raises(SceneError, match=r"nothing of any object is seen; .* because their u is 0 all over"):
+    with pytest.raises(SceneError, match=r"nothing of any object is visible; .* because their u is 0 everywhere"):
         draw(Dataset(data.mesh, flat), camera=CAMERA, size=SIZE, objects=(Isosurface((0.0,)),))
 
 

@@ -217,7 +217,7 @@ expected a range above zero, found 0 to 1: use two values for the range, or scal
 $ elvis render cylinder.xml cylinder.fld --field Cp --bar scale=symlog,linear=0.1 -o symlog.png
 > symlog.png
 $ elvis render cylinder.xml cylinder.fld --field '0*u+2' -o two.png
-2 wherever it is seen: one colour
+2 everywhere in the picture: one colour
 > two.png
 $ elvis render cylinder.xml cylinder.fld --field u --save-scene u.toml -o u.png
 > u.toml u.png

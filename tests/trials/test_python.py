@@ -84,7 +84,7 @@ def test_pictures_take_the_names_of_the_command_line():
         (lambda api: api.render("cylinder.xml", "cylinder.fld", "u", colourmap="turbo"), "did you mean colormap"),
         (lambda api: api.render("cylinder.xml", "cylinder.fld", "U"), r"there is no 'U' \(perhaps u\)"),
         (lambda api: api.Scene(plnae=3), "Scene has no keyword 'plnae': did you mean plane"),
-        (lambda api: api.Scene(contours=3), r"Scene has no keyword 'contours': render\(data, contours=...\) has"),
+        (lambda api: api.Scene(contours=3), r"Scene has no keyword 'contours': use render\(data, contours=...\)"),
         (lambda api: api.Plane((0, 0, 0), normale=(0, 0, 1)), "Plane has no keyword 'normale': did you mean normal"),
         (lambda api: api.render("blocks.xml", "blocks.fld", "wave", plane=((9, 9, 9), (0, 0, 1))), "picture is empty"),
     ],
