@@ -5,9 +5,12 @@ import pytest
 
 from elvis.core.dataset import Dataset, Expansion, Field
 from elvis.core.errors import ElvisError
+from elvis.core.integrals import integrate
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.portions import along_curve, portions
+from elvis.core.portions.borrowing import borrowing
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.needed import needed_fields
@@ -18,6 +21,7 @@ from elvis.core.resolution.resolution_facts import resolution_facts
 from elvis.core.resolution.truncation import truncated
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, one_element, ripple, scattered
+from elvis.core.testing.played_ranks import played
 
 ORTHO = {
     Shape.TRIANGLE: (Basis.ORTHO_A, Basis.ORTHO_B),
@@ -183,3 +187,38 @@ def test_decay_and_tail_are_quantities():
     assert needed_fields(dataset, ["decay(u)"]) == ("u",)
     with pytest.raises(ElvisError, match="expected a field in decay"):
         Expression.of(dataset, "decay(u*u)")
+
+
+def test_truncated_fields_are_fields_like_any_other():
+    bare = Dataset(grid(Shape.TRIANGLE, 2))
+    own = approximated(bare, "u", lambda p: np.exp(2 * p[:, 0] + p[:, 1]), 5)
+    dataset = Dataset(bare.mesh, (own,))
+    less = truncated(own, "u")
+    for text, same in (("truncated(u)", "u"), ("truncated(u*d(u,x) + x)", "u*d(u,x) + x")):
+        quantity = Expression.of(dataset, text)
+        evaluator = Evaluator(dataset, [quantity])
+        other = Dataset(bare.mesh, (less,))
+        reference = Evaluator(other, [Expression.of(other, same)])
+        rows, points = np.arange(8), np.tile([-0.5, -0.2], (8, 1))
+        found = evaluator.values(quantity, evaluator.patches[0], rows, points)
+        expected = reference.values(Expression.of(other, same), reference.patches[0], rows, points)
+        assert found.tolist() == expected.tolist()
+    assert needed_fields(dataset, ["d(truncated(u),x)"]) == ("u",)
+    assert Expression.of(dataset, "truncated(u)^2").is_local
+    assert dataset["truncated(u)"].range == Dataset(bare.mesh, (less,))["u"].range
+    for text in ("truncated(x)", "truncated(decay(u))"):
+        with pytest.raises(ElvisError, match="expected fields or expressions of fields in truncated"):
+            Expression.of(dataset, text)
+
+
+def test_ranks_truncate_fields_of_their_parts():
+    bare = Dataset(grid(Shape.TRIANGLE, 2))
+    dataset = Dataset(bare.mesh, (approximated(bare, "u", lambda p: np.exp(2 * p[:, 0] + p[:, 1]), 4),))
+    text, parts = "truncated(u)*d(truncated(u),x)", along_curve(dataset, 2)
+
+    def integral(ranks):
+        part = borrowing(portions(dataset, parts)[ranks.rank], [text], ranks)
+        return integrate(part.dataset, text, ranks=ranks)
+
+    first, _ = played(2, integral)
+    assert first.value == pytest.approx(integrate(dataset, text).value, rel=1e-13)

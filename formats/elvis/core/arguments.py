@@ -46,6 +46,13 @@ def names_option(text: str) -> Callable[[Any], Any]:
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, with all digits of the numbers.")
 
 
+top_modes_option = click.option(
+    "--without-top-modes",
+    is_flag=True,
+    help="Also compute with the fields without their highest modes (one order less), and the difference.",
+)
+
+
 plugin_option = click.option(
     "--plugin", metavar="NAME|FILE.py", help="Runtime plugin that opens DATA; a file may also define a converter."
 )

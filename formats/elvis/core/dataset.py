@@ -240,6 +240,10 @@ class Dataset:
                 return candidate
         if self.rates is not None and is_rate(name):
             return self.rates.field(name[2:-3])
+        if name.endswith(")"):
+            derived = self._derived(name)
+            if derived is not None:
+                return derived
         owner, _, own = name.partition(":")
         if owner in self.shared:
             return self.shared[owner].field(self.others[owner].field(own), name)
@@ -256,6 +260,14 @@ class Dataset:
         from elvis.core.quantities.callables import function_of
 
         return function_of(self, name)
+
+    def _derived(self, name: str) -> Field | None:
+        """The field that a function makes of another one; None for other names."""
+        from elvis.core.quantities.derived import derived_of
+        from elvis.core.resolution.derived_fields import derived_field
+
+        found = derived_of(name)
+        return None if found is None else derived_field(self, name, *found)
 
     def _ipython_key_completions_(self) -> list[str]:
         """Names that IPython completes after ``ds["``."""

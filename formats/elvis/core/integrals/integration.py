@@ -112,9 +112,23 @@ class Integrals(Sequence[Integral]):
     def __float__(self) -> float:
         return self.value
 
+    @property
+    def every(self) -> Sequence[Integral]:
+        """All integrals in the rows."""
+        return self._rows
+
+    def facts(self) -> list[dict[str, Any]]:
+        """Plain data of each row."""
+        return [row.facts() for row in self]
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Headers of the cells."""
+        return HEADERS
+
     def columns(self) -> Columns:
         """A column of each fact, for files."""
-        facts = [row.facts() for row in self]
+        facts = self.facts()
         numbers = [{name: np.nan if fact is None else fact for name, fact in row.items()} for row in facts]
         return {name: np.array([row[name] for row in numbers]) for name in numbers[0]}
 
@@ -123,10 +137,49 @@ class Integrals(Sequence[Integral]):
         return [(r.over, r.integrand, f"{r.value:.15g}", _error(r), f"{r.measure:.10g}") for r in self]
 
     def __repr__(self) -> str:
-        rows = [HEADERS, *self.cells()]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(HEADERS))]
+        rows = [self.headers, *self.cells()]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(self.headers))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
         return "\n".join(line.rstrip() for line in lines)
+
+
+class IntegralsOfTwoOrders(Integrals):
+    """Integrals of fields, each next to the one of the fields without their highest modes.
+
+    label  the order of the latter in words
+    """
+
+    def __init__(self, whole: Integrals, less: Integrals, label: str) -> None:
+        super().__init__(whole, dict.fromkeys((*whole.remarks, *less.remarks)))
+        self.less, self.label = less, label
+
+    @property
+    def every(self) -> Sequence[Integral]:
+        """All integrals in the rows."""
+        return (*self, *self.less)
+
+    def facts(self) -> list[dict[str, Any]]:
+        """Plain data of each row, with the value without the highest modes, its error, and the difference."""
+        rows = zip(super().facts(), self, self.less, strict=True)
+        return [
+            {
+                **facts,
+                "value_without_top_modes": less.value,
+                "error_without_top_modes": less.error,
+                "difference": own.value - less.value,
+            }
+            for facts, own, less in rows
+        ]
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Headers of the cells."""
+        return (*super().headers, self.label, "difference")
+
+    def cells(self) -> list[tuple[str, ...]]:
+        """The cells of a table: those of the fields, the value without the highest modes, and the difference."""
+        rows = zip(super().cells(), self, self.less, strict=True)
+        return [(*cells, f"{less.value:.15g}", f"{own.value - less.value:.4g}") for cells, own, less in rows]
 
 
 #: headers of the columns of a table

@@ -16,6 +16,7 @@ from elvis.core.dataset import Dataset, Field, is_rate, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.portions.portion import Portion
 from elvis.core.portions.surroundings import with_jumps, with_surface
+from elvis.core.quantities.derived import original_of
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import jumping_of, other_of, target_of
 from elvis.core.ranks import Ranks
@@ -91,8 +92,8 @@ def _attributes(expressions: Iterable[Expression]) -> dict[str, None]:
 
 
 def _with_fields(portion: Portion, names: Iterable[str], ranks: Ranks) -> Portion:
-    """The part with fields by their names."""
-    for name in dict.fromkeys(names):
+    """The part with fields by their names; of derived ones with the fields that these come from."""
+    for name in dict.fromkeys(map(original_of, names)):
         if name in portion.dataset:
             continue
         field, rows = _in_time(portion, name) if is_rate(name) else _of_other(portion, name, ranks)

@@ -7,11 +7,13 @@ the error's derivative, a coordinate by the error of the map.  Interval arithmet
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import inf
 
 import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.conversion_errors import ConversionErrors, Loss
+from elvis.core.quantities.derived import original_of
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
@@ -52,7 +54,7 @@ def _radius_of(node: Node, errors: ConversionErrors, names: Sequence[str], place
     if node.op == "coordinate":
         return place.value
     if node.op == "field":
-        own = errors.fields.get(node.name, Loss())
+        own = loss_of(errors, node.name)
         if len(node.axes) == 1 and place.slope < 1:
             # the map's error turns the gradient g into (1 + grad e)^-T g
             gradients = places.derivative(names.index(node.name), 1)
@@ -63,6 +65,14 @@ def _radius_of(node: Node, errors: ConversionErrors, names: Sequence[str], place
         # a unit normal turns by as much as tangents do
         return 2 * place.slope if node.name in SIDES[:3] else np.inf if place.value else 0.0
     return 0.0
+
+
+def loss_of(errors: ConversionErrors, name: str) -> Loss:
+    """The error of a field, exact or not; unknown for a field that is derived from one with an error."""
+    original = original_of(name)
+    if original in errors.fields and original != name:
+        return Loss(inf, inf, inf)
+    return errors.fields.get(name, Loss())
 
 
 def sentence(names: Sequence[str], radii: Sequence[float]) -> str | None:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from elvis.core.dataset import Dataset, is_rate
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.derived import is_recovered, original_of
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
@@ -54,7 +55,7 @@ class Expression:
     @property
     def has_rates(self) -> bool:
         """Whether it contains derivatives in time."""
-        return any(map(is_rate, self.fields))
+        return any(is_rate(original_of(name)) for name in self.fields)
 
     @property
     def attributes(self) -> tuple[str, ...]:
@@ -64,13 +65,19 @@ class Expression:
     @property
     def is_local(self) -> bool:
         """Whether its values on an element depend only on that element."""
-        return all(name in _OWN for name in self.attributes)
+        return all(name in _OWN for name in self.attributes) and not self.has_recovered
 
     @property
     def is_borrowed(self) -> bool:
         """Whether its values on an element depend on that one and on what parts of data borrow: see `borrowing`."""
         beyond = [name for name in self.attributes if name not in _OWN]
-        return all(target_of(name) is not None or jumping_of(name) is not None for name in beyond)
+        is_known = all(target_of(name) is not None or jumping_of(name) is not None for name in beyond)
+        return is_known and not self.has_recovered
+
+    @property
+    def has_recovered(self) -> bool:
+        """Whether it contains recovered fields."""
+        return any(map(is_recovered, self.fields))
 
     @property
     def order(self) -> int:

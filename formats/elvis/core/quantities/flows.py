@@ -93,6 +93,11 @@ class Flow:
         return frozenset()
 
     @property
+    def places(self) -> tuple[str, ...]:
+        """Formulas name no coordinates before a deformation."""
+        return ()
+
+    @property
     def others(self) -> Mapping[str, object]:
         """No formula names other datasets."""
         return {}

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.conversion_errors import ConversionErrors, Loss
+from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.cubature import field_cubature
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.quantities.conversion_radius import loss_of
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
@@ -34,7 +35,7 @@ def largest_radii(dataset: Dataset, expressions: Sequence[Expression]) -> Floats
         return found
     for number, expression in enumerate(expressions):
         if expression.is_field:
-            found[number] = errors.fields.get(expression.root.name, Loss()).value
+            found[number] = loss_of(errors, expression.root.name).value
         else:
             found[number] = _BETWEEN * _largest(dataset, expression)
     return found

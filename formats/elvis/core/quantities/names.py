@@ -15,6 +15,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
 from elvis.core.quantities.configurations import derivative_before
+from elvis.core.quantities.derived import derived_rate
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
@@ -79,6 +80,11 @@ class Names:
         return replace(own, deformation=dataset.deformation)
 
     @property
+    def places(self) -> tuple[str, ...]:
+        """Names of the fields that hold the coordinates before a deformation."""
+        return () if self.deformation is None else self.deformation.coordinates
+
+    @property
     def _is_height(self) -> bool:
         """Whether 2D data are shown on a surface in space."""
         return self.deformation is not None and self.deformation.is_height
@@ -101,7 +107,7 @@ class Names:
         """The meaning of a name, None for an unknown name; raises ElvisError if its inputs are missing."""
         if name in self.fields:
             return field(name)
-        if self.deformation is not None and name in self.deformation.coordinates:
+        if name in self.places:
             return field(name)
         if name in AXES:
             return coordinate(AXES.index(name))
@@ -125,6 +131,9 @@ class Names:
 
     def rate(self, name: str) -> Node:
         """The derivative of a field in time; raises ElvisError if there is none."""
+        derived = None if name in self.fields else derived_rate(name, self.rate)
+        if derived is not None:
+            return derived
         if is_rate(name) and name not in self.fields:
             raise ElvisError(f"expected one derivative in time, found another one of {name}")
         if self.is_moving:

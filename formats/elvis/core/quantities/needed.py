@@ -12,6 +12,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset, Field, rate_name
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.derived import original_of
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.tree import Node, measured_of
@@ -81,7 +82,7 @@ class _Meanings:
             return None
         attributes = [name for each in self.expressions for name in each.attributes]
         measured = {own[1] for name in attributes if (own := measured_of(name)) is not None}
-        found = {name for each in self.expressions for name in each.fields}
+        found = {original_of(name) for each in self.expressions for name in each.fields}
         return (found | measured | self.rates).intersection(Names.of(dataset).fields)
 
 

@@ -7,6 +7,7 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - laplacian(f)
 - jump(u), the largest jump of a field across an element's faces
 - decay(u) and tail(u), the decay rate of a field's modes on an element, and the share of the highest ones
+- truncated(f), which replaces each field of f by the field without its highest modes
 - distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
   quoted
 
@@ -22,6 +23,7 @@ from typing import Any, Protocol, TypeVar
 
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
+from elvis.core.quantities.derived import DERIVED, with_derived_fields
 from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.quantities.tree import (
@@ -42,7 +44,7 @@ from elvis.core.quantities.tree import (
 )
 
 #: functions that inspect their arguments, and their numbers of operands
-SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys(MEASURES, 1), "distance": 1}
+SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys((*MEASURES, *DERIVED), 1), "distance": 1}
 
 T = TypeVar("T")
 
@@ -61,6 +63,9 @@ class Scope(Protocol):
 
     @property
     def shared(self) -> frozenset[str]: ...  # noqa: D102
+
+    @property
+    def places(self) -> tuple[str, ...]: ...  # noqa: D102
 
     def meaning(self, name: str) -> Node | None: ...  # noqa: D102
 
@@ -141,6 +146,8 @@ class Parser(Grammar[Node]):
             if of.op != "field" or of.axes:
                 raise self._mistaken(f"expected a field in {name}(…)", first)
             return attribute(measure_name(name, of.name))
+        if name in DERIVED:
+            return self._guard(lambda: with_derived_fields(name, of, self._names.places), first)
         rule = _gradient if name == "grad" else _laplacian
         return self._guard(lambda: rule(of, self._names), first)
 

@@ -14,6 +14,7 @@ from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.norms import stretch_factors
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.quantities.derived import TRUNCATED, derived_name
 from elvis.core.resolution.decay_rates import (
     LOWEST_ORDER,
     decay_rates,
@@ -85,7 +86,8 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
 
     ElvisError where no element has it, or with Fourier directions.
     """
-    held = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None and len(patch)]
+    names = (name, derived_name(TRUNCATED, name))
+    held = [patch for patch in patches(dataset, names) if patch.fields[0] is not None and len(patch)]
     if not held:
         raise ElvisError(f"expected elements of the domain under {name}, found none")
     if any(patch.homogeneous for patch in held):
@@ -161,7 +163,7 @@ def _is_single(patch: Patch) -> bool:
 class _Spectra:
     """Energies of the elements of a patch, by level of each factor of their basis.
 
-    patch    whose first field is meant
+    patch    whose first field is meant; the second one has no highest modes
     basis    of the field
     total    (n,) energies on the reference element
     top      (n,) energies that the projection to one order less removes
@@ -187,7 +189,7 @@ class _Spectra:
         energies, norms = [], []
         for batch in chunks(len(patch), max(1, _BATCH // max(len(points), coefficients.shape[1]))):
             energies.append(_energies(basis, coefficients[batch]))
-            norms.append(_norms(patch, basis, batch))
+            norms.append(_norms(patch, batch))
         total, top, *levels = (np.concatenate(own) for own in zip(*energies, strict=True))
         removed, norm, measure = (np.concatenate(own) for own in zip(*norms, strict=True))
         return _Spectra(patch, basis, total, top, tuple(levels), removed, norm, measure)
@@ -269,13 +271,14 @@ def _energies(basis: ModalBasis, coefficients: Floats) -> tuple[Floats, ...]:
     return flat.sum(axis=1), flat @ basis.is_top(), *levels
 
 
-def _norms(patch: Patch, basis: ModalBasis, batch: slice) -> tuple[Floats, Floats, Floats]:
+def _norms(patch: Patch, batch: slice) -> tuple[Floats, Floats, Floats]:
     """L2 norms (n,) of what a projection to one order less removes and of the field, and the measures (n,)."""
     expansion, coefficients = _of(patch)
     points, weights = exact_rule(expansion)
-    own = coefficients[batch]
+    own, less = coefficients[batch], patch.coefficients[1]
+    assert less is not None
     jacobians = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients[batch], points)[1]
     measure = weights * stretch_factors(jacobians)
-    found = [evaluate(expansion, part, points) for part in (own - basis.truncated(own), own)]
+    found = [evaluate(expansion, part, points) for part in (own - less[batch], own)]
     removed, norm = (np.sqrt((values**2 * measure).sum(axis=1)) for values in found)
     return removed, norm, measure.sum(axis=1)

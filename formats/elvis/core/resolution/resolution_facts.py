@@ -12,11 +12,12 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.mapping import pointwise
 from elvis.core.patch import patches
+from elvis.core.quantities.derived import TRUNCATED, derived_name
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import AXES
 from elvis.core.ranges import field_range
 from elvis.core.resolution.element_resolution import ElementResolution, element_resolution
-from elvis.core.resolution.truncation import removed_part
+from elvis.core.resolution.truncation import difference
 
 Facts = dict[str, Any]
 
@@ -75,7 +76,7 @@ def resolution_facts(dataset: Dataset, names: Sequence[str]) -> Facts:
 def _field_facts(dataset: Dataset, name: str, own: ElementResolution, centres: _Centres) -> Facts:
     """One field."""
     norm, error, removed = (_norm(values) for values in (own.norm, own.error, own.removed))
-    largest = field_range(removed_part(dataset.field(name), name).blocks)
+    largest = field_range(difference(dataset.field(name), dataset.field(derived_name(TRUNCATED, name))).blocks)
     is_known = np.isfinite(own.norm)
     return {
         "name": name,

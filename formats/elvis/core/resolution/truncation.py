@@ -6,16 +6,20 @@ Jacobian.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Field
+from elvis.core.dataset import Block, Dataset, Field, Rates, rate_name
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks
-from elvis.core.resolution.modal_bases import ModalBasis, modal_basis
+from elvis.core.resolution.modal_bases import modal_basis
+
+if TYPE_CHECKING:
+    from elvis.core.streamlines.moving import Interval
 
 #: elements whose coefficients are transformed together
 _TOGETHER = 1 << 12
@@ -26,16 +30,6 @@ def truncated(field: Field, name: str) -> Field:
 
     It has the expansions of the field, so that both are exact in one space.  Elements of order 0 keep their values.
     """
-    return _mapped(field, name, lambda basis, coefficients: basis.truncated(coefficients))
-
-
-def removed_part(field: Field, name: str) -> Field:
-    """The difference of a field and its `truncated` field, under another name."""
-    return _mapped(field, name, lambda basis, coefficients: coefficients - basis.truncated(coefficients))
-
-
-def _mapped(field: Field, name: str, change: Callable[[ModalBasis, Floats], Floats]) -> Field:
-    """A field with other coefficients."""
     blocks = []
     for block in field.blocks:
         try:
@@ -44,6 +38,55 @@ def _mapped(field: Field, name: str, change: Callable[[ModalBasis, Floats], Floa
             raise ElvisError(f"{field.name}: {error}") from error
         found = np.empty(block.coefficients.shape)
         for part in chunks(len(block), _TOGETHER):
-            found[part] = change(basis, block.coefficients[part])
+            found[part] = basis.truncated(block.coefficients[part])
         blocks.append(Block(block.expansion, block.element_ids, frozen_floats(found)))
     return replace(field, name=name, blocks=tuple(blocks), continuous=None)
+
+
+def difference(field: Field, less: Field) -> Field:
+    """The difference of two fields in the same expansions, under the name of the first."""
+    pairs = zip(field.blocks, less.blocks, strict=True)
+    blocks = [replace(own, coefficients=frozen_floats(own.coefficients - other.coefficients)) for own, other in pairs]
+    return replace(field, blocks=tuple(blocks), continuous=None)
+
+
+@dataclass(frozen=True, eq=False)
+class TruncatedRates:
+    """Derivatives in time of truncated fields: those of the fields, truncated (see `elvis.core.dataset.Rates`)."""
+
+    rates: Rates
+
+    @property
+    def remark(self) -> str:
+        """Description of the derivatives."""
+        return self.rates.remark
+
+    @property
+    def times(self) -> Floats:
+        """(n,) of the steps of the series."""
+        return self.rates.times
+
+    def field(self, name: str) -> Field:
+        """The derivative of a field."""
+        return truncated(self.rates.field(name), rate_name(name))
+
+    def intervals(self, start: float, stop: float) -> Iterator[Interval]:
+        """None: the steps of the series still have their highest modes."""
+        raise ElvisError("expected fields with their highest modes to follow particles in time, found truncated ones")
+
+
+def without_top_modes(dataset: Dataset) -> Dataset:
+    """The dataset with all fields truncated, under their names; coordinates and other datasets stay unchanged.
+
+    Raises ElvisError for fields with Fourier directions.
+    """
+    changed = {field.name for field in dataset.solution}
+    fields = tuple(truncated(own, own.name) if own.name in changed else own for own in dataset.fields)
+    return replace(dataset, fields=fields, rates=None if dataset.rates is None else TruncatedRates(dataset.rates))
+
+
+def orders_below(dataset: Dataset) -> str:
+    """The order of the fields without their highest modes in words: ``of order 6``, or ``one order less``."""
+    spaces = [block.expansion for own in dataset.solution for block in own.blocks]
+    orders = {count - 1 for space in spaces for count in space.modes}
+    return f"of order {max(orders.pop() - 1, 0)}" if len(orders) == 1 else "one order less"

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import field_option, json_option
+from elvis.core.arguments import field_option, json_option, top_modes_option
 from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
+from elvis.renderer.commands.info_extrema import print_extrema
 from elvis.renderer.commands.info_resolution import print_resolution
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
-from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source, tell_conversion
+from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -66,6 +67,7 @@ Examples:
 @click.option(
     "--extrema", "extremes", is_flag=True, help="Find certified minima and maxima of quantities, with positions."
 )
+@top_modes_option
 @click.option(
     "--critical",
     is_flag=True,
@@ -94,6 +96,7 @@ def info(
     jacobian: bool,
     predefined: bool,
     extremes: bool,
+    without_top_modes: bool,
     critical: bool,
     resolution: bool,
     largest_scale: bool,
@@ -110,11 +113,11 @@ def info(
     For a series, all steps are listed with their times; the details describe the last step, or that of --step or
     --time.
     """
-    from elvis.core.terminal import stage
-
     many = None if everything else _MANY
     _check_options(
-        strict + jacobian + predefined + extremes + critical + resolution + largest_scale, wall is None or critical
+        strict + jacobian + predefined + extremes + critical + resolution + largest_scale,
+        wall is None or critical,
+        extremes or not without_top_modes,
     )
     if largest_scale:
         from elvis.renderer.commands.info_scale import print_largest_scale
@@ -134,7 +137,7 @@ def info(
         return
     tasks = (
         (jacobian, "--jacobian", partial(_prove, as_json=as_json, many=many)),
-        (extremes, "--extrema", partial(_bound, names=quantities, as_json=as_json)),
+        (extremes, "--extrema", partial(print_extrema, quantities, as_json, without_top_modes)),
         (critical, "--critical", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
         (resolution, "--resolution", partial(print_resolution, names=quantities, as_json=as_json)),
     )
@@ -143,6 +146,15 @@ def info(
     if predefined:
         _list([*source.names.flow.catalogue(), *source.names.attributes()], as_json)
         return
+    _describe(source, series, quantities, as_json, many)
+
+
+def _describe(
+    source: Source, series: Series | None, quantities: Sequence[str], as_json: bool, many: int | None
+) -> None:
+    """Print all facts of the data and, if any, of their series."""
+    from elvis.core.terminal import stage
+
     with stage("measuring"):
         facts = source.facts(quantities)
     if not facts:
@@ -164,13 +176,15 @@ def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSo
     return False
 
 
-def _check_options(count: int, is_wall_used: bool) -> None:
-    """Raise UsageError for several questions at once, and for a wall without critical points."""
+def _check_options(count: int, is_wall_used: bool, are_modes_used: bool) -> None:
+    """Raise UsageError for several questions at once, a wall without critical points, and modes without extrema."""
     if count > 1:
         tasks_text = "--strict, --jacobian, --quantities, --extrema, --critical, --resolution or --largest-scale"
         raise click.UsageError(f"expected {tasks_text}, found several")
     if not is_wall_used:
         raise click.UsageError("--wall: expected with --critical")
+    if not are_modes_used:
+        raise click.UsageError("--without-top-modes: expected with --extrema")
 
 
 def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], bool], ranks: Ranks) -> Source | None:
@@ -207,37 +221,6 @@ def _have_all_sides(quantities: Sequence[str], wall: str | None, ranks: Ranks, d
     is_known = knows_inner_sides(dataset) if wall is None else is_outer_wall(dataset, wall)
     is_known &= all(Expression.of(dataset, text).is_local for text in quantities)
     return all(ranks.exchange(is_known, "sides of elements"))
-
-
-def _bound(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
-    """Print minimum and maximum of quantities, with positions and certified bounds."""
-    from dataclasses import asdict
-
-    from elvis.core.arguments import field_names
-    from elvis.core.quantities import Expression
-    from elvis.core.quantities.largest_radii import largest_radii
-    from elvis.core.terminal import print_json, print_table, stage
-
-    dataset = source.dataset
-    known = [Expression.of(dataset, name) for name in names or field_names(dataset, None)]
-    with stage("bounding"):
-        pairs = source.extrema(known)
-    if not pairs:
-        return
-    radii = largest_radii(dataset, known).tolist() if not source.is_part else []
-    tell_conversion([each.text for each in known[: len(radii)]], radii)
-    found = {
-        each.text: dict(zip(("least", "greatest"), own, strict=True)) for each, own in zip(known, pairs, strict=True)
-    }
-    if as_json:
-        print_json({name: {end: asdict(own) for end, own in ends.items()} for name, ends in found.items()})
-        return
-    rows = []
-    for name, ends in found.items():
-        for end, own in ends.items():
-            place = ", ".join(f"{x:.10g}" for x in own.place)
-            rows.append((name, end, f"{own.value:.15g}", f"{abs(own.bound - own.value):.2g}", place, str(own.element)))
-    print_table(("quantity", "", "value", "certain to", "place", "element"), rows)
 
 
 def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_json: bool) -> None:

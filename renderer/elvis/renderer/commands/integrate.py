@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import field_option, json_option, overwrite_option, times_option
+from elvis.core.arguments import field_option, json_option, overwrite_option, times_option, top_modes_option
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
-from elvis.renderer.commands.sources import Data, NativeSource, data_options, or_alone
+from elvis.renderer.commands.sources import Data, NativeSource, data_options, native_source, or_alone
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -86,6 +86,7 @@ Examples:
     metavar="BINS",
     help="Histogram of each quantity in even bins, weighted by volume at quadrature points.",
 )
+@top_modes_option
 @times_option
 @click.option(
     "--plot",
@@ -108,6 +109,7 @@ def integrate(
     clip: str | None,
     jacobian: str,
     bins: int | None,
+    without_top_modes: bool,
     times: tuple[float, float, int] | str | None,
     plot: Path | None,
     as_json: bool,
@@ -129,6 +131,9 @@ def integrate(
         )
     if not 0 < error < 1:
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
+    if without_top_modes and (bins is not None or plot is not None):
+        text = "--without-top-modes: expected no --histogram and no --plot"
+        raise click.UsageError(text, click.get_current_context())
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
@@ -142,7 +147,12 @@ def integrate(
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
         own = ALONE if times is not None and isinstance(source, NativeSource) and source.portion is None else ranks
         work = (progress, own, reporter(), best_effort, jacobian)
-        return source.integrate(quantities, over, error, coefficients, clip, *work)
+        found = source.integrate(quantities, over, error, coefficients, clip, *work)
+        if not without_top_modes:
+            return found
+        less = native_source(source, "--without-top-modes").without_top_modes()
+        below = less.integrate(quantities, over, error, coefficients, clip, *work)
+        return _of_two_orders(found, below, less.dataset)
 
     # surfaces, clips and coefficients may be made of other fields
     is_all = clip is None and coefficients is None and not any("=" in each for each in over)
@@ -162,6 +172,14 @@ def integrate(
         _show(found, plot, output, as_json)
         if not _is_finished(found):
             raise SystemExit(INTERRUPTED)
+
+
+def _of_two_orders(whole: Integrals, less: Integrals, dataset: Dataset) -> Integrals:
+    """Integrals next to those of the fields without their highest modes."""
+    from elvis.core.integrals.integration import IntegralsOfTwoOrders
+    from elvis.core.resolution.truncation import orders_below
+
+    return IntegralsOfTwoOrders(whole, less, orders_below(dataset))
 
 
 #: seconds after which a line reports the error reached, and between two such lines
@@ -191,13 +209,12 @@ INTERRUPTED = 130
 
 def _is_finished(found: _Moments) -> bool:
     """Whether no integral was interrupted."""
-    return all(row.finished for _, own in found for row in own)
+    return all(row.finished for _, own in found for row in own.every)
 
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
     """Write, plot or print integrals, with a warning for values that miss the requested error."""
     from elvis.core.files.columns import write_columns
-    from elvis.core.integrals.integration import HEADERS
     from elvis.core.terminal import print_json, print_table, warn
 
     for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
@@ -209,9 +226,9 @@ def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool
     if output is not None:
         write_columns(output, _columns(found))
     elif as_json:
-        print_json([{**time, **row.facts()} for time, own in found for row in own])
+        print_json([{**time, **facts} for time, own in found for facts in own.facts()])
     elif plot is None:
-        names = (*found[0][0], *HEADERS)
+        names = (*found[0][0], *found[0][1].headers)
         print_table(
             names, [(*(f"{t:.10g}" for t in time.values()), *row) for time, own in found for row in own.cells()]
         )

@@ -305,6 +305,14 @@ class NativeSource:
             note(self.dataset.rates.remark)
         return found
 
+    def without_top_modes(self) -> NativeSource:
+        """The source with its fields truncated (see `elvis.core.resolution.truncation`)."""
+        from elvis.core.resolution.truncation import without_top_modes
+
+        dataset = without_top_modes(self.dataset)
+        portion = None if self.portion is None else replace(self.portion, dataset=dataset)
+        return replace(self, dataset=dataset, portion=portion)
+
     def _surrounded(self, expressions: Sequence[Expression]) -> Dataset:
         """The dataset; of a part with what quantities look at beyond its elements."""
         from elvis.core.portions.borrowing import surrounded

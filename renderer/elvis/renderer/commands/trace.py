@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import field_option, json_option, overwrite_option
+from elvis.core.arguments import field_option, json_option, overwrite_option, top_modes_option
 from elvis.core.errors import ElvisError
 from elvis.renderer.commands.core_lines import check_course, check_seeds, core_options, trace_cores
 from elvis.renderer.commands.line_files import check_suffix, write_lines
-from elvis.renderer.commands.sources import Data, data_options
+from elvis.renderer.commands.sources import Data, Source, data_options, native_source
 from elvis.scene.commandline.options import COURSE, course_options
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from elvis.core.arrays import Floats
     from elvis.core.streamlines import TracedLines
+    from elvis.renderer.commands.lines_below import LinesBelow
     from elvis.scene import Streamlines
 
 EPILOG = """\b
@@ -62,6 +63,7 @@ KINDS = ("streamlines", "pathlines", "streaklines")
 @core_options
 @click.option("--ftle", is_flag=True, help="Also compute finite-time Lyapunov exponents with the exact gradient.")
 @field_option
+@top_modes_option
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .vtp (ParaView).")
 @overwrite_option
@@ -74,6 +76,7 @@ def trace(
     ftle: bool,
     device: str,
     quantities: tuple[str, ...],
+    without_top_modes: bool,
     as_json: bool,
     output: Path | None,
     overwrite: bool,
@@ -97,11 +100,15 @@ def trace(
     """
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
+    from elvis.core.resolution.truncation import orders_below
     from elvis.core.terminal import stage
+    from elvis.renderer.commands.lines_below import LinesBelow
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines
 
     limits = {"criterion": criterion, "least_swirl": least_swirl, "least_length": least_length, "only_q": only_q}
+    if without_top_modes and (cores or kind != KINDS[0]):
+        raise ElvisError(f"--without-top-modes: expected streamlines, found {'--cores' if cores else kind}")
     if cores:
         check_course(course, ftle or releases is not None or kind != KINDS[0])
         trace_cores(data, course["velocity"], limits, spacing, quantities, as_json, output, overwrite)
@@ -125,15 +132,21 @@ def trace(
         )
         _report(found, output, as_json)
         return
-    source = data.source()
     asked |= {"ftle": ftle, "spacing": spacing, "fields": quantities}
-    with stage("following lines"):
-        if device == "reference":
-            found = source.trace(list(followed.seeds), velocity, **asked)
-        else:
+
+    def traced(source: Source) -> TracedLines:
+        with stage("following lines"):
+            if device == "reference":
+                return source.trace(list(followed.seeds), velocity, **asked)
             with following(device) as make:
-                found = source.trace(list(followed.seeds), velocity, make=make, **asked)
-    _report(found, output, as_json)
+                return source.trace(list(followed.seeds), velocity, make=make, **asked)
+
+    source = data.source()
+    less = None
+    if without_top_modes:
+        below = native_source(source, "--without-top-modes").without_top_modes()
+        less = LinesBelow(orders_below(below.dataset), traced(below))
+    _report(traced(source), output, as_json, less)
 
 
 def _in_time(
@@ -178,19 +191,22 @@ def _in_time(
     return found
 
 
-def _report(found: TracedLines, output: Path | None, as_json: bool) -> None:
-    """Write lines and print how they end."""
+def _report(found: TracedLines, output: Path | None, as_json: bool, less: LinesBelow | None = None) -> None:
+    """Write lines and print how they end; with ``less`` also how those of truncated fields differ."""
     from elvis.core.terminal import print_json, print_table
 
     _warn_of_seeds(found)
     if output is not None:
-        write_lines(output, found, _of_lines(found))
+        own = {} if less is None else {"distance_without_top_modes": less.distances(found)}
+        write_lines(output, found, _of_lines(found) | own)
     if as_json:
-        print_json(_facts(found))
+        print_json(_facts(found) | ({} if less is None else less.facts(found)))
         return
     print_table(("end", "meaning", "lines"), found.table())
     if found.ftle is not None:
         click.echo(_exponents(found.ftle))
+    if less is not None:
+        click.echo(less.sentence(found))
 
 
 def _facts(found: TracedLines) -> dict[str, Any]:
