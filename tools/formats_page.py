@@ -9,19 +9,19 @@ from elvis.plugins.conversion import Converter, Reads
 from elvis.plugins.discovery import installed_converters
 
 PAGE = Path(__file__).parents[1] / "docs" / "start" / "formats.md"
-HEAD = """# What is read of each format
+HEAD = """# Formats
 
-Look here before you try. `elvis convert --list` shows what each converter keeps and loses. Every command reports what
-it left out of your files.
+This page lists what ElVis reads of each format. `elvis convert --list` also shows what each converter loses. Every
+command reports which contents of your files it skipped.
 
 * *All* shapes are segments, triangles, quadrilaterals, tetrahedra, pyramids, prisms and hexahedra.
-* *By place*: a side with no partner that lies on sides of other elements is found to be an inner one.
+* *By place*: if a side has no partner but lies on sides of other elements, ElVis treats it as an inner side.
 * *Numbered files*: files whose names differ in a number are steps, unless the format marks them as parts or their
   meshes don't overlap. All commands follow this rule.
-* A field that lives on a part of the mesh is kept there; elsewhere its values are NaN.
+* If a field is defined on a part of the mesh, its values elsewhere are NaN.
 * The `vtk` converter reads the `.pvd` series of Firedrake's `VTKFile`: functions of any order, continuous or not,
-  tensors and pieces of processes. In one dimension Firedrake numbers nodes from end to end, which is recognized.
-* `--fields u,p` reads some of the fields, in every command; so does `read(…, reader={"fields": "u,p"})`.
+  tensors and pieces of processes. In one dimension Firedrake numbers nodes from end to end; ElVis recognizes this.
+* `--fields u,p` reads only these fields, in every command; so does `read(…, reader={"fields": "u,p"})`.
 """
 TITLES = {"nonconforming": "non-conforming", "parts": "parallel pieces"}
 
