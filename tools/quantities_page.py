@@ -22,9 +22,9 @@ lacks. A field takes precedence over a quantity of the same name.
 FIELDS = """
 ## Fields
 
-In the formulas `u`, `v`, `w`, `rho`, … stand for the first of these fields that the data have. If
-the data have none of them, the last column has the formula from which they are computed. In two
-dimensions `w` and derivatives along z are zero. In quasi-3D data z is the direction of the Fourier
+In the formulas `u`, `v`, `w`, `rho`, … stand for fields of your data: for the first name in the
+second column that the data contain. If they contain none, ElVis uses the formula in the last
+column. In two dimensions `w` and derivatives along z are zero. In quasi-3D data z is the direction of the Fourier
 series.
 
 | in formulas | names of fields | otherwise |
@@ -33,11 +33,11 @@ series.
 NUMBERS = """
 ## Parameters
 
-Parameters of the flow as a whole stand in parentheses after the quantity, in any order:
-`mach(gamma=1.3)`, `pressure_coefficient(p_ref=0, u_ref=1)`. A parameter may be an expression, such
-as Sutherland's law, or a field: `wall_shear(mu=mu_field)`. Parameters that you do not give there come from the
-[reference values](howto/numbers.md#reference-values), and finally from the metadata of the data,
-where upper and lower case are equal. If a parameter is still missing, an error names it.
+Write parameters of the flow in parentheses after the quantity, in any order: `mach(gamma=1.3)`,
+`pressure_coefficient(p_ref=0, u_ref=1)`. A parameter may be an expression, such as Sutherland's
+law, or a field: `wall_shear(mu=mu_field)`. ElVis takes the parameters that you omit from the
+[reference values](howto/numbers.md#reference-values), and then from the metadata of the data, whose
+names are not case-sensitive. If a parameter is still missing, an error names it.
 
 | parameter | meaning | metadata | default |
 |---|---|---|---|
@@ -51,8 +51,8 @@ TABLE = """
 PARTS = """
 ## Parts of formulas
 
-The formulas also use these names, which are known only inside of formulas. If a name has several
-formulas, the first one for which the data suffice is used.
+The formulas also use these names, which you cannot use in your own expressions. If a name has
+several formulas, ElVis uses the first one for which the data suffice.
 
 | part | formula |
 |---|---|
@@ -70,12 +70,13 @@ edges in a plane):
 These quantities therefore have values only on sides and are NaN elsewhere. Use them where `--faces`
 draws, or with `elvis probe` at points of walls. The wall shear is the stress that the flow exerts
 on the wall, evaluated in the element in which a point is found. The pressure, and the part of the
-normal stress that comes from dilatation, do not count.
+normal stress that comes from dilatation, are not included.
 
 `y_plus` is the height of the element at the wall, in wall units. In an element with interior nodes,
 the first node lies at about `y_plus/order`. In a laminar sublayer, the stress is equal to the
 stress at the wall, so `distance(wall)*sqrt(tau/rho)/nu` is the y+ of any point. In other regions
-ElVis cannot compute y+ at a point, because a point does not know the stress at the nearest wall.
+ElVis cannot compute y+ at a point away from the wall, because it does not evaluate the stress at the
+nearest point of the wall.
 
 ## Accuracy
 
