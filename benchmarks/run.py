@@ -31,6 +31,7 @@ import running
 import scenes
 import sharing
 import shown
+import spectral
 import starting
 import steps
 import targets
@@ -184,7 +185,15 @@ def situ(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, [running.table(numbers)]
 
 
+def high_order(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Elements of orders 5 to 9, as production runs have them."""
+    side, rounds = (60, 1) if options.quick else (1000, 2)
+    numbers = spectral.measure(options.device, side, rounds, options.quick)
+    return numbers, spectral.tables(numbers)
+
+
 PARTS: dict[str, Part] = {
+    "spectral": high_order,
     "cut": cut,
     "surfaces": surfaces,
     "isosurface": isosurface,

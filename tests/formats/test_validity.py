@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 from math import comb
 
 import numpy as np
@@ -13,8 +14,9 @@ from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradien
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved, grid, mixed_volume, one_element, ripple
-from elvis.core.validity import determinants
-from elvis.core.validity.determinants import Polynomials, determinant
+from elvis.core.validity import determinants, enclosed_determinants
+from elvis.core.validity.determinants import Polynomials, determinant, tangents
+from elvis.core.validity.enclosed_determinants import enclosures
 from elvis.core.validity.squares import descended, lower_bound
 from elvis.core.validity.validity import ValidityStatus, validity, validity_facts
 
@@ -178,6 +180,61 @@ def test_products_in_boxes_of_a_lattice_are_those_of_lists(monkeypatch):
     places = random.uniform(-1, 1, (5, 3))
     factors = [bernstein_values(each.space, places) @ each.net for each in (a, b)]
     assert np.allclose(bernstein_values(found.space, places) @ found.net, factors[0] * factors[1], rtol=0, atol=1e-13)
+
+
+def wavy(count, modes):
+    """A block of hexahedra whose determinants vary by terms of high degree alone."""
+    random = np.random.default_rng(modes)
+    highest = np.polynomial.Chebyshev.basis(modes - 1)
+
+    def bent(xi, along):
+        return xi + 0.01 * highest(xi).prod(axis=1, keepdims=True) * along
+
+    blocks = [block_of(Shape.HEXAHEDRON, modes, partial(bent, along=along)) for along in random.normal(size=(count, 3))]
+    coefficients = np.concatenate([block.coefficients for block in blocks])
+    return GeometryBlock(blocks[0].expansion, np.arange(count), coefficients)
+
+
+def test_quick_bounds_hold_and_need_the_terms_beyond_the_net(monkeypatch):
+    block = wavy(3, 7)
+    found = enclosures(block.expansion, block.coefficients)
+    seen = sampled(block, 3, n=21)
+    least, greatest = seen.min(axis=1), seen.max(axis=1)
+    assert (found.lower <= least).all()
+    assert (greatest <= found.upper).all()
+    # attained values lie within the range of the exact net
+    net = determinant(block.expansion, block.coefficients, 3).net
+    assert (net.min(axis=0) - found.error <= found.least).all()
+    assert (found.greatest <= net.max(axis=0) + found.error).all()
+    monkeypatch.setattr(enclosed_determinants, "_rest", lambda terms: np.zeros(len(terms)))
+    without = enclosures(block.expansion, block.coefficients)
+    assert (without.lower > least).any() or (without.upper < greatest).any()
+
+
+def test_quick_bounds_cover_errors_of_the_tangents(monkeypatch):
+    block, off = (
+        block_of(Shape.HEXAHEDRON, 5, lambda xi: xi @ np.array([[1.0, 0.3, 0.1], [-0.2, 1.0, 0.3], [0, 0.1, 1]])),
+        0.05,
+    )
+    exact = sampled(block, 3)
+    columns = tangents(block.expansion, block.coefficients)
+    means = np.array([[own.net.mean(axis=0) for own in column] for column in columns]).transpose(2, 1, 0)
+    signs = np.sign(np.linalg.inv(means)).transpose(2, 1, 0)
+    for turn in (1, -1):
+        shifted = [
+            [
+                Polynomials(own.space, own.net + turn * off * signs[j, i].T, own.error + off)
+                for i, own in enumerate(column)
+            ]
+            for j, column in enumerate(columns)
+        ]
+        monkeypatch.setattr(enclosed_determinants, "tangents", lambda *_, made=shifted: made)
+        found = enclosures(block.expansion, block.coefficients)
+        assert (found.lower <= exact.min(axis=1)).all()
+        assert (exact.max(axis=1) <= found.upper).all()
+        apart = np.maximum(np.abs(found.least - exact.min(axis=1)), np.abs(found.greatest - exact.max(axis=1)))
+        assert (apart <= found.error).all()
+        assert (apart > 0.4 * found.error).all()
 
 
 @pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.HEXAHEDRON])

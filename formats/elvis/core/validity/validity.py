@@ -1,8 +1,9 @@
 """Validity of every element: the sign of its Jacobian determinant, proved for the whole closed element.
 
-An element whose Bernstein coefficients are all positive is proved; the others are bisected until the sign is certain,
-or undecidable because the determinant approaches zero within rounding.  If it is near zero along a line or a surface,
-which would take too many bisections, squares are subtracted instead.
+An element whose Bernstein coefficients are all positive is proved; cheaper bounds prove most hexahedra of high order.
+The others are bisected until the sign is certain, or undecidable because the determinant approaches zero within
+rounding.  If it is near zero along a line or a surface, which would take too many bisections, squares are subtracted
+instead.
 
 The result of an element doesn't depend on the others in the batch, with two exceptions for few elements: subtracting
 squares, and bisecting for the range of all.  These elements are selected after everything else is known, so parts of a
@@ -31,6 +32,7 @@ from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
+from elvis.core.validity.enclosed_determinants import enclosures
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.squares import descended, lower_bound
 
@@ -39,6 +41,8 @@ _NUMBERS, _TOGETHER = 1 << 21, 1 << 13
 #: elements among which the extremes of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)
+#: modes in each direction from which hexahedra are bounded by `enclosures` first, and elements that these take at once
+_QUICK, _AT_ONCE = 5, 16
 #: lower bounds of the Jacobian, in units of the rounding error, that count as touching zero
 TOUCHING = 4
 
@@ -216,6 +220,31 @@ def _rows(block: GeometryBlock, rows: slice | Ints | Bools) -> GeometryBlock:
 
 def _check(block: GeometryBlock, space: int) -> _Facts:
     """Facts of some elements, independent of others."""
+    if block.expansion.shape is not Shape.HEXAHEDRON or space < 3 or min(block.expansion.modes) < _QUICK:
+        return _exact_facts(block, space)
+    facts = _quick_facts(block)
+    doubtful = np.flatnonzero(~(facts.lower > facts.error))
+    facts.put(doubtful, _exact_facts(_rows(block, doubtful), space))
+    return facts
+
+
+def _quick_facts(block: GeometryBlock) -> _Facts:
+    """Facts of hexahedra from bounds that cost little: nothing is decided where they leave the sign in doubt."""
+    facts = _Facts.empty(len(block))
+    facts.element_ids[:], facts.shapes[:] = block.element_ids, _SHAPES.index(block.expansion.shape)
+    for first in range(0, len(block), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        with np.errstate(invalid="ignore", over="ignore"):
+            found = enclosures(block.expansion, block.coefficients[rows])
+        for own in fields(found):
+            getattr(facts, own.name)[rows] = getattr(found, own.name)
+    facts.is_open[:] = False
+    facts.world[:] = evaluate_at(block.expansion, block.coefficients, np.arange(len(block)), facts.reference)
+    return facts
+
+
+def _exact_facts(block: GeometryBlock, space: int) -> _Facts:
+    """Facts from the Bernstein coefficients of determinants, halved where these leave the sign in doubt."""
     shape = block.expansion.shape
     with np.errstate(invalid="ignore", over="ignore"):
         found = determinant(block.expansion, block.coefficients, space)
@@ -281,17 +310,26 @@ class _Facts:
     @staticmethod
     def united(parts: Iterable[_Facts], count: int) -> _Facts:
         """The facts of all parts, with ``count`` elements in total."""
-        ids, shapes = np.empty(count, np.int64), np.empty(count, np.int8)
-        lower, upper, least, greatest, error = np.empty((5, count))
-        reference, world = np.empty((2, count, 3))
-        found = _Facts(ids, shapes, lower, upper, least, greatest, error, reference, world, np.empty(count, bool))
+        found = _Facts.empty(count)
         start = 0
         for part in parts:
             rows = slice(start, start + len(part.element_ids))
-            for own in fields(_Facts):
-                getattr(found, own.name)[rows] = getattr(part, own.name)
+            found.put(rows, part)
             start = rows.stop
         return found
+
+    @staticmethod
+    def empty(count: int) -> _Facts:
+        """Facts of ``count`` elements whose numbers are still unset."""
+        ids, shapes = np.empty(count, np.int64), np.empty(count, np.int8)
+        lower, upper, least, greatest, error = np.empty((5, count))
+        reference, world = np.empty((2, count, 3))
+        return _Facts(ids, shapes, lower, upper, least, greatest, error, reference, world, np.empty(count, bool))
+
+    def put(self, rows: slice | Ints, part: _Facts) -> None:
+        """Replace the facts of some elements."""
+        for own in fields(_Facts):
+            getattr(self, own.name)[rows] = getattr(part, own.name)
 
     def part(self, rows: Ints) -> _Facts:
         """The facts of some of the elements."""
