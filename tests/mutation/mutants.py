@@ -2,7 +2,8 @@
 
 python tests/mutation/mutants.py --seed 1 --count 60                lines of all kinds, margins and bounds preferred
 python tests/mutation/mutants.py --seed 1 --count 30 --margins      only lines that name an error, a margin or a bound
-python tests/mutation/mutants.py --lines formats/elvis/core/x.py:12 all mutants of a line
+python tests/mutation/mutants.py --lines formats/elvis/core/x.py:12 all mutants of a line; x.py:12-40 of several
+python tests/mutation/mutants.py --under core/x.py --every --tests tests/formats/test_x.py   all mutants, these tests
 
 A mutant is one small change of one line, in a copy of the tree.  A failing test that runs the line kills it.  Up to
 ``--seconds`` of tests run for it, from several test modules (choosing.py).  equivalent.txt lists equivalent mutants
@@ -77,7 +78,7 @@ def main() -> None:
     options = arguments()
     chosen = drawn(options)
     with copies(options.jobs) as roots:
-        runner = Runner(roots, options.seconds)
+        runner = Runner(roots, options.seconds, options.tests)
         with ThreadPoolExecutor(options.jobs) as pool:
             results = list(pool.map(runner.judge, chosen))
     print_table(results)
@@ -90,7 +91,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--margins", action="store_true", help="Only lines that name an error, a margin or a bound.")
     parser.add_argument("--under", default="", help="Only files whose name has this text.")
-    parser.add_argument("--lines", nargs="*", help="FILE:LINE: all mutants of these lines.")
+    parser.add_argument("--lines", nargs="*", help="FILE:LINE or FILE:FIRST-LAST: all mutants of these lines.")
+    parser.add_argument("--every", action="store_true", help="All mutants instead of a sample.")
+    parser.add_argument("--tests", nargs="*", help="Tests to run for each mutant instead of those chosen by coverage.")
     parser.add_argument("--seconds", type=float, default=60.0, help="Seconds of tests for a mutant. [default: 60]")
     parser.add_argument("--jobs", type=int, default=1, help="Mutants at a time. [default: 1]")
     parser.add_argument("--list", action="store_true", help="Print the mutants and run nothing.")
@@ -102,16 +105,25 @@ def arguments() -> argparse.Namespace:
 def drawn(options: argparse.Namespace) -> list[Mutant]:
     """The mutants of this run."""
     known = equivalents()
-    found = [mutant for mutant in every_mutant(options.under) if mutant.key not in known]
+    found = [mutant for mutant in every_mutant(options) if mutant.key not in known]
     if options.lines:
-        chosen = [mutant for mutant in found if f"{mutant.name}:{mutant.change.line}" in options.lines]
+        wanted = {f"{name}:{line}" for name, lines in map(span, options.lines) for line in lines}
+        chosen = [mutant for mutant in found if f"{mutant.name}:{mutant.change.line}" in wanted]
     else:
-        chosen = sample(found, options)
+        chosen = [mutant for of in eligible(found, options).values() for mutant in of]
+        chosen = chosen if options.every else sample(found, options)
     if options.list:
         for mutant in chosen:
             print(f"{mutant.name}:{mutant.change.line} {mutant.change.kind}\n    {mutant.key}")
         sys.exit()
     return chosen
+
+
+def span(text: str) -> tuple[str, range]:
+    """A file and its lines, from FILE:LINE or FILE:FIRST-LAST."""
+    name, _, lines = text.rpartition(":")
+    first, _, last = lines.partition("-")
+    return name, range(int(first), int(last or first) + 1)
 
 
 def equivalents() -> set[str]:
@@ -120,11 +132,13 @@ def equivalents() -> set[str]:
     return {line for line in lines if line and not line.startswith((" ", "#"))}
 
 
-def every_mutant(under: str) -> Iterator[Mutant]:
-    """All mutants of the five areas."""
+def every_mutant(options: argparse.Namespace) -> Iterator[Mutant]:
+    """All mutants of the five areas, or of the files that are asked for."""
+    files = None if options.lines is None else {span(text)[0] for text in options.lines}
     for path in sorted(path for area in AREAS for path in (ROOT / area / "elvis").rglob("*")):
         name = str(path.relative_to(ROOT))
-        if path.suffix not in (".py", ".slang") or "/testing/" in name or under not in name:
+        is_code = path.suffix in (".py", ".slang") and "/testing/" not in name
+        if not is_code or options.under not in name or (files is not None and name not in files):
             continue
         text = path.read_text(encoding="utf-8")
         for change in mutations(text, path.suffix):
@@ -133,16 +147,21 @@ def every_mutant(under: str) -> Iterator[Mutant]:
 
 def sample(found: list[Mutant], options: argparse.Namespace) -> list[Mutant]:
     """One mutant a line; a line that states a bound in a preferred part counts ten times, in another four times."""
-    lines: dict[tuple[str, int], list[Mutant]] = {}
-    for mutant in found:
-        states_bound = MARGIN.search(mutant.statement) is not None
-        if options.margins and not (states_bound and PREFERRED.search(mutant.name)):
-            continue
-        lines.setdefault((mutant.name, mutant.change.line), []).append(mutant)
+    lines = eligible(found, options)
     rng = random.Random(options.seed)
     weights = {line: weight(line[0], of[0].statement) for line, of in lines.items()}
     order = sorted(lines, key=lambda line: rng.random() ** (1.0 / weights[line]), reverse=True)
     return [rng.choice(lines[line]) for line in order[: options.count]]
+
+
+def eligible(found: list[Mutant], options: argparse.Namespace) -> dict[tuple[str, int], list[Mutant]]:
+    """Mutants by line, with --margins those of lines that state a bound in a preferred part."""
+    lines: dict[tuple[str, int], list[Mutant]] = {}
+    for mutant in found:
+        states_bound = MARGIN.search(mutant.statement) is not None
+        if not options.margins or (states_bound and PREFERRED.search(mutant.name)):
+            lines.setdefault((mutant.name, mutant.change.line), []).append(mutant)
+    return lines
 
 
 def weight(name: str, statement: str) -> float:
@@ -179,17 +198,18 @@ def copy_tree(root: Path) -> None:
 class Runner:
     """Runs the tests of mutants, each mutant in a copy of the tree that no other uses meanwhile."""
 
-    def __init__(self, roots: list[Path], budget: float) -> None:
+    def __init__(self, roots: list[Path], budget: float, tests: list[str] | None = None) -> None:
         self._free: SimpleQueue[Path] = SimpleQueue()
         for root in roots:
             self._free.put(root)
         self._budget = budget
+        self._tests = tests
         self._imports = Imports(ROOT)
         self._touched = Touched(ROOT, ROOT / "out" / "mutation", limit=10.0 * budget)
 
     def judge(self, mutant: Mutant) -> tuple[Mutant, str]:
         """The mutant, and the test that killed it, or why it lives."""
-        groups = tests_for(self._imports, self._touched, ROOT / mutant.name, mutant.lines, self._budget)
+        groups = [self._tests] if self._tests else self._near(mutant)
         root = self._free.get()
         target = root / mutant.name
         target.write_text(mutant.change.apply(mutant.text), encoding="utf-8")
@@ -202,6 +222,10 @@ class Runner:
             result = f"SURVIVED {sum(map(len, groups))} tests" if groups else "NOT RUN by any test near"
         print(f"{mutant.name}:{mutant.change.line}: {mutant.change.kind}: {result}", flush=True)
         return mutant, result
+
+    def _near(self, mutant: Mutant) -> list[list[str]]:
+        """Groups of tests that run the lines of a mutant."""
+        return tests_for(self._imports, self._touched, ROOT / mutant.name, mutant.lines, self._budget)
 
     def _killer(self, root: Path, tests: list[str]) -> str:
         """The first test that fails, or an empty text."""

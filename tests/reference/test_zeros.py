@@ -13,6 +13,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities
+from elvis.reference.scenes import isosurfaces
 from elvis.reference.scenes.bounding import candidates
 from elvis.reference.scenes.rasters import on_screen
 from elvis.reference.scenes.zeros import zeros
@@ -203,3 +204,22 @@ def test_double_zeros_are_not_certain():
     frame = render(dataset, Scene(field="u", objects=(Isosurface((0.0,)),), camera=camera, size=(6, 5)))
     assert np.isfinite(frame.depth).any()
     assert not (frame.status == Status.CERTAIN).any()
+
+
+@pytest.mark.parametrize("changed", ["double", "place", None])
+def test_hits_are_certain_only_if_newton_finds_a_zero_that_is_a_single_one(monkeypatch, changed):
+    """Zeros of a plane that are said to be double, or at places that Newton's method leaves for others."""
+
+    def found(*options):
+        own = zeros(*options)
+        changes = {"double": {"double": np.ones(len(own.which), bool)}, "place": {"place": own.place + 0.05}}
+        return replace(own, **changes.get(changed, {}))
+
+    monkeypatch.setattr(isosurfaces, "zeros", found)
+    data = with_field(grid(Shape.HEXAHEDRON, 1), lambda x: x[:, 2], 2)
+    frame = render(data, Scene("u", camera=NEAR, size=(12, 9), objects=(Isosurface((0.4,)),)))
+    inner = frame.seen & (np.abs(frame.position[..., :2] - 0.5).max(axis=-1) < 0.4)
+    assert inner.sum() > 5
+    is_certain = changed is None
+    assert ((frame.status == Status.CERTAIN)[inner] == is_certain).all()
+    assert (np.isfinite(frame.uncertainty)[inner] == is_certain).all()

@@ -1,0 +1,277 @@
+"""Bounds of differences of two datasets: values lie within them, and some come near their ends (claims.py)."""
+
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from claims import TEETH, check
+
+from elvis.core.differences import compositions
+from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
+from elvis.core.mapping.margins import heights
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.polynomials.boxnets import all_halves, on_lattice, parts_of_boxes
+from elvis.core.polynomials.rounding import halving_roundings, value_roundings
+from elvis.core.shapes import Shape
+
+COUNT = 40
+#: unit roundoff of the model
+COARSE = 2.0**-11
+SPACES = {
+    Shape.TRIANGLE: (3,),
+    Shape.QUADRILATERAL: (2, 3),
+    Shape.TETRAHEDRON: (2,),
+    Shape.PRISM: (2, 1),
+    Shape.HEXAHEDRON: (1, 2, 1),
+}
+
+
+def gamma(roundings):
+    return roundings * COARSE / (1 - roundings * COARSE)
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    monkeypatch.setattr(compositions, "gamma", gamma)
+    monkeypatch.setattr(compositions, "UNIT", COARSE)
+
+
+def pair(rng, shape=Shape.TRIANGLE, size=1.0, degree=2):
+    """A composition of random data of order one, and boxes with errors of a tenth of ``size``."""
+    d = shape.dimension
+    space = BernsteinSpace(shape, SPACES[shape])
+    matrix = rng.uniform(-1, 1, (COUNT, d, d))
+    affine = SimpleNamespace(
+        matrix=matrix, origin=np.zeros((COUNT, d)), error=0.1 * size * rng.uniform(0, 1, (COUNT, d))
+    )
+    inner = SimpleNamespace(
+        affine=affine,
+        space=space,
+        patch=SimpleNamespace(shape=shape),
+        total=sum(space.degrees),
+        net=rng.uniform(-1, 1, (COUNT, space.count)),
+        slopes=rng.uniform(0.1, 1, (COUNT, d)),
+        error=0.1 * size * rng.uniform(0, 1, COUNT),
+    )
+    nets = rng.uniform(-1, 1, (COUNT, d, *(degree + 1,) * d))
+    outer = SimpleNamespace(patch=SimpleNamespace(dimension=d), places=nets, degree=degree)
+    errors = 0.1 * size * rng.uniform(0.1, 1, (COUNT, d)), 0.1 * size * rng.uniform(0.1, 1, COUNT)
+    rows = np.arange(COUNT)
+    boxes = PairBoxes(
+        rows, rows[::-1].copy(), nets, errors[0], rng.uniform(-1, 1, (COUNT, *(degree + 1,) * d)), errors[1]
+    )
+    return Composition(outer, inner), boxes
+
+
+def signs(d):
+    return np.array(list(product([-1.0, 1.0], repeat=d)))
+
+
+def places_on_other_elements(rng):
+    """Coordinates at the corners of their errors, each mapped by the other element's matrix, which is off too."""
+    for shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
+        composition, boxes = pair(rng, shape)
+        matrix = composition._inner.affine.matrix[boxes.others]
+        off = np.einsum("sd,nd,ndk->snk", signs(shape.dimension), boxes.place_error, matrix)
+        yield np.abs(off).max(axis=0) + composition._inner.affine.error[boxes.others], composition._off(boxes)
+
+
+def differences_at_inexact_places(rng):
+    """Both fields are off by their errors, the inner one by its slopes times those of places, too."""
+    for shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
+        composition, boxes = pair(rng, shape, 1e-3)
+        inner, off = composition._inner, composition._off(boxes)
+        moved = np.einsum("sd,nd,nd->sn", signs(shape.dimension), off, inner.slopes[boxes.others]).max(axis=0)
+        yield boxes.own_error + inner.error[boxes.others] + moved, composition._slack_of_places(boxes)
+
+
+def heights_over_facets(rng):
+    """Of computed places of the other element, moved by what they may be off: by rounding alone, by errors alone."""
+    for shape, (size, unit) in product(SPACES, ((1.0, 0.0), (0.0, COARSE))):
+        composition, boxes = pair(rng, shape, size)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(compositions, "gamma", lambda roundings, own=unit: roundings * own)
+            off = composition._shift(boxes) + composition._off(boxes)
+            found = composition._heights(boxes)
+        own = heights(shape, composition._reference(boxes))
+        for sign in signs(shape.dimension):
+            step = (sign * off).reshape(COUNT, *(1,) * shape.dimension, -1)
+            moved = heights(shape, own_places(composition, boxes) + step)
+            yield (moved - own).reshape(COUNT, -1), (found - own).reshape(COUNT, -1)
+
+
+def own_places(composition, boxes):
+    """Nets (n, …, d) of xi."""
+    return np.einsum("nd...,ndk->n...k", boxes.places, composition._inner.affine.matrix[boxes.others])
+
+
+def magnitudes_of_functions(rng):
+    """The sum of the magnitudes of all Bernstein functions far outside of an element, and in it."""
+    for shape, degrees in SPACES.items():
+        space = BernsteinSpace(shape, degrees)
+        for far in (1.0, 4.0):
+            xi = rng.uniform(-far, far, (COUNT, 3, shape.dimension))
+            values = np.abs(bernstein_values(space, xi.reshape(-1, shape.dimension))).sum(axis=1).reshape(COUNT, 3)
+            yield values.max(axis=1), growth(space, xi)
+
+
+def nets_through_wrong_values(rng):
+    """Polynomials whose values at the lattice are off, and nets of a lower degree, at worst places between those."""
+    for shape, degree in ((Shape.QUADRILATERAL, 3), (Shape.TRIANGLE, 4)):
+        composition, boxes = pair(rng, shape, 0.0, degree)
+        composition._inner.total = 2
+        composition._inner.space = BernsteinSpace(shape, (1,) * len(SPACES[shape]))
+        composition = Composition(composition._outer, composition._inner)
+        count, off = composition.degree + 1, 0.25
+        fine = np.linspace(0, 1, 33)
+        # where sums of the magnitudes of Lagrange's functions are largest, all terms have one sign
+        lagrange = np.linalg.solve(np.vander(composition.line, count).T, np.vander(fine, count).T).T
+        worst = np.sign(lagrange[np.abs(lagrange).sum(axis=1).argmax()])
+        exact = rng.uniform(-1, 1, (COUNT, count, count))
+        computed = exact + off * worst[:, None] * worst
+        composition.values = lambda _, own=computed: own.reshape(COUNT, -1)
+        composition.rounding_of_values = lambda boxes, own=off: np.full(len(boxes), own)
+        for allowed in (0.0, np.inf):
+            for held, own in composition.compose(boxes, allowed):
+                assert own.nets.shape[1] == (count if allowed == 0 else degree + 1)
+                truth = lagrange @ exact[held.rows] @ lagrange.T
+                away = np.abs(truth - on_lattice(own.nets, fine)).max(axis=(1, 2))
+                yield away - boxes.own_error[held.rows], own.slack
+                yield np.abs(truth).max(axis=(1, 2)), own.limit
+
+
+def places_where_polynomials_may_be_positive(rng):
+    """Linear ones are negative up to their zero, others at least as far."""
+    for count in (2, 3, 5):
+        upper = rng.uniform(-1, 1, (COUNT, count, 2))
+        found = _crossing(upper)
+        fine = np.linspace(0, 1, 201)
+        for f in range(2):
+            values = on_lattice(upper[:, :, f], fine)
+            first = np.where((values >= 0).any(axis=1), fine[(values >= 0).argmax(axis=1)], 2.0)
+            yield found[:, f] + 1e-3, first + 1e-3
+        if count == 2:
+            low, high = upper[:, 0], upper[:, 1]
+            zero = np.where(low >= 0, 0.0, np.where(high < 0, 2.0, low / (low - high)))
+            assert np.abs(found - zero).max() < 1e-12
+
+
+CLAIMS = [
+    places_on_other_elements,
+    differences_at_inexact_places,
+    heights_over_facets,
+    magnitudes_of_functions,
+    nets_through_wrong_values,
+    places_where_polynomials_may_be_positive,
+]
+
+
+#: heights change by half of what reference coordinates do
+WIDE = {heights_over_facets: 0.49}
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_values_lie_within_bounds_and_some_near_their_ends(claim):
+    check(claim, WIDE.get(claim, TEETH))
+
+
+@pytest.mark.parametrize("shape", SPACES)
+def test_all_roundings_of_values_are_counted(coarse, shape):
+    """All away from zero: of the first field, of the second, and of the places that it is taken at."""
+    rng = np.random.default_rng(4)
+    composition, boxes = pair(rng, shape, 1e-6)
+    inner, d = composition._inner, shape.dimension
+    inner.slopes, grown = 0 * inner.slopes, compositions._MORE * composition.growth(boxes)
+    inner.total = 0
+    net, own = inner.net, boxes.own
+    field, size = np.abs(net[boxes.others]).max(axis=1), np.abs(own).reshape(COUNT, -1).max(axis=1)
+
+    def bound(net, own, slopes=0.0):
+        inner.net, inner.slopes = net, np.full((COUNT, d), slopes)
+        return composition.rounding_of_values(
+            PairBoxes(*[boxes.rows, boxes.others], boxes.places, boxes.place_error, own, None)
+        )
+
+    # each value is rounded, and the difference of both
+    first = size * ((1 + COARSE) ** (value_roundings(own.shape[1:]) + 1) - 1)
+    second = field * grown * ((1 + COARSE) ** (_field_roundings(inner.space) + 1) - 1)
+    shift = composition._shift(boxes)
+    for found, exact in (
+        (bound(0 * net, own), first),
+        (bound(net, 0 * own), second),
+        (bound(0 * net, 0 * own, 1.0), grown * shift.sum(axis=1)),
+        (bound(net, own, 1.0), first + second + grown * shift.sum(axis=1)),
+    ):
+        assert (exact <= found * (1 + 1e-12)).all()
+        assert (found <= 1.2 * exact).all()
+    # sums of d products of coordinates with a matrix, and the sum with 1
+    reach = np.einsum(
+        "nd,ndk->nk", np.abs(boxes.places).reshape(COUNT, d, -1).max(axis=2), np.abs(inner.affine.matrix[boxes.others])
+    )
+    away = reach * ((1 + COARSE) ** (value_roundings(own.shape[1:]) + d) - 1) + COARSE * (1 + reach)
+    assert (away <= shift).all()
+    assert (shift <= 8 * away + 8 * COARSE * value_roundings(own.shape[1:])).all()
+
+
+def test_roundings_of_fields_are_those_of_powers_products_and_sums():
+    """b = multinomial * product of powers: on triangles of t1, t2 and 1 - t1 - t2, which three roundings make."""
+    triangle, line = BernsteinSpace(Shape.TRIANGLE, (3,)), BernsteinSpace(Shape.SEGMENT, (2,))
+    power = compositions.POWER + 2
+    assert _field_roundings(triangle) == triangle.count + 3 * 4 + 3 * power + 1
+    assert _field_roundings(line) == line.count + 2 * 3 + 2 * power + 1
+    prism = BernsteinSpace(Shape.PRISM, (3, 2))
+    assert _field_roundings(prism) == prism.count + 3 * 4 + 3 * power + 1 + 2 * 3 + 2 * power + 1
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON])
+def test_halving_and_cutting_add_their_roundings(coarse, shape):
+    """Coefficients of one size, each product and sum rounded away from zero."""
+    composition, boxes = pair(np.random.default_rng(1), shape)
+    del composition
+    d = shape.dimension
+    sizes = np.abs(boxes.places).reshape(COUNT, d, -1).max(axis=2), np.abs(boxes.own).reshape(COUNT, -1).max(axis=1)
+    halved = boxes.halved()
+    count = halving_roundings(boxes.own.shape[1:])
+    for found, old, size in (
+        (halved.place_error, boxes.place_error, sizes[0]),
+        (halved.own_error, boxes.own_error, sizes[1]),
+    ):
+        added = found.reshape(2**d, *old.shape) - old
+        assert (added >= size * ((1 + COARSE) ** count - 1)).all()
+        assert (added <= 2 * size * ((1 + COARSE) ** count - 1)).all()
+    assert np.array_equal(halved.own, all_halves(boxes.own))
+    low, high = np.full(COUNT, 2), np.full(COUNT, 7)
+    cut = boxes.cut(1, low, high)
+    once = (1 + COARSE) ** boxes.own.shape[2] - 1
+    for found, old, size in (
+        (cut.place_error, boxes.place_error, sizes[0]),
+        (cut.own_error, boxes.own_error, sizes[1]),
+    ):
+        assert (found - old >= size * once).all()
+        assert (found - old <= 2 * size * once).all()
+    assert np.array_equal(cut.own, parts_of_boxes(boxes.own, 1, low, high))
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_places_that_are_far_off_bound_nothing(part):
+    """Gradients and growth change by 1 % where xi is off by a thousandth over the degree, in one direction."""
+    composition, boxes = pair(np.random.default_rng(2), Shape.TRIANGLE, 0.0)
+    limit = compositions._FAR / composition._inner.total
+    far = np.zeros((COUNT, 2))
+    far[:, 1] = part * limit
+    composition._off = composition._shift = lambda boxes: far
+    for bound in (composition._slack_of_places, composition.rounding_of_values):
+        assert (np.isfinite(bound(boxes)) == (part < 1)).all()
+
+
+def test_rounding_of_places_from_the_origin_is_counted(coarse):
+    """The difference of two coordinates is rounded once."""
+    composition, boxes = pair(np.random.default_rng(2))
+    outer, inner = composition._outer, composition._inner
+    inner.affine.origin = np.full((COUNT, 2), 3.0)
+    outer.place_error, outer.box, outer.box_error = boxes.place_error, boxes.own, boxes.own_error
+    whole = composition.whole(boxes.rows, boxes.others)
+    size = np.abs(outer.places - 3.0).reshape(COUNT, 2, -1).max(axis=2)
+    assert np.allclose(whole.place_error - boxes.place_error, COARSE * size, rtol=1e-12)
+    assert np.array_equal(whole.places, outer.places - 3.0)

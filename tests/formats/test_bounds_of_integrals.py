@@ -1,0 +1,480 @@
+"""Bounds of integrals: values lie within them, and some come near their ends (tests/support/claims.py)."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from claims import TEETH, check
+
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.integrals import analytic_error, disc_algebra, graph_orders, level_error, taylor
+from elvis.core.integrals.analytic_error import Bounds
+from elvis.core.integrals.box_discs import RHOS
+from elvis.core.integrals.eta_boxes import EtaBoxes
+from elvis.core.integrals.graph_discs import root_radii
+from elvis.core.integrals.quadrics import quadric
+from elvis.core.integrals.reference_cells import box_rule
+from elvis.core.integrals.refinement import Summation
+from elvis.core.integrals.tree_discs import Ball, TreeDiscs, divided
+from elvis.core.polynomials.boxnets import on_lattice
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.quantities import Expression, discs
+from elvis.core.quantities.tree import fold
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
+
+COUNT = 60
+LINE = np.linspace(0, 1, 9)
+
+
+def rising(rng, bend=0.2):
+    """Nets (COUNT, 3, 3, 3) of polynomials g whose derivative along the last axis is near 2, along others random."""
+    nets = bend * rng.uniform(-1, 1, (COUNT, 3, 3, 3)) + 2 * np.linspace(0, 1, 3)
+    for axis in (1, 2):
+        slope = rng.uniform(-1, 1, (COUNT, 1, 1, 1))
+        nets = nets + slope * np.linspace(0, 1, 3).reshape(-1, *(1,) * (3 - axis))
+    return nets
+
+
+def slopes_of(nets):
+    """Nets of the three derivatives."""
+    return [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in (1, 2, 3)]
+
+
+def values_of(nets):
+    """(n, 9^3) values at a lattice."""
+    return on_lattice(nets, LINE).reshape(len(nets), -1)
+
+
+def slopes_along_the_height(rng):
+    """The relative steepness is at most that at every point."""
+    for bend in (0.0, 0.3):
+        nets = rising(rng, bend)
+        for sign in (1, -1):
+            found = graph_orders._steepness(sign * nets)
+            slopes = [np.abs(values_of(slope)) for slope in slopes_of(nets)]
+            yield found, slopes[-1].min(axis=1) / np.max(slopes, axis=0).max(axis=1)
+
+
+def shifts_of_graphs(rng):
+    """Moving g by a band moves its zeros along the last axis; on the way the area for a unit of the others changes."""
+    for bend in (0.0, 0.2):
+        nets, band = rising(rng, bend), rng.uniform(0.02, 0.2, COUNT)
+        shift, change = graph_orders.shifts(nets, band)
+        along_i, along_j, along_k = (values_of(slope) for slope in slopes_of(nets))
+        yield band / np.abs(along_k).min(axis=1), shift
+        found = 0.0
+        for axis, along in enumerate((along_i, along_j)):
+            mixed, bent = slopes_of(slopes_of(nets)[2])[axis], slopes_of(slopes_of(nets)[2])[2]
+            # dr/dk of r = g_i / g_k
+            found = found + np.abs(values_of(mixed) / along_k - along * values_of(bent) / along_k**2)
+        yield found.max(axis=1) * shift, np.maximum(change, 1e-14)
+
+
+def changes_of_areas(rng):
+    """g = (1 - b) k + b k^2 + i (a + m k) with b < 0 < m: both terms are largest at the end k = 1."""
+    places = np.stack(np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"))
+    for a, m, b in rng.uniform(0.1, 0.4, (20, 3)):
+        i, _, k = places
+        # coefficients of k^2 in degree 2 are 0, 0, 1
+        net = (1 + b) * k - b * np.where(k == 1, 1.0, 0.0) + i * (a + m * k)
+        shift, change = graph_orders.shifts(net[None], np.full(1, 0.1))
+        steep = (1 + b) - 2 * b
+        yield np.array([0.1 / steep]), shift
+        yield shift * (m / steep + (a + m) * 2 * b / steep**2), change
+
+
+def shares_of_moving_ends(rng):
+    """The part of a face in which g is within a band of zero, next to the line j = 0.4 + 0.2 i where a graph ends."""
+    i, j = np.meshgrid(*[np.linspace(0, 1, 3)] * 2, indexing="ij")
+    face, fine = j - 0.4 - 0.2 * i, np.linspace(0, 1, 101)
+    steep, band = rng.uniform(1, 2, (COUNT, 1, 1, 1)), rng.uniform(0.05, 0.1, COUNT)
+    for others in (face + 9.0, face - 9.0, face):
+        for pair in ((face, others), (others, face)):
+            nets = steep * np.stack(pair, axis=2)
+            values = np.abs([on_lattice(nets[..., end], fine) for end in (0, -1)])
+            found = (values <= band[:, None, None]).mean(axis=(2, 3)).sum(axis=0)
+            yield found, graph_orders.shares_of_ends(nets, band) + 0.02
+
+
+def complex_inside(rng, disc, count=400):
+    """(count, n) numbers on the borders of discs, real ones and those in opposite directions among them."""
+    turn = np.exp(1j * np.pi / 4 * rng.integers(8, size=(count, len(disc[0]))))
+    return disc[0] + disc[1] * turn
+
+
+def random_disc(rng, middle, largest):
+    return middle + rng.uniform(-0.1, 0.1, COUNT), rng.uniform(0.1, largest, COUNT)
+
+
+def determinants(rng):
+    for d in (2, 3):
+        own = [[random_disc(rng, float(i == k), 0.4) for k in range(d)] for i in range(d)]
+        values = np.array([[complex_inside(rng, entry, 500) for entry in row] for row in own])
+        found = disc_algebra.determinant(own)
+        matrices = np.moveaxis(values, (0, 1), (2, 3))
+        yield np.abs(np.linalg.det(matrices) - found[0]).max(axis=0), found[1]
+        for row in range(d):
+            for k, (middle, radius) in enumerate(disc_algebra.cofactors(own, row)):
+                rest = np.delete(np.delete(matrices, row, axis=2), k, axis=3)
+                exact = (-1) ** (row + k) * np.linalg.det(rest)
+                yield np.abs(exact - middle).max(axis=0), radius
+
+
+def solutions(rng):
+    """Of one unknown, g = f / (1 + R), and of several."""
+    for d in (1, 2, 3):
+        matrix = [[random_disc(rng, float(i == k), 0.5 / d) for k in range(d)] for i in range(d)]
+        right = [random_disc(rng, 1.0, 0.5) for _ in range(d)]
+        found = disc_algebra.solution(matrix, right)
+        values = np.array([[complex_inside(rng, entry, 500) for entry in row] for row in matrix])
+        given = np.array([complex_inside(rng, entry, 500) for entry in right])
+        exact = np.linalg.solve(np.moveaxis(values, (0, 1), (2, 3)), np.moveaxis(given, 0, 2)[..., None])[..., 0]
+        for k, (middle, radius) in enumerate(found):
+            yield np.abs(exact[..., k] - middle).max(axis=0), radius
+
+
+def values_of_expansions(rng):
+    """On discs of the three coordinates: with terms of one sign, the ends of all radii."""
+    for sign in (1, -1):
+        coefficients = sign * rng.uniform(0, 1, (COUNT, 2, 3, 2))
+        radii = tuple(rng.uniform(0.1, 1, (COUNT, 2)) for _ in range(3))
+        middle, radius = taylor.on_discs(coefficients, radii)
+        powers = [own[..., None] ** np.arange(size) for own, size in zip(radii, (2, 3, 2), strict=True)]
+        found = np.einsum("nabc,nqa,nqb,nqc->nq", coefficients, *powers)
+        yield np.abs(found - middle), radius
+        yield np.abs(middle[:, 0] - coefficients[:, 0, 0, 0]), np.full(COUNT, 1e-9)
+
+
+def roots_of_expansions(rng):
+    """Of c0 s + c1 t + c2 t^2 = 0 for |s| <= r: the quadratic formula; the disc is at most a fifth wider."""
+    for bend in (0.0, 0.3):
+        coefficients = np.zeros((COUNT, 1, 2, 3))
+        steep, first = rng.uniform(1, 2, (2, COUNT))
+        coefficients[:, 0, 0, 1], coefficients[:, 0, 0, 2] = steep, bend
+        coefficients[:, 0, 1, 0] = first
+        radius = rng.uniform(0.05, 0.4, COUNT)
+        held = root_radii(coefficients, np.zeros((COUNT, 1)), radius[:, None])[:, 0]
+        product = first * radius
+        exact = 2 * product / (steep + np.sqrt(steep**2 - 4 * bend * product))
+        yield exact, held
+
+
+#: functions of leaves x and y
+SMOOTH = ["x+y", "x-y", "2*x", "x*y", "x*x", "x^2", "x/3", "sqrt(x)", "log(x)", "1/x", "sqrt(x*x+y^2)", "1/(3*x^2+y*y)"]
+KINKED = ["abs(x)", "min(x,y)", "max(x,y)", "sqrt(2*x*x)", "sqrt(x^2+y^2)", "sqrt(abs(x))"]
+DATASET = Dataset(grid(Shape.QUADRILATERAL, 1))
+OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power, "abs": np.abs}
+OPERATIONS |= {"sqrt": np.sqrt, "log": np.log, "min": np.minimum, "max": np.maximum}
+
+
+def ball_of(text, balls, cofactor=lambda node: None, factors=((0.0,), (0.0,))):
+    """The ball of an expression of leaves x and y on COUNT boxes."""
+
+    def leaf(node):
+        return balls[node.axes[0]] if node.op == "coordinate" else Ball.around(discs.number(node.value))
+
+    found = TreeDiscs(COUNT, np.array(factors), leaf, cofactor).of(Expression.of(DATASET, text).root)
+    return Ball(*(np.broadcast_to(own, (COUNT, 1))[:, 0] for own in found))
+
+
+def of_leaves(cofactors):
+    """Cofactors of leaves x and y."""
+    return lambda node: cofactors[node.axes[0]] if node.op == "coordinate" else None
+
+
+def value_of(text, places):
+    """The same of numbers, complex ones too."""
+
+    def leaf(node):
+        return places[node.axes[0]] if node.op == "coordinate" else node.value
+
+    return fold(Expression.of(DATASET, text).root, leaf, lambda node, parts: OPERATIONS[node.op](*parts))
+
+
+def values_of_trees(rng):
+    """At complex numbers in discs, with real parts above a bound and imaginary ones within another."""
+    for text in SMOOTH:
+        middle, radius = rng.uniform(2, 3, (2, COUNT, 1)), rng.uniform(0.2, 0.9, (2, COUNT, 1))
+        low, imaginary = middle - 0.5 * radius, 0.7 * radius
+        turn = np.exp(2j * np.pi * rng.uniform(size=(2, COUNT, 600)))
+        places = middle + radius * np.where(rng.uniform(size=turn.shape) < 0.7, turn, turn.real)
+        is_held = ((places.real >= low) & (np.abs(places.imag) <= imaginary)).all(axis=0)
+        found = ball_of(text, [Ball(*own) for own in zip(middle, radius, low, imaginary, strict=True)])
+        values = np.where(is_held, value_of(text, places), np.nan)
+        yield np.nanmax(np.abs(values - found.middle[:, None]), axis=1), found.radius
+        yield found.middle - np.nanmin(values.real, axis=1), found.middle - found.low
+        yield np.nanmax(np.abs(values.imag), axis=1), found.imaginary
+
+
+def slacks_of_trees(rng):
+    """What expressions change by if leaves change by their slack; roots, next to 0, by the root of it."""
+    for text in SMOOTH + KINKED:
+        middle = rng.uniform(2, 3, (2, COUNT, 1)) if text in SMOOTH else np.zeros((2, COUNT, 1))
+        radius, slack = (0.1 + 0 * middle if text in SMOOTH else 0 * middle), rng.uniform(0.05, 0.1, (2, COUNT, 1))
+        balls = [Ball(m, r, m - r, r, s, np.sqrt(s)) for m, r, s in zip(middle, radius, slack, strict=True)]
+        found = ball_of(text, balls)
+        signs = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")).reshape(2, 1, -1)
+        for way in (-1, 1):
+            places = middle + way * radius
+            with np.errstate(all="ignore"):
+                away = np.abs(value_of(text, places + signs * slack) - value_of(text, places))
+            yield np.nanmax(away, axis=1), found.slack + np.where(found.slack > 0, 0.0, found.radius)
+
+
+def values_with_factors(rng):
+    """Leaves (1 + t) g that vanish on a face: functions of them where |t| is at most 1.5."""
+    far = 1.5
+    powers = np.tile([1, 0], (COUNT, 1))
+    for text in ("sqrt(x*x+y*y)", "abs(x)", "max(2*x,x)", "sqrt(x*x*y*y)", "sqrt(x*x)*y", "sqrt(x*x+y*y)-x"):
+        middle, radius = rng.uniform(2, 3, (2, COUNT, 1)), rng.uniform(0.2, 0.5, (2, COUNT, 1))
+        inner = [Ball.around(own) for own in zip(middle, radius, strict=True)]
+        whole = [Ball.around((m, m * far + r * (1 + far))) for m, r in zip(middle, radius, strict=True)]
+        found = ball_of(text, whole, of_leaves([(powers, own) for own in inner]), ((far,), (far,)))
+        factor = 1 + far * np.exp(2j * np.pi * rng.uniform(size=(COUNT, 300)))
+        factor[:, 0] = 1 + far
+        cofactors = middle + radius * np.exp(2j * np.pi * rng.integers(8, size=(2, COUNT, 300)) / 8)
+        cofactors[..., 0] = (middle + radius)[..., 0]
+        x, y = factor * cofactors
+        values = {
+            "sqrt(x*x+y*y)": factor * np.sqrt(cofactors[0] ** 2 + cofactors[1] ** 2),
+            "abs(x)": x,
+            "max(2*x,x)": 2 * x,
+            "sqrt(x*x*y*y)": x * y,
+            "sqrt(x*x)*y": x * y,
+            "sqrt(x*x+y*y)-x": factor * (np.sqrt(cofactors[0] ** 2 + cofactors[1] ** 2) - cofactors[0]),
+        }[text]
+        yield np.abs(values - found.middle[:, None]).max(axis=1), found.radius
+
+
+def polynomials_without_zeros(rng):
+    """u = (1 -+ t) g to within a slack, which is as large as what u has on the face; once or twice."""
+    for count, times in ((3, 1), (5, 1), (5, 2)):
+        nodes = box_rule((count,))[0][:, 0]
+        for end in (-1.0, 1.0):
+            rest = 2.0 ** (-36 - 6 * times)
+            values = (1 - end * nodes) ** times * (2 + nodes) + rest
+            own = divided(values[None], (count,))
+            column = int(end > 0)
+            assert own.powers[0, column] == times
+            assert own.powers[0].sum() == times
+            # g through its values at the points
+            places = np.linspace(-1, 1, 41)
+            basis = np.linalg.inv(np.vander(nodes, count))
+            cofactor = np.vander(places, count) @ basis @ own.values[0]
+            exact = (1 - end * places) ** times * (2 + places) + rest
+            away = np.abs((1 - end * places) ** times * cofactor - exact).max()
+            yield np.array([away]), own.slack + 1e-14
+            assert own.growth[0] >= (1 / (1 - end * nodes).min()) ** times * (1 - 1e-12)
+
+
+def errors_of_rules(rng):
+    """Of the Chebyshev polynomial of the first degree for which Gauss rules are wrong, in boxes of any dimension."""
+    for n in (2, 3, 5):
+        nodes, weights = gauss(n)
+        error = abs(weights @ np.cos(2 * n * np.arccos(nodes)) - 2 / (1 - 4 * n * n))
+        for d in (1, 2, 3):
+            radii, volumes = np.zeros((COUNT, 1 + d * len(RHOS))), rng.uniform(0.1, 1, COUNT)
+            radii[:, 1 : 1 + len(RHOS)] = (RHOS ** (2 * n) + RHOS ** (-2 * n)) / 2
+            factors = np.tile(analytic_error.gauss_factors([n]), (d, 1, 1))
+            measure = np.full((COUNT, 1), -2.0), np.full(radii.shape, 0.5)
+            for is_exact in (True, False):
+                disc = np.zeros((COUNT, 1)), radii
+                found = SimpleNamespace(counts=(n,) * d, disc=lambda _, o=disc: (o, np.zeros(COUNT)), measure=measure)
+                bound = analytic_error._analytic(found, None, is_exact, factors, volumes).sum(axis=(1, 2))
+                yield 2.5 * error * 2.0 ** (d - 1) * volumes, bound
+            # what isn't analytic is in the integral and in the rule
+            slack = rng.uniform(0.1, 1, COUNT)
+            found.disc = lambda _, r=0 * radii, s=slack: ((np.zeros((COUNT, 1)), r), s)
+            bound = analytic_error._analytic(found, None, True, factors, volumes).sum(axis=(1, 2))
+            yield 2 * slack * 2.5 * 2.0**d * volumes, bound
+
+
+def ranges_of_integrals(rng):
+    """Of integrands and measures that have both ends of what they may be."""
+    for low, high in ((1.0, 2.0), (-2.0, -1.0), (-1.0, 3.0)):
+        for d in (1, 2):
+            middle, radius = rng.uniform(1, 2, (COUNT, 1)), rng.uniform(0.1, 1.5, (COUNT, 1))
+            volumes = rng.uniform(0.1, 1, COUNT)
+            ends = np.full(COUNT, low), np.full(COUNT, high)
+            found = SimpleNamespace(counts=(2,) * d, interval=lambda _, own=ends: own, measure=(middle, radius))
+            least, most = np.maximum(middle - radius, 0.0)[:, 0], (middle + radius)[:, 0]
+            every = 2.0**d * volumes * np.stack([end * part for end in (low, high) for part in (least, most)])
+            bound = analytic_error._enclosure(found, None, False, volumes, volumes)
+            yield every.max(axis=0) + 100, bound[1] + 100
+            yield 100 - every.min(axis=0), 100 - bound[0]
+            known = Bounds(np.full((COUNT, 1, 1, 1), np.inf), *(own[:, None] for own in bound), np.zeros((COUNT, 1)))
+            for value in (every.min(axis=0), every.max(axis=0)):
+                off = np.maximum(every.max(axis=0) - value, value - every.min(axis=0))
+                yield off, known.error(value[:, None], (0,))[:, 0]
+
+
+def changes_of_moved_surfaces(rng):
+    """Parts of a box that a plane cuts, and the plane's areas, if it is moved: n . x = c on a box of any lengths."""
+    for d in (2, 3):
+        lengths, largest = rng.uniform(0.5, 2, (COUNT, 3)), rng.uniform(1, 3, (COUNT, 1))
+        slopes, shift = rng.uniform(0.2, 1, (COUNT, 3)), rng.uniform(0.01, 0.3, COUNT)
+        if d == 2:
+            slopes[:, 0] = 0.0
+        index = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"))
+        nets = np.einsum("nk,kabc->nabc", slopes, index) - 0.5
+        nets = nets[:, :1] if d == 2 else nets
+        own = {"patch": SimpleNamespace(shape=SimpleNamespace(dimension=d)), "shift": shift, "share": shift}
+        filled = level_error._changes(SimpleNamespace(is_filled=True, **own), nets, lengths, largest)
+        yield shift * lengths[:, -d:].prod(axis=1) * largest[:, 0], filled[:, 0]
+        # area for a unit of i and j: all lengths times the size of the gradient in the world over the slope along k
+        steep = np.linalg.norm(slopes[:, -d:] / lengths[:, -d:], axis=1) * lengths[:, -d:].prod(axis=1) / slopes[:, 2]
+        on_surface = level_error._changes(SimpleNamespace(is_filled=False, **own), nets, lengths, largest)
+        yield shift * steep * largest[:, 0], on_surface[:, 0]
+        much = SimpleNamespace(is_filled=True, **{**own, "shift": 9 * np.ones(COUNT)})
+        yield lengths[:, -d:].prod(axis=1), level_error._changes(much, nets, lengths, np.ones((COUNT, 1)))[:, 0]
+
+
+CLAIMS = [
+    slopes_along_the_height,
+    shifts_of_graphs,
+    changes_of_areas,
+    shares_of_moving_ends,
+    determinants,
+    solutions,
+    values_of_expansions,
+    roots_of_expansions,
+    values_of_trees,
+    slacks_of_trees,
+    values_with_factors,
+    polynomials_without_zeros,
+    errors_of_rules,
+    ranges_of_integrals,
+    changes_of_moved_surfaces,
+]
+
+
+@pytest.fixture(autouse=True)
+def silence():
+    """Discs of no value are infinite, without a warning, as in expressions."""
+    with np.errstate(all="ignore"):
+        yield
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_values_lie_within_bounds_and_some_near_their_ends(claim):
+    check(claim, TEETH)
+
+
+def test_graphs_run_along_the_direction_in_which_g_grows_most():
+    slopes = np.random.default_rng(3).permuted(np.tile([0.2, 1.0, 3.0], (20, 1)), axis=1)
+    index = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"))
+    nets = np.einsum("nk,kabc->nabc", slopes, index) - 0.1
+    order, is_graph = graph_orders.orders(nets, are_ends_free=True)
+    assert is_graph.all()
+    assert (order[:, 2] == slopes.argmax(axis=1)).all()
+    # a tenth of the greatest slope is too little
+    for slope, is_one in ((0.099, False), (0.101, True)):
+        flat = np.array([[[[0.0, slope], [1.0, 1.0 + slope]]]])
+        assert (graph_orders._steepness(flat)[0] > graph_orders._STEEP) == is_one
+
+
+def test_graphs_have_no_end_or_a_single_one_on_faces():
+    """On a face g has one sign, or a curve with one point on each side of the face."""
+    free, single = np.ones((2, 2)), np.array([[-1.0, 3.0], [-2.0, 3.0]])
+    for face, is_graph in (
+        (free, True),
+        (-free, True),
+        (single, True),
+        (single.T, False),
+        (np.array([[-1.0, 1.0, -0.5]] * 3), False),
+        (np.array([[0.0, 0.0], [1.0, 1.0]]), False),
+    ):
+        other = np.ones_like(face)
+        for pair in ((face, other), (other, face)):
+            assert graph_orders._are_ends_graphs(np.stack(pair, axis=2)[None])[0] == is_graph
+    changes = [graph_orders._changes(np.array([signs]))[0] for signs in ([1, 1], [1, -1], [-1, 1, -1], [0, -1], [0, 1])]
+    assert changes == [0, 1, 2, 1, 0]
+
+
+def test_quadrics_are_the_distances_and_squares_they_stand_for():
+    places = np.random.default_rng(2).normal(size=(3, 50))
+    point, axis = np.array([0.3, -0.2, 0.7]), np.array([0.6, 0.0, -0.8])
+    away = places.T - point
+    along = away @ axis
+    texts = {
+        "plane:0.3,-0.2,0.7:3,0,-4": along,
+        "plane:0.3,-0.2:0,2": away[:, 1],
+        "sphere:0.3,-0.2,0.7:1.5": (away**2).sum(axis=1) - 1.5**2,
+        "cylinder:0.3,-0.2,0.7:3,0,-4:0.5": (away**2).sum(axis=1) - along**2 - 0.5**2,
+    }
+    for text, expected in texts.items():
+        found = fold(quadric(text), lambda n: places[n.axes[0]] if n.op == "coordinate" else n.value, numbers)
+        assert np.abs(found - expected).max() < 1e-13
+    for text in ("sphere:0,0,0:0", "sphere:0,0,0:-1", "plane:0,0,0:0,0,0", "cylinder:0,0,0:0,0,1:0", "sphere:0:1"):
+        with pytest.raises(ElvisError, match="expected"):
+            quadric(text)
+
+
+def numbers(node, parts):
+    return OPERATIONS[node.op](*parts)
+
+
+def boxes_of(count, low=-1.0, high=1.0):
+    corners = np.full((count, 2), low), np.full((count, 2), high)
+    return EtaBoxes("piece", np.arange(count), np.zeros((count, 1)), *corners)
+
+
+def test_boxes_of_a_piece_are_joined_and_halved():
+    one = boxes_of(2)
+    for several in ([one], [one, one.part(np.array([1]))]):
+        joined = EtaBoxes.joined(several)
+        assert joined.piece == "piece"
+        assert joined.rows.tolist() == [0, 1, 1][: len(joined)]
+    halves = one.halved(np.array([[True, False], [True, True]]))
+    assert halves.rows.tolist() == [0, 1, 0, 1, 1, 1]
+    assert halves.volumes.tolist() == [0.5, 0.25, 0.5, 0.25, 0.25, 0.25]
+    for side, can in ((1.0, False), (1.01, True)):
+        assert (boxes_of(1, 0.0, 2 * side * 2.0**-43).can_be_halved == can).all()
+
+
+@pytest.mark.parametrize("texts", [("x",), ("sqrt(x)",), ("x", "sqrt(x)"), ("sqrt(x)", "x")])
+def test_boxes_on_surfaces_are_evaluated_if_their_bounds_or_a_value_may_be_lacking(texts):
+    """An expression of sums and products always has a value; one that isn't bounded on any box of the four is not."""
+    roots = [Expression.of(DATASET, text).root for text in texts]
+    errors = np.ones((4, len(roots), 2, 1))
+    errors[1, 0, 0] = errors[2, -1, 1] = errors[3] = np.inf
+    nothing = np.zeros((4, len(roots)))
+    known = Bounds(errors, nothing - np.inf, nothing + np.inf, nothing)
+    rules = SimpleNamespace(bounds=lambda part, roots, counts: (known, nothing))
+    evaluated = []
+    own = SimpleNamespace(
+        _expressions=[SimpleNamespace(root=root) for root in roots],
+        _raised=lambda group, steps: evaluated.extend(group.boxes.rows.tolist()),
+    )
+    groups = list(Summation._enclosed(own, Boxes(np.arange(4)), rules, list(range(len(roots)))))
+    without = [row for group in groups if group is not None for row in group.boxes.rows.tolist()]
+    has_values = texts == ("x",)
+    assert without == ([0, 1, 2, 3] if has_values else [0])
+    assert evaluated == ([] if has_values else [1, 2, 3])
+
+
+class Boxes(SimpleNamespace):
+    """Rows alone, of squares."""
+
+    dimension = 2
+
+    def __init__(self, rows):
+        super().__init__(rows=rows)
+
+    def __len__(self):
+        return len(self.rows)
+
+    def part(self, chosen):
+        return Boxes(self.rows[chosen])
+
+
+def test_surfaces_in_boxes_are_no_larger_than_lines_meet_them():
+    """A line meets g = 0 as often as the degree; faces have the area of their lengths."""
+    lengths = np.array([[2.0, 3.0, 5.0]] * 3)
+    several, further = np.array([1.0, 2.0, 0.0]), np.array([0.0, 0.5, 0.25])
+    boxes = SimpleNamespace(patch=SimpleNamespace(shape=Shape.HEXAHEDRON), nets=np.zeros((3, 2, 3, 4)))
+    boxes.several, boxes.further = several, further
+    found = level_error._extent(SimpleNamespace(longest=lengths), boxes)
+    assert found.tolist() == [1 * 15 + 2 * 10 + 3 * 6, 2 * 53 + 0.5, 0.25]

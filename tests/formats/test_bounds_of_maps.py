@@ -1,0 +1,304 @@
+"""Bounds of maps, their inverses and their determinants: values lie within them, some near their ends (claims.py)."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from claims import TEETH, check
+
+from elvis.core.cores import core_turning
+from elvis.core.cores.core_boxes import Boxes as CoreBoxes
+from elvis.core.cores.core_boxes import _without_walls
+from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
+from elvis.core.cores.outer_sides import OuterSides
+from elvis.core.mapping.enclosure import _Cells, _root_bounds
+from elvis.core.mapping.margins import facets, heights
+from elvis.core.mapping.newton import heights_rounding
+from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.polynomials.boxnets import on_lattice
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.rounding import halving_roundings, raising_roundings
+from elvis.core.shapes import Shape
+from elvis.core.validity import descent, determinants, regularity
+from elvis.core.validity.determinants import Polynomials
+
+COUNT = 40
+#: invariants are bounded by coefficients, which are larger than values
+WIDE = {"approximations_of_invariants": 0.4}
+#: unit roundoff of the model
+COARSE = 2.0**-11
+LINE = np.linspace(0, 1, 9)
+
+
+def roots_in_cells(rng):
+    """Of maps that are linear but for a bend, off by a slack in each coordinate: at its ends."""
+    for d, bend in ((2, 0.0), (3, 0.0), (2, 0.05), (3, 0.05)):
+        matrix = np.eye(3)[:, :d] + rng.uniform(-0.2, 0.2, (COUNT, 3, d))
+        matrix[:, d:] = 0.0
+        places = np.stack(np.meshgrid(*[np.linspace(0, 1, 3)] * d, indexing="ij"), axis=-1)
+        bends = bend * rng.uniform(-1, 1, (COUNT, *(3,) * d, 3)) * (np.arange(3) < d)
+        maps = np.einsum("nki,...i->n...k", matrix, places) + bends
+        t, slack = rng.uniform(0.3, 0.7, (COUNT, d)), rng.uniform(0.01, 0.05, COUNT)
+        # the map less its value at t, and less what makes the root move along each axis by most
+        values = np.stack([at(maps[..., k], t) for k in range(3)], axis=1)
+        inverse = np.linalg.pinv(matrix)
+        for axis in range(d):
+            for way in (-1, 1):
+                off = way * slack[:, None] * np.sign(inverse[:, axis])
+                net = maps - (values + off).reshape(COUNT, *(1,) * d, 3)
+                net = np.moveaxis(net, (0, -1), (-1, 0))
+                # direction i of a cell's net is axis -2 - i
+                net = np.moveaxis(net, range(1, d + 1), range(d, 0, -1))
+                cells = _Cells(np.arange(COUNT), np.zeros((COUNT, d)), np.ones((COUNT, d)), np.ascontiguousarray(net))
+                lower, upper, is_linear = _root_bounds(cells, slack)
+                assert is_linear.all()
+                middle, half = (lower + upper)[:, axis] / 2, (upper - lower)[:, axis] / 2
+                yield np.abs(t[:, axis] - middle), half * (1 + 1e-9)
+
+
+def at(nets, t):
+    """(n,) values of nets (n, 3, …) of degree 2 at places t (n, d) of their own."""
+    for axis in range(t.shape[1]):
+        s = t[:, axis]
+        weights = np.stack([(1 - s) ** 2, 2 * s * (1 - s), s**2], axis=1)
+        nets = np.einsum("na...,na->n...", nets, weights)
+    return nets
+
+
+def heights_of_moved_points(rng):
+    """Of points whose coordinates are off, at the corners of what they may be."""
+    for shape in (Shape.TRIANGLE, Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON):
+        d = shape.dimension
+        duals, rounding = rng.normal(size=(COUNT, 3, d)), rng.uniform(0.1, 1, COUNT)
+        steps = np.stack(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, -1)
+        own = np.zeros((1, d))
+        moved = np.einsum("nci,cs,n->nsi", duals, steps, rounding).reshape(-1, d)
+        away = np.abs(heights(shape, moved) - heights(shape, own)).reshape(COUNT, 8, -1).max(axis=1)
+        bound = heights_rounding(shape, duals, rounding)
+        for facet in range(away.shape[1]):
+            yield away[:, facet], bound[:, facet]
+
+
+def sums_and_products_of_polynomials(rng):
+    """Of polynomials that are off by what they say, in opposite ways."""
+    spaces = BernsteinSpace(Shape.TRIANGLE, (2,)), BernsteinSpace(Shape.TRIANGLE, (1,))
+    first, second = (
+        Polynomials(space, rng.normal(size=(space.count, COUNT)), rng.uniform(0.05, 0.2, COUNT)) for space in spaces
+    )
+    other = Polynomials(first.space, rng.normal(size=first.net.shape), rng.uniform(0.05, 0.2, COUNT))
+    operations = [(lambda a, b: a + b, other), (lambda a, b: a - b, other), (lambda a, b: a * b, second)]
+    for operation, operand in operations:
+        found = operation(first, operand)
+        for one in (-1, 1):
+            for two in (-1, 1):
+                pair = [moved(own, way) for own, way in ((first, one), (operand, two))]
+                yield np.abs(operation(*pair).net - found.net).max(axis=0), found.error
+
+
+def moved(own, way):
+    return Polynomials(own.space, own.net + way * own.error, np.zeros(COUNT))
+
+
+def eigenvalues_of_two_entries(rng):
+    """[[0, a], [b, d]] and another eigenvalue: all that an error is divided by is as small as it may be."""
+    for a in rng.uniform(0.12, 0.16, 20):
+        radius = np.zeros((1, 3, 3))
+        radius[0, [0, 1], [1, 0]] = a
+        middle = np.diag([0.0, 1.0, 1.5])[None]
+        slope = np.zeros((1, 3, 3))
+        slope[0, 0, 1] = 1.0
+        known = Eigenvalue.of(MatrixRange(middle, radius), [MatrixRange(slope, 0 * slope)] * 3)
+        assert known.is_known.all()
+        # y^2 - y + a b = 0 with b = -a and b = a
+        for product in (-a * a, a * a):
+            value = (1 - np.sqrt(1 + 4 * product)) / 2
+            yield np.array([abs(value)]), known.error
+            yield np.array([a / abs(2 * value - 1)]), known.slope_error[:, 0]
+
+
+def approximations_of_invariants(rng):
+    """Of a higher degree than three: off by their error at most."""
+    nets = rng.uniform(-1, 1, (COUNT, 1, 5, 5, 5)) + 9 * (-1.0) ** np.indices((5, 5, 5)).sum(axis=0)
+    found, error = core_turning._reduced(nets)
+    assert found.shape[2] == 4
+    away = np.abs(on_lattice(found[:, 0], LINE) - on_lattice(nets[:, 0], LINE)).max(axis=(1, 2, 3))
+    yield away, error
+
+
+CLAIMS = [
+    roots_in_cells,
+    heights_of_moved_points,
+    sums_and_products_of_polynomials,
+    eigenvalues_of_two_entries,
+    approximations_of_invariants,
+]
+
+
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_values_lie_within_bounds_and_some_near_their_ends(claim):
+    check(claim, WIDE.get(claim.__name__, TEETH))
+
+
+@pytest.mark.parametrize(("part", "is_empty"), [(0.99, False), (1.01, True)])
+def test_cells_whose_image_keeps_away_by_more_than_the_slack_have_no_root(part, is_empty):
+    """In one coordinate, at the one end or at the other; the map is constant there."""
+    for way in (-1, 1):
+        for coordinate in range(3):
+            net = np.zeros((3, 2, 2, 1))
+            net[coordinate] = way * part * 0.1
+            cells = _Cells(np.arange(1), np.zeros((1, 2)), np.ones((1, 2)), net)
+            lower, upper, _ = _root_bounds(cells, np.full(1, 0.1))
+            assert (lower > upper).any() == is_empty
+
+
+@pytest.mark.parametrize("degrees", [(1,), (3,)])
+def test_all_roundings_of_products_are_counted(monkeypatch, degrees):
+    """All terms of one sign, each product, sum and weight rounded away from zero."""
+    monkeypatch.setattr(determinants, "_UNIT", COARSE)
+    space = BernsteinSpace(Shape.TRIANGLE, degrees)
+    ones = Polynomials(space, np.ones((space.count, 1)), np.zeros(1))
+    # a weight times each factor, their product, sums of as many terms as the shorter factor has, and a quotient
+    away = (1 + COARSE) ** (2 + 1 + space.count + 1) - 1
+    (bound,) = (ones * ones).error
+    assert bound / 8 < away <= bound
+    (bound,) = (ones + ones).error
+    assert 2 * COARSE <= bound < 2.1 * COARSE
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON, Shape.PYRAMID])
+def test_all_roundings_of_derivatives_are_counted(monkeypatch, shape):
+    """Modal coefficients of one size: products and sums of all modes, differences, and multiples of degrees."""
+    monkeypatch.setattr(determinants, "_UNIT", COARSE)
+    d, degree = shape.dimension, 3
+    expansion = modified(shape, (degree + 1,) * d)
+    count = determinants.to_bernstein(expansion).shape[0]
+    coefficients = np.random.default_rng(1).choice([-1.0, 1.0], (COUNT, 3, count))
+    columns = determinants.tangents(expansion, coefficients)
+    size = np.abs(coefficients) @ np.abs(determinants.to_bernstein(expansion)).max(axis=1)
+    for direction, column in enumerate(columns):
+        for axis, own in enumerate(column):
+            # both coefficients of a difference, times half the degree; the difference and the product
+            off = degree * size[:, axis] * ((1 + COARSE) ** (count + 1) - 1)
+            is_divided = shape is Shape.PYRAMID and direction < 2
+            away = off * (degree if is_divided else 1)
+            assert (away <= own.error).all()
+            assert (own.error <= 4 * away + 8 * COARSE * np.abs(own.net).max()).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON, Shape.PYRAMID])
+def test_all_roundings_of_control_matrices_are_counted(monkeypatch, shape):
+    """Raised to one size, halved in every direction as often as is allowed; on pyramids sums before that."""
+    monkeypatch.setattr(regularity, "UNIT", COARSE)
+    exact = [[] for _ in range(3)]
+    for direction in range(3):
+        degrees = (2, 2, 1) if shape is Shape.PYRAMID and direction < 2 else (2, 2, 2)
+        space = BernsteinSpace(shape, degrees[: 1 if shape is Shape.TETRAHEDRON else 3])
+        exact[direction] = [Polynomials(space, np.ones((space.count, 1)), np.zeros(1)) for _ in range(3)]
+    controls, error = regularity._controls(exact, 3)
+    sizes = controls.shape[3:]
+    count = raising_roundings(sizes) + regularity.HALVINGS * halving_roundings(sizes)
+    if shape is Shape.PYRAMID:
+        # a product of a net with (0, 1) or (1, 1), raised, and two sums
+        count += 2 * (3 + 1) + raising_roundings(sizes)
+    # the Frobenius norm of nine entries
+    away = 3 * np.abs(controls).max() * ((1 + COARSE) ** count - 1)
+    assert (away <= error).all()
+    assert (error <= 4 * away).all()
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+@pytest.mark.parametrize("directions", [1, 2, 3])
+def test_matrices_are_definite_up_to_their_error(part, directions):
+    """The least eigenvalue of the symmetric part against the error, which P magnifies by its norm."""
+    rng = np.random.default_rng(directions)
+    turns = np.linalg.qr(rng.normal(size=(COUNT, directions, directions)))[0]
+    eigenvalues = rng.uniform(1, 2, (COUNT, directions))
+    matrices = np.einsum("nik,nk,njk->nij", turns, eigenvalues, turns)
+    skew = rng.normal(size=matrices.shape)
+    matrices = matrices + skew - skew.swapaxes(1, 2)
+    inverse = np.tile(2 * np.eye(directions), (COUNT, 1, 1))
+    least = 2 * eigenvalues.min(axis=1)
+    error = part * least / (2 * np.sqrt(directions))
+    controls = np.stack([matrices, matrices + np.eye(directions)], axis=3)
+    assert (regularity._are_definite(inverse, controls, error) == (part < 1)).all()
+    # whatever the other eigenvalues are
+    eigenvalues[:, 0] = -0.1 * np.sign(part - 1)
+    matrices = np.einsum("nik,nk,njk->nij", turns, eigenvalues, turns)
+    assert (regularity._are_definite(inverse, matrices[..., None], np.zeros(COUNT)) == (part < 1)).all()
+
+
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_walls_are_zero_to_rounding(part):
+    """Heights over a side are divided out if all of the vector is zero there, relative to its largest component."""
+    rng = np.random.default_rng(3)
+    for axis in range(3):
+        for end in (0, 1):
+            height = np.linspace(0, 1, 2) if end == 0 else np.linspace(1, 0, 2)
+            net = 1 + rng.uniform(0, 1, (1, 3, 2, 2, 2))
+            net *= height.reshape(-1, *(1,) * (2 - axis))
+            size = np.abs(net).max()
+            moved = np.moveaxis(net, 2 + axis, -1)
+            moved[0, 1, 0, 1, -end] = part * 1e-11 * size
+            found = _without_walls(net)
+            # divided, it doesn't vanish on the side any more
+            at_side = np.abs(np.moveaxis(found, 2 + axis, -1)[..., -end]).min()
+            assert (at_side > 0.4) == (part < 1)
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_flows_turn_less_than_the_imaginary_part_of_their_eigenvalues(part):
+    """Of constant gradients with eigenvalues a and b +- i v, in any basis."""
+    rng = np.random.default_rng(4)
+    bases = rng.normal(size=(COUNT, 3, 3))
+    a, b, v = rng.uniform(-1, 1, (3, COUNT))
+    middle = np.zeros((COUNT, 3, 3))
+    middle[:, 0, 0], middle[:, 1, 1], middle[:, 2, 2], middle[:, 1, 2], middle[:, 2, 1] = a, b, b, v, -v
+    gradient = np.einsum("nij,njk,nkl->nil", bases, middle, np.linalg.inv(bases)).reshape(COUNT, 9, 1, 1, 1)
+    gradient = np.tile(gradient, (2, 2, 2))
+    above = np.ones((COUNT, 3, 2, 2, 2))
+    boxes = CoreBoxes.whole(np.arange(COUNT), above, gradient, np.abs(v) / part, False)
+    assert (core_turning.turns_less(boxes) == (part < 1)).all()
+
+
+@pytest.mark.parametrize("off", [1.9e-6, 2.1e-6])
+def test_places_are_on_outer_sides_to_within_a_tolerance(off):
+    shape = Shape.HEXAHEDRON
+    normals, offsets = facets(shape)
+    neighbours = SimpleNamespace(
+        is_outer=lambda patch, row, side: side != 1,
+        facets=lambda patch: (normals, offsets),
+        boundary=lambda patch, row, side: np.where(side == 2, -1, side),
+        names=[f"side {number}" for number in range(6)],
+    )
+    own = OuterSides([Sized(shape)], [np.arange(8)[None]], neighbours)
+    assert own.boundary(0, 0, np.zeros(3)) is None
+    for side, corners in enumerate(shape.faces):
+        middle = shape.vertices[list(corners)].mean(axis=0)
+        # heights are half of what reference coordinates are
+        name = own.boundary(0, 0, middle * (1 - 2 * off))
+        if off > 2e-6 or side == 1:
+            assert name is None
+        else:
+            assert name == ("left" if side == 2 else f"side {side}")
+
+
+class Sized(SimpleNamespace):
+    """A patch of one element."""
+
+    def __init__(self, shape):
+        super().__init__(shape=shape)
+
+    def __len__(self):
+        return 1
+
+
+def test_polynomials_are_not_halved_below_their_error(monkeypatch):
+    """A bound that is as near as rounding, or as the tolerance, is near enough."""
+    monkeypatch.setattr(descent._Boxes, "halves", lambda self: 1 / 0)
+    net = np.array([[1.0, 0.95, 1.0]])
+    for error in (0.1, 0.06):
+        found = descent.least(net, np.full(1, error), np.full(1, 9.0))
+        assert found.lower[0] == 0.95
+        assert found.value[0] == 1.0
+    with pytest.raises(ZeroDivisionError):
+        descent.least(net, np.full(1, 0.04), np.full(1, 9.0))
