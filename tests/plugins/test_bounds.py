@@ -198,6 +198,85 @@ def test_patches_are_as_far_from_their_linear_part_as_taylors_theorem_says(state
     check(claim)
 
 
+def exponential(rates, degree, size=1.0):
+    """Bounds of the derivatives of size e^(a s + b t) at its middle, how far it is from flat, and further numbers."""
+    a, b = rates
+    terms = [a**i * b ** (k - i) for k in range(1, degree + 1) for i in range(k, -1, -1)]
+    return [*(np.array(terms) * size), 0.3, *[0] * 8]
+
+
+def test_derivatives_of_patches_along_their_sides_are_within_their_bounds(stated):
+    """Of e^(a s + b t), which is its derivative in any direction but for a factor."""
+
+    def claim(rng):
+        for a, b in rng.uniform(0.1, 1, (5, 2)):
+            way, half = rng.uniform(0.1, 1, (COUNT, 2)), rng.uniform(0.2, 2, COUNT)
+            slope = (way @ [a, b]) * half
+            first = half[:, None]
+            for order in (1, 2, 3):
+                third = np.tile([2, 0, order - 1], (COUNT, 1))
+                yield (
+                    slope**order,
+                    stated(5, first, way * rng.choice([-1, 1], way.shape), third, exponential((a, b), 3)),
+                )
+            yield slope**2 / 2, stated(5, first, way, np.tile([2, 0, 3], (COUNT, 1)), exponential((a, b), 3))
+            yield np.full(COUNT, 0.3), stated(5, first, way, np.tile([4, 1, 3], (COUNT, 1)), exponential((a, b), 3))
+
+    check(claim, 0.99)
+
+
+def test_second_derivatives_of_squared_distances_change_within_their_bounds(stated):
+    """Of a line e^(a s + b t) to 0, for |s| and |t| up to h: all derivatives are greatest at the corner."""
+
+    def claim(rng):
+        for a, b in rng.uniform(0.2, 1, (5, 2)):
+            half = rng.uniform(0.005, 0.02, COUNT)
+            # bounds over the whole patch are for the largest part; steps are in parts of half its side
+            numbers = exponential((a, b), 3, np.exp(0.02 * (a + b)))
+            grown = np.expm1(2 * half * (a + b))
+            for which, second in enumerate((2 * a * a, 2 * a * b, 2 * b * b)):
+                third = np.tile([4, 0, 4 + which], (COUNT, 1))
+                first = np.column_stack([half, np.ones(COUNT)])
+                yield second * half**2 * grown, stated(5, first, np.zeros(2), third, numbers)
+
+    check(claim, 0.9)
+
+
+def test_places_move_as_far_as_the_least_second_derivatives_let_them(stated):
+    """(|s| |X_s| + |t| |X_t|)^2 in parts of a form in s and t whose mixed part has the worse sign."""
+    turn = np.linspace(0, np.pi / 2, 400)
+    u, v = np.cos(turn), np.sin(turn)
+
+    def claim(rng):
+        one = np.array([0.7, 0.4])
+        for is_even in (False, True):
+            least = rng.uniform(0.5, 2, (COUNT, 2))
+            least = one**2 if is_even else least
+            most = rng.uniform(0, 0.9, COUNT) * np.sqrt(np.broadcast_to(least, (COUNT, 2)).prod(axis=1))
+            first = np.column_stack([np.ones((COUNT, 2)), np.broadcast_to(least, (COUNT, 2))])
+            second = np.column_stack([np.zeros((COUNT, 2)), most])
+            s, t = np.broadcast_to(least, (COUNT, 2)).T
+            form = s[:, None] * u * u + t[:, None] * v * v - 2 * most[:, None] * u * v
+            found = ((one[0] * u + one[1] * v) ** 2 / form).max(axis=1)
+            yield found, stated(5, first, second, np.tile([4, 0, 7], (COUNT, 1)), [*one, *[0] * 15])
+            along = stated(5, first, [1.0, 0.0], np.tile([2, 0, 7], (COUNT, 1)), [*one, *[0] * 15])
+            yield one[0] ** 2 / s, along
+
+    check(claim, 0.99)
+
+
+def test_distances_change_by_no_more_than_one_moves_and_are_computed(stated):
+    """Over a box, to within the error of computed places and of distances themselves."""
+
+    def claim(rng):
+        radius, error, own = rng.uniform(0, 1, (COUNT, 3)), rng.uniform(0, 0.2, (COUNT, 3)), rng.uniform(0, 0.2, COUNT)
+        off = np.zeros(COUNT)
+        yield np.linalg.norm(radius + error, axis=1) + own, stated(6, radius, error, np.column_stack([own, off]))
+        yield np.linalg.norm(error, axis=1) + own, stated(6, radius, error, np.column_stack([own, off + 1]))
+
+    check(claim, 0.99)
+
+
 def test_fields_beside_rays_are_as_far_from_linear_as_taylors_theorem_says(stated):
     """x . H x / 2 at the corners of a cube; half of the bound is room for steps that are linear, too."""
 
@@ -210,6 +289,44 @@ def test_fields_beside_rays_are_as_far_from_linear_as_taylors_theorem_says(state
         yield found, stated(2, np.stack([half, distance], axis=1))
 
     check(claim, 0.49)
+
+
+def test_rays_meet_levels_between_the_depths_that_are_stated(stated):
+    """Of a linear field, off by a remainder and by noise; and of what is in the cube, off by a deviation."""
+    rng = np.random.default_rng(2)
+    start = np.array([0.1, -0.2, 0.3])
+    gradient, direction = rng.uniform(0.3, 1, (2, COUNT, 3))
+    gradient[::2], direction[1::3] = -gradient[::2], -direction[1::3]
+    remainder, noise = rng.uniform(0.01, 0.1, (2, COUNT))
+    second, steep = np.column_stack([direction, remainder]), np.einsum("nk,nk->n", gradient, direction)
+    for deviation, largest in ((9.0, 0.2), (0.0, 2.0)):
+        value = rng.uniform(-largest, largest, COUNT)
+        first, level = np.column_stack([gradient, value]), -(value + gradient @ start)
+        third = np.column_stack([np.full(COUNT, deviation), noise, np.zeros(COUNT)])
+        low, high = (stated(7, first, second, third + np.array([0, 0, which])) for which in (0, 1))
+        ends = [(sign * (1 + deviation + 1e-7) - start) / direction for sign in (-1, 1)]
+        inside = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+        # both noises: that of the value here, and that of the root
+        off = (remainder + 2 * noise) / np.abs(steep)
+        assert np.abs(low - np.maximum(inside[0], level / steep - off)).max() < 1e-12
+        assert np.abs(high - np.minimum(inside[1], level / steep + off)).max() < 1e-12
+        assert (np.abs(low - inside[0]) < 1e-12).any() == (deviation == 0)
+
+    # without a slope all counts, or nothing, by the value alone
+    first[:, :3] = 0.0
+    for part, is_met in ((0.99, True), (1.01, False)):
+        first[:, 3] = part * (remainder + noise) * rng.choice([-1, 1], COUNT)
+        low, high = (stated(7, first, second, third + np.array([0, 0, which])) for which in (0, 1))
+        assert ((low <= high) == is_met).all()
+
+
+def test_depths_of_roots_are_as_uncertain_as_errors_over_slopes_and_rounding(stated):
+    first = np.array([[0.1, 2.0, 5.0], [0.1, 0.0, 5.0], [0.0, 2.0, -5.0]])
+    found = stated(8, first)
+    assert found[0] == pytest.approx(0.05, abs=1e-14)
+    assert found[0] > 0.05
+    assert np.isinf(found[1])
+    assert 4 * 2.0**-53 * 5 <= found[2] < 10 * 2.0**-53 * 5
 
 
 def test_series_have_the_errors_of_values_and_their_rounding(stated):
