@@ -107,11 +107,10 @@ def drawn(options: argparse.Namespace) -> list[Mutant]:
     known = equivalents()
     found = [mutant for mutant in every_mutant(options) if mutant.key not in known]
     if options.lines:
-        wanted = {f"{name}:{line}" for name, lines in map(span, options.lines) for line in lines}
-        chosen = [mutant for mutant in found if f"{mutant.name}:{mutant.change.line}" in wanted]
-    else:
-        chosen = [mutant for of in eligible(found, options).values() for mutant in of]
-        chosen = chosen if options.every else sample(found, options)
+        wanted = {(name, line) for name, lines in map(span, options.lines) for line in lines}
+        found = [mutant for mutant in found if (mutant.name, mutant.change.line) in wanted]
+    is_every = options.every or options.lines
+    chosen = [each for of in eligible(found, options).values() for each in of] if is_every else sample(found, options)
     if options.list:
         for mutant in chosen:
             print(f"{mutant.name}:{mutant.change.line} {mutant.change.kind}\n    {mutant.key}")
