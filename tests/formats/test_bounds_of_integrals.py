@@ -8,11 +8,25 @@ from claims import TEETH, check
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.integrals import analytic_error, disc_algebra, graph_orders, level_error, taylor
+from elvis.core.integrals import (
+    analytic_error,
+    box_discs,
+    disc_algebra,
+    graph_orders,
+    graphs,
+    groups,
+    integration,
+    level_error,
+    refinement,
+    taylor,
+    tree_discs,
+)
 from elvis.core.integrals.analytic_error import Bounds
-from elvis.core.integrals.box_discs import RHOS
+from elvis.core.integrals.box_discs import RHOS, BoxDiscs, _factors
+from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.eta_boxes import EtaBoxes
 from elvis.core.integrals.graph_discs import root_radii
+from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.integrals.refinement import Summation
@@ -25,6 +39,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 
 COUNT = 60
+#: rounding of the model
+COARSE = 2.0**-11
 LINE = np.linspace(0, 1, 9)
 
 
@@ -331,7 +347,40 @@ def changes_of_moved_surfaces(rng):
         yield lengths[:, -d:].prod(axis=1), level_error._changes(much, nets, lengths, np.ones((COUNT, 1)))[:, 0]
 
 
+def polynomials_on_ellipses(rng):
+    """Values, and imaginary parts, at complex places of one direction and real ones of the others."""
+    counts = (3, 4)
+    found = BoxDiscs(range(COUNT), None, (), None, None, counts)
+    nodes = [box_rule((count,))[0][:, 0] for count in counts]
+    values = rng.normal(size=(COUNT, *counts))
+    ball = found._polynomial(values.reshape(-1))
+    (disc,) = found._several(values.reshape(-1, 1))
+    assert np.array_equal(disc[0], ball.middle)
+    assert np.allclose(disc[1], ball.radius, rtol=1e-12)
+    for axis in range(2):
+        for k, rho in enumerate(RHOS):
+            w = rho * np.exp(1j * np.pi * np.arange(24) / 12)
+            places = [np.linspace(-1, 1, 24)[:, None] + 0j * w, np.linspace(-1, 1, 24)[:, None] + 0j * w]
+            places[axis] = np.tile((w + 1 / w) / 2, (24, 1))
+            pairs = zip(nodes, places, strict=True)
+            tables = [np.linalg.solve(np.vander(own).T, np.vander(z.reshape(-1), len(own)).T) for own, z in pairs]
+            exact = np.einsum("nab,ap,bp->np", values, *tables)
+            column = 1 + axis * len(RHOS) + k
+            yield np.abs(exact - ball.middle).max(axis=1), ball.radius[:, column]
+            yield np.abs(exact.imag).max(axis=1), ball.imaginary[:, column]
+    lattice = [np.linalg.solve(np.vander(own).T, np.vander(np.linspace(-1, 1, 9), len(own)).T) for own in nodes]
+    exact = np.einsum("nab,ap,bq->npq", values, *lattice).reshape(COUNT, -1)
+    yield np.abs(exact - ball.middle).max(axis=1), ball.radius[:, 0]
+    # 1 + t and 1 - t of a direction on its own ellipses, elsewhere on the real box
+    for axis in range(2):
+        radii = _factors(2)[2 * axis : 2 * axis + 2]
+        own = np.ones(1 + 2 * len(RHOS))
+        own[1 + axis * len(RHOS) : 1 + (axis + 1) * len(RHOS)] = (RHOS + 1 / RHOS) / 2
+        assert np.array_equal(radii, [own, own])
+
+
 CLAIMS = [
+    polynomials_on_ellipses,
     slopes_along_the_height,
     shifts_of_graphs,
     changes_of_areas,
@@ -478,3 +527,157 @@ def test_surfaces_in_boxes_are_no_larger_than_lines_meet_them():
     boxes.several, boxes.further = several, further
     found = level_error._extent(SimpleNamespace(longest=lengths), boxes)
     assert found.tolist() == [1 * 15 + 2 * 10 + 3 * 6, 2 * 53 + 0.5, 0.25]
+
+
+def test_lower_bounds_of_real_parts_have_room_for_rounding(monkeypatch):
+    """In parts of the middle and of the radius, which is unknown of some."""
+    monkeypatch.setattr(tree_discs, "ROUNDING", COARSE)
+    middle, radius = np.full((2, COUNT, 1), 2.0), np.full((2, COUNT, 1), 0.5)
+    balls = [Ball.around(own) for own in zip(middle, radius, strict=True)]
+    for text, low in (("x+y", 3.0), ("3*x", 4.5), ("x^2", 2.25), ("x*x", 2.25)):
+        found = ball_of(text, balls)
+        exact = low - COARSE * (np.abs(found.middle) + found.radius)
+        assert np.abs(found.low - exact).max() < 1e-12
+    unknown = ball_of("x+y", [balls[0], balls[1]._replace(radius=np.full((COUNT, 1), np.inf))])
+    assert np.abs(unknown.low - (3.0 - COARSE * 4)).max() < 1e-12
+
+
+def test_divided_polynomials_have_the_rounding_of_their_values(monkeypatch):
+    """Values near a face may be off by as much as others; division makes that greater."""
+    monkeypatch.setattr(tree_discs, "ROUNDING", 2.0**-41)
+    nodes = box_rule((4,))[0][:, 0]
+    values = (1 + nodes) * (2 - nodes)
+    own = divided(values[None], (4,))
+    assert own.slack[0] >= 2.0**-41 * np.abs(values).max()
+    assert own.growth[0] == 1 / (1 + nodes).min()
+
+
+def test_roundings_of_discs_are_taken_outwards(monkeypatch):
+    """Of values of polynomials, and of functions that grow on ellipses."""
+    found = BoxDiscs(range(1), None, (), None, None, (2, 2))
+    values = np.array([1.0, 2.0, 2.0, 1.0])
+    exact = found._polynomial(values)
+    monkeypatch.setattr(box_discs, "ROUNDING", COARSE)
+    rounded = found._polynomial(values)
+    for name, sign in (("radius", 1), ("low", -1), ("imaginary", 1)):
+        assert np.allclose(getattr(rounded, name) - getattr(exact, name), sign * 2 * COARSE, atol=1e-12), name
+    assert np.allclose(found._several(values[:, None])[0][1] - exact.radius, 2 * COARSE, atol=1e-12)
+
+
+def test_polynomials_that_are_zero_are_not_divided():
+    assert divided(np.zeros((1, 4)), (4,)).powers.tolist() == [[0, 0]]
+
+
+def test_roots_of_lines_and_parabolas_are_found_whichever_end_is_positive():
+    """A zero counts as positive: on the way up the root is there, on the way down there is none."""
+    net = np.array([[-1.0, 0.5, 3.0], [1.0, -0.5, -3.0], [-1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, -1.0, -1.0]])
+    root = (np.sqrt(13) - 3) / 2
+    assert np.abs(graphs.roots(net) - [root, root, 1.0, 1.0, 0.0]).max() < 1e-12
+
+
+def test_sums_add_up_and_averages_have_the_error_of_their_measure():
+    numbers = np.arange(1.0, 7.0).reshape(6, 1)
+    every = np.ones(1, bool)
+    one, two = (Sums(*(factor * numbers), every, every, converted=factor * numbers[0]) for factor in (1, 10))
+    both = one + two
+    names = ("value", "error", "rounding", "magnitude", "measure", "beyond")
+    assert [getattr(both, name).item() for name in names] == [11 * k for k in range(1, 7)]
+    assert both.converted.item() == 11
+    wanted = [SimpleNamespace(is_average=is_average, text="") for is_average in (False, True)]
+    two_rows = Sums(*np.tile(numbers, (1, 2)), *np.ones((2, 2), bool), converted=np.array([0.5, 0.0]))
+    whole, mean = integration._rows("domain", wanted, two_rows, True)
+    assert (whole.value, whole.error, whole.kind) == (1.0, 2.5, integration.ESTIMATE)
+    assert (mean.value, mean.error, mean.measure) == (0.2, 0.4, 5.0)
+
+
+def test_boxes_are_chosen_by_their_scores_and_costs():
+    scores = np.array([0.1, 0.5, 0.3, 0.3])
+    assert refinement._threshold(scores / 9) == np.inf
+    assert refinement._threshold(np.array([0.2, 0.2, 0.3, 0.9])) == 0.3
+    for budget, chosen in ((9, 4), (3, 3), (2, 1), (1, 1), (0, 0)):
+        assert (scores >= refinement._affordable(scores, np.array([1, 1, 1, 1]), budget)).sum() == chosen
+    assert (scores >= refinement._affordable(scores, np.array([1, 2, 1, 1]), 1)).sum() == 0
+
+
+def test_estimates_are_eight_times_what_rules_differ_by_unless_that_is_rounding():
+    rules = {(2,): 1.0, (3,): 1.25, (4,): 1.0}
+    for rounding, expected in ((0.5, 2.0), (0.99, 2.0), (1.01, 0.0)):
+        boxes = SimpleNamespace(rounding=np.full((1, 1), 2.0 * rounding))
+        best = {count: SimpleNamespace(value=np.full((1, 1), v), measure=np.ones((1, 1))) for count, v in rules.items()}
+        own = SimpleNamespace(_planned=0, _integrate=lambda boxes, numbers, counts, b=best: b[counts])
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(refinement, "compared_counts", lambda counts: [(2,), (3,), (4,)])
+            patch.setattr(refinement, "_points", lambda boxes, rules: 0)
+            found = Summation._compared(own, boxes, [0], (2,), False)
+        assert found.error.item() == expected
+
+
+def test_errors_without_bounds_are_eight_times_the_integrals_size():
+    nothing = np.zeros((3, 1))
+    known = Bounds(np.array([np.inf, 0.5, np.inf]).reshape(3, 1, 1, 1), nothing - np.inf, nothing + np.inf, nothing)
+    values = np.array([[2.0], [2.0], [np.nan]])
+    integrals = SimpleNamespace(value=values, magnitude=np.full((3, 1), 3.0))
+    error, is_bound = refinement._error(known, integrals, (0,))
+    assert error.tolist() == [[24.0], [0.5], [0.0]]
+    assert is_bound.tolist() == [[False], [True], [True]]
+
+
+def test_errors_are_told_in_parts_of_the_sizes_and_without_rounding():
+    told = []
+    total = SimpleNamespace(error=np.array([3.0, 1.0, np.nan]), rounding=np.array([1.0, 1.0, 0.0]))
+    Summation._tell(SimpleNamespace(_reached=told.append), total, np.array([4.0, 1.0, 1.0]))
+    assert told == [0.5]
+
+
+def test_shares_of_directions_are_those_of_the_next_rule():
+    """Boxes are halved in the direction in which the second smallest rule is wrong by most."""
+    errors = np.ones((1, 1, 2, 4))
+    errors[0, 0, 0, 1], errors[0, 0, 1, 2:] = 9.0, 99.0
+    bounds = SimpleNamespace(errors=errors)
+    own = SimpleNamespace(
+        bounds=bounds, gains=np.ones((1, 2)), boxes=SimpleNamespace(can_be_halved=np.ones((1, 2), bool))
+    )
+    assert groups.Bounded.halving(own, np.ones(1)).tolist() == [[True, False]]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "circle:0,0,0:0,0,0:1",
+        "circle:0,0,0:0,0,1:0",
+        "line:0,0,0:1,0,0:2,0,0",
+        "line:0,0,0:0,0,0",
+        "spline:0,0,0",
+        "normal:all:0.5,0.5,2:0",
+        "normal:all:0.5,0.5,2:-1",
+        "normal:all:0.5,0.5,2:inf",
+        "normal::0.5,0.5,2:1",
+    ],
+)
+def test_curves_without_a_length_are_refused(text):
+    with pytest.raises(ElvisError, match="expected"):
+        Curve.parse(Dataset(grid(Shape.HEXAHEDRON, 1)), text)
+
+
+def test_splines_pass_their_points_with_one_slope_and_one_bend():
+    points = np.array([[0.0, 0, 0], [1, 0.5, 0], [1.5, 2, 0.3], [2, 2, 2]])
+    text = "spline:" + ":".join(",".join(map(str, point)) for point in points.tolist())
+    curve, step = Curve.parse(DATASET, text), 1e-4
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert np.abs(curve.at(np.arange(4.0))[0] - points).max() < 1e-12
+    for part in range(3):
+        t = part + np.array([0.2, 0.7])
+        slopes = (curve.at(t + step)[0] - curve.at(t - step)[0]) / (2 * step)
+        assert np.abs(slopes - curve.at(t)[1]).max() < 1e-6
+    for knot in (1, 2):
+        before, after = (curve.at(np.array([knot + way * step, knot + 2 * way * step])) for way in (-1, 1))
+        slope = [own[1][0] / lengths[part] for own, part in ((before, knot - 1), (after, knot))]
+        assert np.abs(slope[0] - slope[1]).max() < 1e-2
+        bend = [
+            (own[1][1] - own[1][0]) / step / lengths[part] ** 2 for own, part in ((before, knot - 1), (after, knot))
+        ]
+        assert np.abs(bend[0] + bend[1]).max() < 1e-2
+    # straight at both ends
+    for end, way in ((0.0, 1), (3.0, -1)):
+        near = curve.at(end + way * step * np.array([0.5, 1.5]))[1]
+        assert np.abs(near[1] - near[0]).max() / step < 1e-2
