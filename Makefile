@@ -13,7 +13,7 @@ help:
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff and mypy alone"
 	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
-	@echo "make every-test  all cases of the families of tests of which make test runs samples (SAMPLE_SEED=2: others)"
+	@echo "make every-test  thorough tests, and all cases of families of which make test runs samples (SAMPLE_SEED=2: others)"
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
@@ -51,7 +51,7 @@ pages: $(READY)
 
 every-test: $(READY)
 	@sh tools/programs.sh
-	@EVERY_TEST=1 $(RUN) -m pytest -m sampled --numprocesses auto --maxprocesses 4 --dist worksteal
+	@EVERY_TEST=1 $(RUN) -m pytest -m "sampled or thorough" --numprocesses auto --maxprocesses 4 --dist worksteal
 
 docs: $(READY)
 	@$(RUN) -m pip install --quiet --editable '.[docs]'

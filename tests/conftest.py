@@ -98,6 +98,9 @@ def pytest_configure(config):
         "sampled(least=1, free=()): of these cases a sample runs, so many at least, in which each parameter but those"
         " that are free has each of its values; `make every-test` runs all",
     )
+    config.addinivalue_line(
+        "markers", "thorough: seconds of work on what quicker tests cover as well; `make every-test` runs it"
+    )
     config.addinivalue_line("markers", "own_devices: about opening and closing devices: none is kept open for these")
 
 
@@ -123,6 +126,7 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             families[item.nodeid.partition("[")[0] if item.get_closest_marker("sampled") else item.nodeid].append(item)
         chosen = {item for name, family in families.items() for item in sample(name, family)}
+        chosen = {item for item in chosen if item.get_closest_marker("thorough") is None}
         config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
         items[:] = [item for item in items if item in chosen]
 

@@ -23,6 +23,7 @@ def run(*arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=600)
 
 
+@pytest.mark.thorough
 def test_a_tree_is_compared_with_itself():
     process = run(BENCHMARKS.parent, "--quick", "--only", "cut", "--rounds", "1")
     assert process.returncode == 0, process.stderr[-3000:]

@@ -19,8 +19,8 @@ def run(*arguments):
 #: parts of which tests below look at the numbers
 LOOKED_AT = ("cut", "orders", "million")
 OTHERS = (
-    "surfaces", "isosurface", "volume", "compile", "load", "convert", "start", "repeat", "view", "large", "targets",
-    "series", "measure", "flow", "in-situ"
+    "spectral", "surfaces", "isosurface", "volume", "compile", "load", "convert", "start", "repeat", "view", "large",
+    "targets", "series", "measure", "flow", "in-situ"
 )  # fmt: skip
 
 
@@ -41,9 +41,15 @@ def smoke(path, *parts):
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
-    return smoke(tmp_path_factory.mktemp("benchmarks") / "some.json", *LOOKED_AT)
+    return smoke(tmp_path_factory.mktemp("benchmarks") / "some.json", LOOKED_AT[0])
 
 
+@pytest.fixture(scope="module")
+def further(tmp_path_factory):
+    return smoke(tmp_path_factory.mktemp("benchmarks") / "others.json", *LOOKED_AT[1:])
+
+
+@pytest.mark.thorough
 @pytest.mark.sampled(free=("part",))
 @pytest.mark.parametrize("part", OTHERS)
 def test_a_part_prints_its_tables(part, tmp_path):
@@ -77,16 +83,18 @@ def test_linear_pictures_show_the_same_and_get_better(quick, case):
     assert [it["pieces"] for it in found["linear"]] == [8**n * found["linear"][0]["pieces"] for n in (0, 1)]
 
 
-def test_frames_of_all_orders_are_exact_and_above_the_floor(quick):
-    for case in quick[1]["orders"]["cases"]:
+@pytest.mark.thorough
+def test_frames_of_all_orders_are_exact_and_above_the_floor(further):
+    for case in further[1]["orders"]["cases"]:
         assert case["error"]["greatest"] < 1e-11
         assert case["processor"] > case["inside"] * case["operations of a pixel"] / max(
-            quick[1]["orders"]["peaks"].values()
+            further[1]["orders"]["peaks"].values()
         )
 
 
-def test_the_device_holds_little_more_than_coefficients_and_vertices(quick):
-    numbers = quick[1]["million"]
+@pytest.mark.thorough
+def test_the_device_holds_little_more_than_coefficients_and_vertices(further):
+    numbers = further[1]["million"]
     assert numbers["device"]["loaded"] < 1.3 * numbers["raw"]
     assert numbers["probe error"] < 1e-11
 

@@ -55,6 +55,7 @@ def test_read_and_commands_tell_the_same(files, elvis, elvis_json, capsys, tmp_p
         assert np.isnan(found["x+2*y"][~inside]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", ["vtk", "gmsh", "mfem", "cgns"])
 def test_pictures_of_files_and_of_what_convert_writes_are_equal(name, solvers, elvis, tmp_path):
@@ -93,6 +94,7 @@ def test_a_picture_has_one_note(solvers, elvis, tmp_path):
     assert "reader" not in (tmp_path / "a.toml").read_text()
 
 
+@pytest.mark.thorough
 def test_compare_takes_them_too(solvers, elvis, capsys):
     elvis("compare", solvers / FORMATS["vtk"][0], "--faces", "all", "--camera", "iso", "--size", "16x12",
           "--refinements", "0", "--judge", "0")  # fmt: skip

@@ -149,6 +149,7 @@ def test_groups_become_composites():
     assert continuity == {"u_dg": False, "w_cg_x": True, "w_cg_y": True, "w_cg_z": True}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)])
 def test_every_version_holds_the_same(session, tmp_path, version, binary):
     mixed(3)

@@ -52,6 +52,7 @@ def test_the_error_told_is_that_which_pyvista_makes(solid, refinement):
     assert 0.1 * told < seen < 2 * told
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
 def test_errors_fall_by_four_with_each_refinement(shape):
     bare = Dataset(curved(grid(shape, 2), ripple(0.03), n=4))

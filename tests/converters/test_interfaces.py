@@ -371,6 +371,7 @@ def turn(elvis, folder, file, seed, velocity):
         return found["points"][-1], found["ends"][found["end"][0]]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("counts", [(4, 8), (3, 5)], ids=["4 to 1", "5 to 2"])
 def test_lines_go_around_through_refined_parts(elvis, tmp_path, counts):
     parts = [squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), counts)]
@@ -380,6 +381,7 @@ def test_lines_go_around_through_refined_parts(elvis, tmp_path, counts):
     assert np.abs(end - (1.31, 0.62, 0)).max() <= 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fine", [2, 4], ids=["2 to 1", "4 to 1"])
 def test_lines_go_around_through_refined_boxes(elvis, tmp_path, fine):
     parts = [cells((0, 0, 0), (1, 2, 1), (1, 2, 1)), cells((1, 0, 0), (2, 2, 1), (fine, 2 * fine, fine))]

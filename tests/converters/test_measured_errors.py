@@ -113,6 +113,7 @@ def test_samples_in_files_tell_their_error(ngsolve, flux):
     assert "with errors of up to" in dataset.remarks[0]
 
 
+@pytest.mark.thorough
 def test_probes_norms_and_extrema_state_the_error_of_the_conversion(ngsolve, flux, tmp_path, capsys):
     folder, mesh, function = flux
     paths = write(read(folder / "disk.elems.npz"), tmp_path / "a.xml")

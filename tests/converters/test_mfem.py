@@ -394,6 +394,7 @@ def stream(solvers, name, field):
     return "".join((solvers / "mfem" / f"{name}.{end}").read_text() for end in ("mesh", f"{field}.gf"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "field"), [("stream_laghos", "f"), ("escher_p3", "v"), ("pipe_nurbs", "u")])
 def test_streams_hold_what_their_files_hold(solvers, tmp_path, name, field):
     path = tmp_path / "case.saved"

@@ -140,6 +140,7 @@ def test_files_are_merged(volume, tmp_path):
     same_values(dataset, merged, np.random.default_rng(2).uniform(0.1, 0.9, (50, 3)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["text", "compressed", "hdf5"])
 def test_the_command_takes_parts_and_forms(elvis, volume, tmp_path, form):
     elvis("convert", *volume, "-o", tmp_path / "part.xml", "--fields", "v", "--format", form, "--max-error", "1e-12")

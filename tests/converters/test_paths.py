@@ -96,6 +96,7 @@ def test_momentum_by_density_is_that_of_the_moment(mesh, tmp_path):
     assert np.abs(found.points[-1, :d] - truth).max() < 1e-10
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("between", "order"), [("linear", 2), ("cubic", 4)])
 def test_order_in_the_distance_of_steps(between, order, tmp_path):
     errors = []
@@ -120,6 +121,7 @@ def test_particles_rest_for_a_moment_and_go_on(tmp_path):
     assert len(found[1]) == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON])
 def test_streaks_are_where_particles_of_all_releases_are(shape, tmp_path):
     d = shape.dimension
@@ -206,6 +208,7 @@ def test_what_can_not_be_followed(tmp_path):
         streaklines(series, seeds, releases=1)
 
 
+@pytest.mark.thorough
 def test_the_command(tmp_path, elvis):
     flow = dict(list(turning(lambda t: 1 + 2 * t).items())[:2])
     moving(tmp_path, bent(Shape.TRIANGLE), flow)

@@ -177,6 +177,7 @@ def kinds_with_points():
     return KINDS if find_spec("pyfr") else ("hex",)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("parts", [1, 3])
 def test_files_of_before_2_1_hold_the_same(folder, tmp_path, truth, near, parts):
     kinds = kinds_with_points()

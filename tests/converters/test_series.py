@@ -199,7 +199,9 @@ def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis
 def test_times_beyond_what_is_left_out_say_so(tmp_path, elvis):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], waves)
     files[3].write_bytes(files[3].read_bytes()[:-60])
-    told = r"expected a time from 0 to 0\.5, found 1 \(run_2\.chk: the file ends before its last tag: the step is skipped"
+    told = (
+        r"expected a time from 0 to 0\.5, found 1 \(run_2\.chk: the file ends before its last tag: the step is skipped"
+    )
     with pytest.raises(ElvisError, match=told):
         open_series(*files).at(1.0)
     with pytest.raises(ElvisError, match=told):

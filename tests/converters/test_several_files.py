@@ -201,6 +201,7 @@ def test_partitions_in_files_of_their_own_are_one_mesh(tmp_path):
     assert "partitions 1, 3 of 3" in read(paths[0], paths[2]).remarks[1]
 
 
+@pytest.mark.thorough
 def test_functions_of_one_space_are_steps_and_of_others_fields(tmp_path):
     mfem = pytest.importorskip("mfem.ser")
     mesh = mfem.Mesh(2, 2, "QUADRILATERAL")

@@ -113,6 +113,7 @@ def cooled(ngsolve, heat):
         yield time
 
 
+@pytest.mark.thorough
 def test_heat_that_ngsolve_conducts(tmp_path):
     """As samples of the library's functions, and in the index that it writes of VTK's cells of its degree."""
     ngsolve, geom2d = pytest.importorskip("ngsolve"), pytest.importorskip("netgen.geom2d")

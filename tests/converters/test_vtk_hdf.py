@@ -18,6 +18,7 @@ from elvis.plugins.testing import check
 hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["mfem_fichera_q3.vtu", "mfem_fichera_mixed_p2.vtu"])
 def test_files_of_the_library_are_what_was_written(solvers, tmp_path, name):
     """Lagrange cells of orders 2 and 3: all arrays arrive bit by bit, and so does the conversion."""

@@ -75,6 +75,7 @@ def test_two_faces_of_a_sliver_that_a_ray_can_hardly_tell_apart_are_ambiguous(ga
     assert 0 < found.ambiguous < 1e-3 * found.pixels
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("number",))
 @pytest.mark.parametrize("number", [2, 7, 11, 14])
 def test_two_lines_between_the_samples_of_a_pixel_are_both_drawn(gallery, number):
@@ -157,6 +158,7 @@ def test_no_value_of_an_expression_is_beyond_its_certified_range(gallery):
     assert (total.pixels, total.failed, total.ambiguous) == (8, 0, 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["proved", "any", "named"])
 def test_the_audit_of_expressions_sees_what_is_wrong(kind):
     """Of a frame that shows what samples show, without a device; its expressions have the values of `sample`."""

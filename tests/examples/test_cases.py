@@ -82,6 +82,7 @@ def test_boundaries_have_names(cases):
     assert {"base", "dome"} <= sides(dataset(cases, "hemisphere"))
 
 
+@pytest.mark.thorough
 def test_the_same_bytes_come_out_again(cases, tmp_path):
     assert make("--quick", tmp_path).returncode == 0
     for path in sorted(tmp_path.iterdir()):
@@ -120,6 +121,7 @@ def test_the_swept_wing_is_thin_at_the_wall(cases, module):
     assert (spans[:, 1] > 5 * spans[:, 2]).sum() > 100
 
 
+@pytest.mark.thorough
 def test_distances_are_right_but_for_the_planted_bug(module):
     delta = module("delta")
     points = np.random.default_rng(0).uniform([-0.5, 0, -0.4], [1.5, 0.6, 0.4], (150, 3))

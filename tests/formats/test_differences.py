@@ -67,6 +67,7 @@ def test_the_maximum_of_what_is_one_function_is_proved_to_be_rounding(first, sec
     assert found.value <= found.bound < 2e-11
 
 
+@pytest.mark.thorough
 def test_a_shift_is_the_gradient_times_it():
     """p(x + s) - p(x) = s (2 x - y) + s^2."""
     moved = with_p(grid(Shape.TETRAHEDRON, 1), lambda p: cubic(p + SHIFT * np.eye(3)[0]), 5)
@@ -201,6 +202,7 @@ def wave(points):
     return np.sin(2 * points[:, 0] + points[:, 1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("modes", [2, 4])
 def test_families_show_their_order(modes):
     meshes = [grid(Shape.QUADRILATERAL, count) for count in (4, 8)]

@@ -73,6 +73,7 @@ def with_points(mesh, seed, beyond, count):
     return dataset, surface, points
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
 def test_distances_to_curved_boundaries_are_those_of_subdivision(mesh):
     _, surface, points = with_points(mesh, seed=1, beyond=0.5, count=25)

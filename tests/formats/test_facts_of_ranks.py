@@ -92,6 +92,7 @@ def expressions(dataset, texts):
 QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_sign+order", "x")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [3, 12])
 @pytest.mark.parametrize(
     "case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped", "waves"], ids=str

@@ -33,6 +33,7 @@ def test_a_saddle_stretches_by_its_rate(shape):
         assert exponent == pytest.approx(np.log(max(np.linalg.norm(matrix, 2), 1)) / 1.5, abs=1e-11)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("seed", [(0.2, 0.3), (0.45, 0.8), (0.7, 0.55)])
 @pytest.mark.sampled(least=2, free=("shape", "seed"))

@@ -72,6 +72,7 @@ def test_the_area_of_a_sphere(shape):
     assert abs(area - 4 * np.pi * 0.16) <= found[0].error < 2e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_spheres_and_cylinders_by_name(shape):

@@ -184,6 +184,7 @@ def test_few_numbers_stand_for_many(numbers):
     assert max(map(len, halves)) <= 3
 
 
+@pytest.mark.thorough
 def test_integrals_differ_by_their_errors(bent):
     fields = ("u", "sin(3*u)", "average(u*u)")
     alone = integrate(bent, fields, TARGETS, 1e-5)
@@ -354,6 +355,7 @@ raise SystemExit(ranks.end(status, reason))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("fault", "told"),
     [

@@ -132,6 +132,7 @@ def test_a_helix_passes_through_elements_of_every_shape(turns):
     assert found.velocity[:, 0] == pytest.approx(0.3, abs=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.sampled(free=("shape",))
 def test_errors_fall_with_the_tolerance_down_to_rounding(shape):
@@ -150,6 +151,7 @@ def test_errors_fall_with_the_tolerance_down_to_rounding(shape):
     assert np.abs(end[:2] - turned(np.array([*seed, 0]), 0.5)[:2]).max() < 1e-13
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.parametrize("modes", range(2, 8))
 @pytest.mark.sampled(least=2, free=("shape", "modes"))

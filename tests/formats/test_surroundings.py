@@ -105,6 +105,7 @@ def test_tables_of_parts_are_those_of_the_whole():
     assert np.isnan(first[0]["u+jump(v)*distance(boundary)"].linf)
 
 
+@pytest.mark.thorough
 def test_integrals_of_parts_are_those_of_the_whole():
     dataset = bent(grid(Shape.TETRAHEDRON, 1))
     wanted, over = ["jump(u)", "1+distance(all)"], ["domain"]

@@ -72,6 +72,7 @@ def test_a_tilted_axis_is_one_line(shape, bend, axial, strain, criterion):
         assert found.lengths[0] == pytest.approx(1 / AXIS[2], abs=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("shape", "bend"), [*((each, 0.0) for each in Shape.of_dimension(3)), (Shape.TETRAHEDRON, 0.04)]
 )
@@ -88,6 +89,7 @@ def test_lamb_oseen_and_burgers_vortices(shape, bend, axial, strain):
     assert found.swirl == pytest.approx(1.0, abs=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_a_ring_is_closed(criterion):
     """The velocity (-x z, -y z, x^2 + y^2 - R^2): at rest on a circle about which it turns."""
@@ -106,6 +108,7 @@ def test_a_ring_is_closed(criterion):
     assert found[line][0] == pytest.approx(found[line][-1], abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_ring_within_one_element_is_closed():
     def ring(points):
         x, y, z = (points - 0.5).T
@@ -358,6 +361,7 @@ def test_a_wall_without_slip_is_no_core():
     assert found.points[:, 2].min() == pytest.approx(0.01, abs=1e-8)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON])
 def test_noise_that_jumps_at_borders_leaves_the_axis_one_line(shape):
     dataset = data(grid(shape, 2), components(vortex(1.0)), 3)

@@ -65,6 +65,7 @@ def test_each_reader_has_files(tmp_path):
     assert all(path.is_file() for each in found for path in each.files)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("body", "kind"),
     [
@@ -107,6 +108,7 @@ def test_time_is_that_of_one_thread(tmp_path):
     assert done.stdout == "1\n", done.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("reader", "library"), [("gmsh", "gmsh"), ("vtk", "vtkmodules"), ("mfem", "mfem")])
 def test_libraries_read_sound_files_in_their_copies(tmp_path, reader, library):
     pytest.importorskip(library)

@@ -100,6 +100,7 @@ def test_a_picture_is_drawn(environment, page_folder):
     assert (page_folder / "wing.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_the_tests_pass_against_the_wheel(root, environment, tmp_path):
     configuration = tmp_path / "pytest.ini"
     configuration.write_text("[pytest]\naddopts = --import-mode=importlib\nfilterwarnings = error\n")

@@ -273,6 +273,7 @@ def test_fields_of_several_orders_share_one_section_a_shape(tmp_path):
     assert "MIXORDER" not in text
 
 
+@pytest.mark.thorough
 def test_the_announced_error_is_that_of_the_written_file(tmp_path):
     def warp(points):
         return points / (1 + 0.2 * points[..., :1])

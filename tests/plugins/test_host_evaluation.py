@@ -179,6 +179,7 @@ def test_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
     agree(pipe, objects=(Faces(("element:2",)),), camera="iso")
 
 
+@pytest.mark.thorough
 def test_expressions_of_several_fields_are_what_the_reference_makes_of_them(agree, tmp_path):
     if not MFEM.is_dir():
         pytest.skip(f"there is no {MFEM}")

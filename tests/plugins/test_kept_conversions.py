@@ -273,6 +273,7 @@ print(dataset.fields[0].blocks[0].coefficients.tobytes().hex()[:200], len(datase
 """
 
 
+@pytest.mark.thorough
 def test_processes_that_run_at_the_same_time(home, tmp_path):
     pytest.importorskip("vtk")
     path = tmp_path / "one.vtk"

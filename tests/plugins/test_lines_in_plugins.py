@@ -98,6 +98,7 @@ def test_neighbours_with_other_coordinates_on_the_side_that_they_share():
     assert found[0][-1] == pytest.approx([0.25, 0.5, 0.45 + 0.001 * np.pi], abs=1e-10)
 
 
+@pytest.mark.thorough
 def test_all_shapes_in_one_volume_and_seeds_on_sides():
     dataset = data(curved(mixed_volume(0), ripple(0.02), 3), {name: lambda p: np.ones(len(p)) for name in "uvw"})
     plugin = HostFlow(opened(dataset))
@@ -150,6 +151,7 @@ def test_smaller_neighbours_are_looked_for(beyond):
     assert found.ftle[0] == pytest.approx(np.log(stretched) / time, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_lines_ribbons_arrows_and_glyphs_in_pictures_are_those_of_the_reference(tmp_path):
     amplitudes = np.zeros((2, 2, 2))
     amplitudes[0, 0, 0], amplitudes[0, 1, 0] = 1.0, 0.5

@@ -29,6 +29,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled
 @pytest.mark.parametrize("size", [2, 30])
 @pytest.mark.parametrize("other", ["same", "renamed", "other"])

@@ -204,6 +204,7 @@ def test_a_closed_form_is_drawn_on_every_shape(renderer, mixed):
     assert np.abs(values - (np.sin(20 * x) * np.exp(y) - z**2 / (1 + x))).max() < FIELD
 
 
+@pytest.mark.thorough
 def test_devices_agree_on_a_closed_form(mixed):
     camera = Camera((1.5, 0.2, 4.5), (1.5, 0.5, 0.45), (0.0, 1.0, 0.0), height=3.2)
     scene = {"field": "log(0.3+x)*tanh(y)", "plane": WAVES, "size": (24, 24), "camera": camera}

@@ -79,6 +79,7 @@ def test_the_command_that_the_page_shows_draws_the_case(folder):
     assert (folder / "p.png").stat().st_size > 1000
 
 
+@pytest.mark.thorough
 def test_it_is_found_once_it_is_installed(folder, tmp_path_factory):
     site = tmp_path_factory.mktemp("site")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
@@ -118,6 +119,7 @@ def _arguments(words):
     return shlex.split(" ".join(words))
 
 
+@pytest.mark.thorough
 def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
     ((name, plugin),) = plugin_named(str(folder / "rings.py")).items()
     opened = PluginData(name, plugin([folder / "case.npz"]))

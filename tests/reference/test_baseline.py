@@ -104,6 +104,7 @@ def test_linear_fields_on_straight_elements_are_exact(shape):
     assert np.array_equal(drawn.element[both & (exact.status == 1)], exact.element[both & (exact.status == 1)])
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
 def test_pictures_converge_at_second_order(shape):

@@ -57,6 +57,7 @@ def test_a_report_of_a_scene(block_files, tmp_path):
     assert numbers["picture"] == told["picture"]
 
 
+@pytest.mark.thorough
 def test_several_scenes_have_the_reports_of_each(block_files, tmp_path, capsys):
     """By workers of a scheduler in this very process."""
     distributed = pytest.importorskip("distributed")
@@ -136,6 +137,7 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty.npz"]
 
 
+@pytest.mark.thorough
 def test_meshes_are_kept_on_request(block_files, tmp_path):
     import trimesh
 

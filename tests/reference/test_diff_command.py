@@ -56,6 +56,7 @@ def test_a_gate(files):
         run(files["b"], files["same"], "--max", "1e-8")
 
 
+@pytest.mark.thorough
 def test_a_report_of_a_family(files, tmp_path):
     report = tmp_path / "report"
     table = run(files["a"], files["b"], files["t"], "-o", report, "--no-maps").splitlines()

@@ -41,6 +41,7 @@ def test_unknown_cases_are_refused(make, capsys):
     assert "there is no case nothing; the cases are delta" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_one_case_is_made(make, block_files, monkeypatch, tmp_path, capfd):
     """The command that it runs writes a report."""
     data = tmp_path / "out" / "cases"

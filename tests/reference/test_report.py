@@ -99,6 +99,7 @@ def test_every_file_that_the_page_names_is_there(report):
     assert written - names == {"index.html", "times.json", "scene.toml", "report.json"}
 
 
+@pytest.mark.thorough
 def test_same_input_same_bytes(blocks, study, report, tmp_path):
     """All files but those of times, and the marked section of the page."""
     again = compare_scene(blocks, SCENE, (0, 1), 1 << 30, draw=draw, validation_size=30)
@@ -116,6 +117,7 @@ def timeless(path):
     return before, rest.split("<!-- end of times -->")[1]
 
 
+@pytest.mark.thorough
 def test_a_limit_skips_what_does_not_fit(blocks):
     limit = compare_scene(blocks, SCENE, (1,), draw=draw, validation_size=0).rivals[0].counts["needed"]
     found = compare_scene(blocks, SCENE, (0, 1, 2, 3), limit, draw=draw, validation_size=0)

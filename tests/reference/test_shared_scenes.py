@@ -66,6 +66,7 @@ def test_faces_isosurfaces_and_volumes_of_real_data(data):
     assert np.array_equal((dim.color[..., 0] < 1.0)[certain], clear.seen[certain])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", ["gen_pipe_curved"])
 def test_a_picture_takes_less_than_a_quarter_of_a_minute(nektar, case, slowness):
     """150 x 150 pixels of the largest of the shared cases that have curved volume elements; of processor time."""

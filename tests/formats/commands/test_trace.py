@@ -93,6 +93,7 @@ def eddy(tmp_path):
     return tmp_path / "eddy.xml", tmp_path / "eddy.fld"
 
 
+@pytest.mark.thorough
 def test_cores(eddy, elvis, elvis_json, tmp_path):
     for suffix in ("csv", "npz", "vtp"):
         elvis("trace", *eddy, "--cores", "--field", "2*u", "--spacing", "0.5", "-o", tmp_path / f"cores.{suffix}")

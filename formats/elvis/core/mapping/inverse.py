@@ -98,9 +98,12 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
     step = min(_PAIRS, max(256, _BATCH // patch.geometry_coefficients[:1].size))
+    # pairs of an element follow each other, so that few batches need its facts
+    order = np.argsort(rows, kind="stable")
     for part in chunks(len(rows), step):
-        chosen, distinct = np.arange(part.start, part.stop), _Elements(patch, np.unique(rows[part]), distance)
-        _first_pass(distinct, rows[part], points[part], chosen, roots, prove)
+        chosen = order[part]
+        distinct = _Elements(patch, np.unique(rows[chosen]), distance)
+        _first_pass(distinct, rows[chosen], points[chosen], chosen, roots, prove)
     if prove:
         decide(patch, rows, points, roots, distance)
     return roots

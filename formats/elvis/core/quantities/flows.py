@@ -264,6 +264,16 @@ class Flow:
 
         If a name has several formulas, those that only lack parameters count.
         """
+        if name not in self._missing_by_name:
+            self._missing_by_name[name] = self._missing_now(name)
+        return self._missing_by_name[name]
+
+    @cached_property
+    def _missing_by_name(self) -> dict[str, Missing]:
+        """What `_missing` has found: formulas of many quantities share their steps."""
+        return {}
+
+    def _missing_now(self, name: str) -> Missing:
         if name in self._fields_by_symbol or name in SIDES or self._is_beyond(name):
             return Missing()
         if name in PARAMETERS:
