@@ -23,7 +23,8 @@ from elvis.plugins import workers
 from elvis.plugins.command import elvis as group
 from elvis.plugins.series.series import Series
 from elvis.renderer import film_workers, series_range
-from elvis.renderer.animation import Film, Key, orbited
+from elvis.renderer.animation import Film, orbited
+from elvis.renderer.motions import Key
 from elvis.renderer.rendering import Pictures
 from elvis.scene.errors import AbsentError, SceneError
 
@@ -408,7 +409,7 @@ def test_mp4_has_all_frames(files, tmp_path, drawn):
 
 
 def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch):
-    with pytest.raises(ElvisError, match=r"expected something that moves: a series, --key, --path or --orbit"):
+    with pytest.raises(ElvisError, match="expected something that moves: a series, --key, --path, --orbit"):
         run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
     with pytest.raises(ElvisError, match=r"expected animations, .*, and one folder for frames, found .*x\.avi"):
         run("animate", *files, *FAST, "-o", tmp_path / "x.avi")

@@ -8,10 +8,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from elvis import Camera, Dataset, Deform, Scene, SceneError, Shape, deform, render, write
+from elvis import Camera, Dataset, Deform, MeshLines, Scene, SceneError, Shape, deform, render, sample, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
 from elvis.renderer.rendering import Pictures
+from elvis.renderer.undeformed import GREY, OPACITY
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.tables import scene_of, table_of
 
@@ -82,6 +83,80 @@ def test_bricks_are_those_of_the_geometry():
             assert np.array_equal(field, fresh.draw(Scene("p", deform=each, **drawn)).field, equal_nan=True)
 
 
+def test_points_over_the_plane_are_probed_on_the_height(flat_files):
+    points = [("0.31", "0.77"), ("0.123", "0.456", "9"), ("0.25", "1")]
+    words = [word for point in points for word in ("--point", ",".join(point))]
+    command = ["probe", *flat_files, *words, "--height", "u", "--scale", "3", "--field", "p", "--json"]
+    found = json.loads(CliRunner().invoke(group, command, catch_exceptions=False).stdout)
+    for row, (x, y, *_) in zip(found, points, strict=True):
+        assert row["status"] == 1
+        # the surface is z = 3 · 0.2 y^2
+        assert row["z"] == pytest.approx(0.6 * float(y) ** 2, rel=1e-12)
+        place = [float(x), float(y), row["z"]]
+        assert [row[axis] for axis in "xyz"] == place
+        flat = sample(solid(Shape.QUADRILATERAL), "p", [[*place[:2], 0.0]])["p"]
+        assert row["p"] == pytest.approx(flat[0], rel=1e-12)
+    outside = CliRunner().invoke(group, [*command[:3], "--point", "2,2", *command[9:]], catch_exceptions=False)
+    assert json.loads(outside.stdout)[0]["status"] == 0
+
+
+#: a view of which the flat data before and after the deformation fill a part
+FLAT = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=2.0)
+
+
+def both(how, **changes):
+    options = {"deform": "u,v", "scale": 2, "size": 40, "camera": FLAT, **changes}
+    return render(solid(Shape.QUADRILATERAL), "p", undeformed=how, **options)
+
+
+def test_lines_of_the_undeformed_mesh_are_those_of_the_data():
+    alone, shown = both(None), both("mesh")
+    black = {"color": (0, 0, 0), "mesh_lines": MeshLines(color=(1, 0, 0)), "background": (0, 0, 0)}
+    lines = render(solid(Shape.QUADRILATERAL), "p", camera=FLAT, size=40, **black)
+    is_line = lines.color[..., 0] > 0.05
+    assert is_line.sum() > 60
+    assert np.array_equal(np.abs(shown.color - alone.color).max(axis=2) > 0.01, is_line)
+    for name in ("element", "field", "depth", "status"):
+        assert np.array_equal(getattr(shown, name), getattr(alone, name), equal_nan=True)
+    assert shown.legends == alone.legends or shown.range == alone.range
+
+
+def test_undeformed_faces_are_grey_and_an_outline_surrounds_them():
+    alone, shown, outlined = both(None), both("faces"), both("outline")
+    height, width = alone.element.shape
+    inside = np.abs(FLAT.height / 40 * (np.indices((height, width)) - 19.5)).max(axis=0) < 0.5
+    grey = inside & (alone.element < 0)
+    assert np.allclose(shown.color[grey], 1 - OPACITY * (1 - np.array(GREY)), atol=1e-12)
+    assert np.array_equal(shown.color[~grey], alone.color[~grey])
+    # the unit square covers 20 of 40 pixels each way
+    (stroke,) = outlined.drawing.strokes
+    points = np.concatenate(stroke.lines)
+    assert np.allclose([points.min(axis=0), points.max(axis=0)], [[9.5, 9.5], [29.5, 29.5]], atol=0.01)
+
+
+def test_undeformed_geometry_hides_and_is_hidden_in_space():
+    options = {"deform": "0,0,p", "scale": 1.0, "size": 30, "camera": "iso", "faces": "all", "mesh_lines": True}
+    alone, shown = (render(solid(), "p", undeformed=how, **options) for how in (None, "faces"))
+    rest = render(solid(), "p", camera=shown.view.camera, size=30, faces="all")
+    ours = render(solid(), "p", **{**options, "camera": shown.view.camera})
+    # the view is fitted to both
+    assert not np.array_equal(alone.element, shown.element)
+    assert np.array_equal(ours.element, shown.element)
+    changed = np.abs(shown.color - ours.color).max(axis=2) > 1e-12
+    assert np.array_equal(changed, (rest.element >= 0) & (rest.depth < ours.depth))
+
+
+def test_undeformed_geometry_needs_whole_data_and_a_device_that_draws_it():
+    for changes, words in (
+        ({"memory": float(1 << 30)}, "with a limit of memory"),
+        ({"device": "reference"}, "found device reference"),
+    ):
+        with pytest.raises(SceneError, match=f"undeformed: .*{words}"):
+            both("mesh", **changes)
+    with pytest.raises(SceneError, match="outline, mesh or faces"):
+        both("edges")
+
+
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():
     data = solid(Shape.QUADRILATERAL)
     view = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)
@@ -108,26 +183,78 @@ def test_a_scene_says_the_deformation_in_files_options_and_python():
         Scene(deform=Deform("u,v", 1.0, "elsewhere"))
 
 
-def test_frames_over_the_scale_are_stills(files, tmp_path):
-    own = ["--field", "p", "--deform", "u,v,w", "--camera", "3,-3,2:0.5,0.5,0.5", "--range", "0:2", "--size", "40"]
-    film = [
-        "animate",
-        *files,
-        *own,
-        "--plain",
-        "--key",
-        "deform.scale=0:1.5",
-        "--frames",
-        "3",
-        "-o",
-        f"{tmp_path}/film",
-    ]
-    still = ["render", *files, *own, "--plain", "--scale", "0.75", "-o", f"{tmp_path}/still.png"]
-    for words in (film, still):
-        assert CliRunner().invoke(group, words).exit_code == 0
-    frames = [np.array(Image.open(path)) for path in sorted((tmp_path / "film").glob("*.png"))]
-    assert np.array_equal(frames[1], np.array(Image.open(tmp_path / "still.png")))
+def played(folder, data, look, option, values, count):
+    """Frames of an animation as arrays, and stills of the same look at values of an option.
+
+    data  words of the command; the last two are the option that moves, with its motion
+    """
+
+    def run(*words):
+        outcome = CliRunner().invoke(group, list(map(str, words)))
+        assert outcome.exit_code == 0, outcome.output
+
+    run("animate", *data, *look, "--frames", count, "-o", folder / "film")
+    frames = [np.array(Image.open(path)) for path in sorted((folder / "film").glob("*.png"))]
+    stills = []
+    for value in values:
+        run("render", *data[:-2], option, value, *look, "-o", folder / "still.png")
+        stills.append(np.array(Image.open(folder / "still.png")))
+    return frames, stills
+
+
+@pytest.fixture(scope="module")
+def flat_files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flat")
+    write(solid(Shape.QUADRILATERAL), folder / "flat.xml")
+    return [str(folder / name) for name in ("flat.xml", "flat.fld")]
+
+
+LOOK = ["--field", "p", "--range", "0:2", "--size", "20", "--plain"]
+
+
+@pytest.mark.parametrize("option", ["--scale", "--key"])
+def test_frames_over_the_scale_are_stills(flat_files, tmp_path, option):
+    motion = "0:1.5" if option == "--scale" else "deform.scale=0:1.5"
+    words = [*flat_files, "--deform", "u,v", option, motion]
+    frames, stills = played(tmp_path, words, LOOK, "--scale", [0.0, 0.75, 1.5], 3)
+    assert all(map(np.array_equal, frames, stills))
     assert not np.array_equal(frames[0], frames[1])
+
+
+def test_a_mode_oscillates_without_a_seam(flat_files, tmp_path):
+    words = [*flat_files, "--deform", "u,v", "--undeformed", "mesh", "--scale", "mode:2"]
+    frames, (rest, most, least) = played(tmp_path, words, LOOK, "--scale", [0.0, 2.0, -2.0], 4)
+    assert all(map(np.array_equal, frames, (rest, most, rest, least)))
+    assert not np.array_equal(most, least)
+
+
+def test_a_film_over_the_phase_is_a_loop_of_stills(flat_files, tmp_path):
+    # Re(E exp(i phase)) with E = u + i v displaces the geometry
+    words = [*flat_files, "--complex", "E=u,v", "--deform", "E,0", "--phase", "0:360"]
+    frames, stills = played(tmp_path, words, LOOK, "--phase", [0, 90, -180, 270, 360], 4)
+    assert all(map(np.array_equal, [*frames, frames[0]], stills))
+    assert not np.array_equal(frames[0], frames[2])
+
+
+TURN = ("--phase", "0:90")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--scale", "0:1"), "expected --deform or --height"),
+        (("--deform", "u,v", "--scale", "mode:x"), "--scale: expected a finite amplitude after mode:"),
+        (("--deform", "u,v", "--scale", "0:b"), "--scale: expected two or more numbers"),
+        (("--phase", "0:360"), "--phase: expected pairs such as E_re and E_im"),
+        (("--complex", "p=u,v", *TURN), "expected a name that no field has"),
+        (("--complex", "E=u", *TURN), "expected NAME=REAL,IMAGINARY"),
+        (("--complex", "E=u,nothing", *TURN), "expected fields or vectors, found nothing"),
+    ],
+)
+def test_bad_motions_and_complex_fields_give_one_line_errors(flat_files, tmp_path, words, told):
+    found = CliRunner().invoke(group, ["animate", *flat_files, *words, "--frames", "2", "-o", f"{tmp_path}/film"])
+    assert found.exit_code != 0
+    assert told in str(found.exception) + found.output
 
 
 COMMANDS = {

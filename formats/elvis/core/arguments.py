@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from elvis.core.complex_fields import COMPLEX_HELP, PHASE_HELP, ComplexChoice
 from elvis.core.deformation import (
     DISPLACEMENT_HELP,
     GRADIENTS,
@@ -144,6 +145,18 @@ set_option = click.option(
     "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: from NAME.elvis.toml next "
     "to the data, else as written by the solver]",
 )
+
+
+def complex_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of complex fields, which together are the parameter ``complexes``."""
+
+    @click.option("--complex", "named", multiple=True, metavar="E=RE,IM", help=f"{COMPLEX_HELP}  Repeatable.")
+    @click.option("--phase", type=float, metavar="DEGREES", help=PHASE_HELP)
+    @wraps(command)
+    def parsed(named: tuple[str, ...], phase: float | None, **rest: Any) -> Any:
+        return command(complexes=ComplexChoice(named, phase), **rest)
+
+    return parsed
 
 
 def deform_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -156,6 +156,7 @@ class Deformed:
     coordinates   names of the fields that hold the coordinates before the deformation
     told          remarks of the dataset on the deformation
     is_height     whether 2D data became a surface in space, of which the displacement is the height
+    may_jump      whether the displacement may jump between elements, which then come apart or overlap
     """
 
     displacement: tuple[str, ...]
@@ -164,6 +165,7 @@ class Deformed:
     coordinates: tuple[str, ...]
     told: tuple[str, ...] = ()
     is_height: bool = False
+    may_jump: bool = False
 
     def __str__(self) -> str:
         where = f"gradients are taken in the {self.gradients} configuration"
@@ -190,6 +192,8 @@ class Dataset:
     reference  reference values of the flow by name, such as mu (`quantities.reference_values`), which take precedence
                over the metadata
     deformation  how the geometry was deformed, None if it is that of the files
+    complexes  names of the real and imaginary parts of complex fields that the user names; at a phase, of all
+    phase    in degrees, at which the fields with the names of complex ones are real parts; None: there are none
     """
 
     mesh: Mesh
@@ -207,6 +211,8 @@ class Dataset:
     surfaces: Mapping[str, Surface] = default(default_factory=dict)
     reference: Mapping[str, float] = default(default_factory=dict)
     deformation: Deformed | None = None
+    complexes: Mapping[str, tuple[str, str]] = default(default_factory=dict)
+    phase: float | None = None
 
     @property
     def map_names(self) -> tuple[str, ...]:

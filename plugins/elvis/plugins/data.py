@@ -10,6 +10,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from elvis.core.complex_fields import ComplexChoice, named_pairs, pairs_in
 from elvis.core.dataset import Dataset
 from elvis.core.deformation import Deformation
 from elvis.core.errors import ElvisError, FormatError
@@ -60,6 +61,15 @@ def _with_displacement(dataset: Dataset, chosen: Choice | None, own: Deformation
     return {*chosen(dataset), *needed_fields(dataset, texts_of_deformation(dataset, own))}
 
 
+def _with_parts(dataset: Dataset, chosen: Choice | None, own: ComplexChoice) -> Collection[str]:
+    """Fields that are chosen, all for None, and the parts of complex fields that a user names or wants at a phase."""
+    known = tuple(dataset)
+    pairs = {**(pairs_in(known) if own.phase is not None else {}), **named_pairs(own.named, known)}
+    if chosen is None:
+        return [field.name for field in dataset.fields]
+    return {*chosen(dataset), *(part for pair in pairs.values() for part in pair)}
+
+
 @dataclass(frozen=True)
 class Reading:
     """Options for reading files.
@@ -76,6 +86,7 @@ class Reading:
     ranks    that read the same, each its part
     reference  values of the flow by name, which override the files' values
     deformation  deformation of the geometry
+    complexes  complex fields and their phase
     """
 
     plugin: str | None = None
@@ -88,6 +99,12 @@ class Reading:
     ranks: Ranks = ALONE
     reference: Mapping[str, float] = field(default_factory=dict)
     deformation: Deformation | None = None
+    complexes: ComplexChoice = field(default_factory=ComplexChoice)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether data are wanted as they are in the files, without a deformation and complex fields."""
+        return self.deformation is None and not self.complexes
 
     def choice(self) -> Choice | None:
         """The fields of native files that are needed; None for all, if the requests aren't known."""
@@ -95,6 +112,9 @@ class Reading:
 
         if self.deformation is not None:
             return partial(_with_displacement, chosen=replace(self, deformation=None).choice(), own=self.deformation)
+        if self.complexes:
+            without = replace(self, complexes=ComplexChoice())
+            return partial(_with_parts, chosen=without.choice(), own=self.complexes)
         if self.is_of_map:
             return attrgetter("map_names")
         if _FIELDS in self.options:
@@ -193,6 +213,8 @@ def _open(
         raise ElvisError(f"--other: expected elements with a known map, found data of the plugin {opened.name}")
     if reading.deformation is not None:
         raise ElvisError(f"--deform: expected polynomial maps, found data of the plugin {opened.name}")
+    if reading.complexes:
+        raise ElvisError(f"--phase, --complex: expected fields of files, found data of the plugin {opened.name}")
     values = {**reference_beside(paths), **reading.reference}
     return replace(opened, time=reading.moment.time, reference=values)
 
@@ -240,7 +262,7 @@ def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
 def _parts_of(paths: Sequence[Path], reading: Reading) -> Dataset | DatasetParts:
     """The result of `dataset_of`, or for native files that are one state an object that reads part by part."""
     paths, series = _series_of(paths, reading)
-    if series is not None or reading.others or reading.deformation is not None or not _is_native(paths, reading):
+    if series is not None or reading.others or not reading.is_plain or not _is_native(paths, reading):
         return _whole_of(paths, series, reading)
     parts = read_parts(*paths, choose=reading.choice())
     return replace(parts, whole=Others(reading, paths).beside(reading.moment.of_one_state(parts.whole)))

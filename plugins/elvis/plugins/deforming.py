@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from elvis.core.arguments import texts_of
+from elvis.core.arrays import Floats
+from elvis.core.complex_fields import components_of
 from elvis.core.dataset import Dataset, Field
 from elvis.core.deformation import GRADIENTS, Deformation
 from elvis.core.deforming import check_displacement, deformed, free_names, moving_maps, raised, undeformed
@@ -13,20 +17,11 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
 from elvis.core.quantities.tree import AXES
 from elvis.core.ranks import ALONE, Ranks
+from elvis.core.sampling import sample
 from elvis.core.validity.folded import folded
 from elvis.core.validity.largest_scale import LargestScale
 from elvis.core.validity.largest_scale import largest_scale as bounds_of_scale
 from elvis.plugins.added_quantities import QuantitySource, add_quantities, parse_quantities
-
-#: how the components of a vector end in the files of solvers
-_SUFFIXES = (
-    tuple(f"_{axis}" for axis in AXES),
-    AXES,
-    ("_1", "_2", "_3"),
-    ("_0", "_1", "_2"),
-    ("1", "2", "3"),
-    ("0", "1", "2"),
-)
 
 
 def deform(
@@ -79,7 +74,8 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
     else:
         found = deformed(dataset, components, deformation.scale, deformation.gradients)
     assert found.deformation is not None
-    own = replace(found.deformation, displacement=tuple(texts))
+    may_jump = any(own.continuous is not True for own in components)
+    own = replace(found.deformation, displacement=tuple(texts), may_jump=may_jump)
     told = (str(own), *_doubts(components), *folded(found, ranks).sentences())
     new = tuple(remark for remark in told if remark not in found.remarks)
     return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new))
@@ -113,6 +109,18 @@ def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
     return bounds_of_scale(moving_maps(geometry(dataset), components), dataset.mesh.space)
 
 
+def on_height(dataset: Dataset, points: Floats) -> Floats:
+    """Points (n, 3) moved along z onto the surface z = S u(x, y); unchanged outside, and for other data."""
+    known = dataset.deformation
+    if known is None or not known.is_height or not len(points):
+        return points
+    text = known.displacement[0]
+    in_plane = points * [1.0, 1.0, 0.0]
+    heights = known.scale * sample(undeformed(dataset), text, in_plane)[text]
+    is_inside = np.isfinite(heights)
+    return np.column_stack([points[:, :2], np.where(is_inside, heights, points[:, 2])])
+
+
 def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:
     """Whether the geometry of a dataset is the one that is asked for."""
     known = dataset.deformation
@@ -133,12 +141,7 @@ def component_texts(dataset: Dataset, displacement: str) -> list[str]:
     texts = texts_of(displacement) or []
     if len(texts) != 1 or dataset.mesh.space == 1:
         return texts
-    known = set(dataset)
-    for suffixes in _SUFFIXES:
-        names = [texts[0] + suffix for suffix in suffixes[: dataset.mesh.space]]
-        if known.issuperset(names):
-            return names
-    return texts
+    return components_of(texts[0], tuple(dataset), dataset.mesh.space) or texts
 
 
 def _doubts(components: Sequence[Field]) -> Iterator[str]:

@@ -55,6 +55,10 @@ class Others:
         """
         if self._values:
             dataset = replace(dataset, reference=over(dataset.reference, self._values))
+        if self._reading.complexes:
+            from elvis.plugins.phases import with_complexes
+
+            dataset = with_complexes(dataset, self._reading.complexes)
         if self._reading.deformation is not None:
             from elvis.plugins.deforming import with_deformation
 

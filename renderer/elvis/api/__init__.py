@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from elvis.plugins.data import read
     from elvis.plugins.deforming import deform, largest_scale
     from elvis.plugins.onto_mesh import onto_mesh
+    from elvis.plugins.phases import at_phase
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
     from elvis.plugins.series.statistics import average
@@ -120,6 +121,7 @@ __all__ = [
     "VolumeRendering",
     "VortexCores",
     "__version__",
+    "at_phase",
     "average",
     "boundary_data",
     "boundary_triangles",
@@ -230,6 +232,7 @@ NAMES = {
     "elvis.plugins.boundary_data": ("boundary_data",),
     "elvis.plugins.data": ("read",),
     "elvis.plugins.deforming": ("deform", "largest_scale"),
+    "elvis.plugins.phases": ("at_phase",),
     "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (
         "pathlines",

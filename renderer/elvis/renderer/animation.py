@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.moments import Moment
@@ -23,56 +21,26 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded
 from elvis.renderer.bricks import Bricks, opening_for
+from elvis.renderer.motions import Motion
 from elvis.renderer.parts import Opened, RankPart, comes_in_parts, of_ranks, opening_for_ranks
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.request import reading_for
 from elvis.scene import Camera, Scene
 from elvis.scene.commandline.composing import with_settings
 from elvis.scene.errors import AbsentError, SceneError
-from elvis.scene.files import toml_value
 from elvis.scene.frame import Frame
 
 #: a scene and the file of its picture
 Shot: TypeAlias = tuple[Scene, Path]
 
 
-@dataclass(frozen=True)
-class Key:
-    """Values of a key of the scene at equal parts of the film, linear between.
-
-    values  (n,) numbers, or (n, k) of lists
-    """
-
-    name: str
-    values: Floats
-
-    @classmethod
-    def of(cls, name: str, text: str) -> Key:
-        """``0:1:0``, or ``[0,0,1]:[1,0,0]``; SceneError for texts that are not numbers."""
-        parts = [toml_value(part.strip()) for part in text.split(":")]
-        try:
-            values = np.array(parts, np.float64)
-        except (TypeError, ValueError):
-            values = np.empty(0)
-        if len(values) < 2 or not np.isfinite(values).all():
-            raise SceneError(f"--key {name}: expected two or more numbers with colons between them, found {text!r}")
-        return cls(name, values)
-
-    def at(self, share: float) -> tuple[str, str]:
-        """The key and its value, as `with_settings` takes them, at a share of the film from 0 to 1."""
-        place = share * (len(self.values) - 1)
-        first = min(int(place), len(self.values) - 2)
-        value = self.values[first] + (place - first) * (self.values[first + 1] - self.values[first])
-        return self.name, json.dumps(value.tolist())
-
-
-def scenes_of(base: Scene, moments: Sequence[Moment], keys: Sequence[Key]) -> list[Scene]:
+def scenes_of(base: Scene, moments: Sequence[Moment], keys: Sequence[Motion]) -> list[Scene]:
     """The scene of each frame: one for each moment."""
-    last = max(1, len(moments) - 1)
+    count = len(moments)
     found = []
     for number, moment in enumerate(moments):
         scene = replace(base, step=moment.step, time=moment.time)
-        found.append(with_settings(scene, tuple(key.at(number / last) for key in keys), "--key"))
+        found.append(with_settings(scene, tuple(key.of_frame(number, count) for key in keys), "--key"))
     return found
 
 

@@ -12,12 +12,12 @@ from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.plugins.opening import PluginData
 from elvis.plugins.registry import load, plugins
-from elvis.plugins.serving import names_of
+from elvis.plugins.serving import names_of, volume_of
 from elvis.renderer.adapters import KINDS
 from elvis.scene import CutSurface, Faces, Glyphs, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
-from elvis.scene.quantities import with_velocities
+from elvis.scene.quantities import quantities, with_velocities
 
 #: what a plugin of ``elvis.devices`` is
 Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
@@ -38,6 +38,11 @@ def default_field(data: Dataset | PluginData) -> str:
             "the data contain a mesh but no field: also give the field file, or name a quantity, such as --field x"
         )
     return names[0]
+
+
+def kind_of(data: Dataset | PluginData, scene: Scene) -> Kind:
+    """The kind of picture, by dimension."""
+    return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
 def completed(dataset: Dataset, scene: Scene) -> Scene:

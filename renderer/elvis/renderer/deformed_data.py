@@ -1,38 +1,77 @@
-"""Data on the geometry that a scene asks for."""
+"""Data in the state that a scene asks for: complex fields at its phase, and its geometry."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
+from elvis.core.complex_fields import ComplexChoice, named_pairs
 from elvis.core.dataset import Dataset
 from elvis.plugins.deforming import is_deformed, with_deformation
 from elvis.plugins.opening import PluginData
+from elvis.plugins.phases import with_complexes, without_phase
+from elvis.renderer.bricks import timed
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.whole import Deform
 
+#: complex fields, and a deformation
+State: TypeAlias = tuple[ComplexChoice, Deform | None]
+
 
 @dataclass
 class DeformedData:
-    """Data, and their last deformation.
+    """Data, and their last state.
 
     is_whole  whether the data were read whole, not in parts
     """
 
     data: Dataset | PluginData
     is_whole: bool
-    _last: tuple[Deform, Dataset] | None = None
+    _last: tuple[State, Dataset] | None = None
+    _ghost: tuple[State, float | None, Dataset] | None = None
 
     def of(self, scene: Scene) -> Dataset | PluginData:
-        """The data on the geometry of a scene; SceneError if they can't be deformed."""
-        if scene.deform is None:
+        """The data in the state of a scene; SceneError if they can't have it."""
+        if scene.deform is None and not scene.complexes:
             return self.data
         if not isinstance(self.data, Dataset):
-            raise SceneError(f"deform: data of plugin {self.data.name} have no polynomial maps: leave deform out")
-        if is_deformed(self.data, scene.deform.deformation):
+            key = "phase" if scene.deform is None else "deform"
+            raise SceneError(f"{key}: expected fields of files, found data of plugin {self.data.name}: leave {key} out")
+        if self._is_in(self.data, scene):
             return self.data
         if not self.is_whole:
-            raise SceneError("deform: the geometry of data read in parts cannot be changed: open the data with it")
-        if self._last is None or self._last[0] != scene.deform:
-            self._last = scene.deform, with_deformation(self.data, scene.deform.deformation)
+            raise SceneError("deform, phase: data read in parts keep what they were opened with")
+        state = scene.complexes, scene.deform
+        if self._last is None or self._last[0] != state:
+            self._last = state, self._in_state(self.data, *state)
         return self._last[1]
+
+    def undeformed(self, scene: Scene) -> Dataset | None:
+        """The data on the undeformed geometry, if a scene draws that, too; the same object for the same geometry.
+
+        The scale is 0, so that expansions and the order of elements are those of the deformed data.
+        """
+        if scene.deform is None or scene.undeformed is None or not isinstance(self.data, Dataset):
+            return None
+        if not self.is_whole or scene.memory is not None:
+            return None
+        state = scene.complexes, scene.deform.at_rest
+        if self._ghost is None or self._ghost[:2] != (state, scene.time):
+            self._ghost = state, scene.time, timed(self._in_state(self.data, *state), scene.time)
+        return self._ghost[2]
+
+    @staticmethod
+    def _is_in(data: Dataset, scene: Scene) -> bool:
+        """Whether data have the state of a scene."""
+        complexes = scene.complexes
+        is_same_phase = complexes.phase is None or complexes.phase == data.phase
+        named = named_pairs(complexes.named, tuple(without_phase(data)))
+        is_named = named.items() <= data.complexes.items()
+        return is_same_phase and is_named and (scene.deform is None or is_deformed(data, scene.deform.deformation))
+
+    @staticmethod
+    def _in_state(data: Dataset, complexes: ComplexChoice, deform: Deform | None) -> Dataset:
+        """Data with complex fields at a phase, and a geometry that may be made of these."""
+        data = with_complexes(data, complexes) if complexes else data
+        return data if deform is None else with_deformation(data, deform.deformation)

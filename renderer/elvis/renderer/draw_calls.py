@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from elvis.core.arrays import Floats
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.scene import Style
 from elvis.scene.surfaces import Surface
 from elvis.scene.view import View
+
+if TYPE_CHECKING:
+    from elvis.renderer.stages import Stages
 
 Draw = Callable[[View, Floats | None], HitBuffer]
 
@@ -24,6 +28,9 @@ class DrawCall:
     once      whether a ray meets it at most once
     surface   the cutting surface, which does not clip itself
     level     constant value of its quantity, if it is an isosurface of that
+    ghost     stages of the undeformed geometry, if the surface belongs to it: such surfaces have no part in ranges and
+              records
+    bare      whether only its lines are drawn
     """
 
     name: str
@@ -34,3 +41,10 @@ class DrawCall:
     once: bool = False
     surface: Surface | None = None
     level: float | None = None
+    ghost: Stages | None = None
+    bare: bool = False
+
+    @property
+    def opacity(self) -> float:
+        """Opacity of the surface itself."""
+        return 0.0 if self.bare else self.style.opacity

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeVar
 
@@ -18,17 +17,18 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
 from elvis.core.memory import release_free_memory
 from elvis.core.picturing import Kind
+from elvis.core.quantities import Expression
 from elvis.core.ranks import ALONE, Ranks
-from elvis.core.terminal import Progress, warn
+from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
-from elvis.renderer.bricks import Bricks, InMemory, opening_for, timed
+from elvis.renderer.bricks import Bricks, InMemory, timed
 from elvis.renderer.canvas import BAND, Canvas, check_memory
-from elvis.renderer.completing import arranged, default_field, other_device, with_quantity
+from elvis.renderer.completing import arranged, default_field, kind_of, other_device, with_quantity
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.deformed_data import DeformedData
 from elvis.renderer.device import Device
@@ -38,13 +38,15 @@ from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
 from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_rates
+from elvis.renderer.ghosts import Ghost, check_undeformed
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.rank_pictures import RankPicture
 from elvis.renderer.rank_rows import RankRows, channels, joined
-from elvis.renderer.request import Request, reading_for
+from elvis.renderer.request import Request
+from elvis.renderer.requested_data import data_of
 from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
@@ -86,7 +88,7 @@ def render(
     KeywordError, which is also a TypeError, with a similar name for an unknown keyword.
     """
     asked = Request.of(data, scene, keywords)
-    at_hand = _at_hand(asked)
+    at_hand = data_of(asked)
     shown = asked.scene if asked.data is not None else with_range(asked.scene)
     frame = _render(at_hand, shown, device or asked.scene.device, progress)
     asked.write(frame)
@@ -97,21 +99,6 @@ def _render(data: Dataset | PluginData | Bricks, scene: Scene, device: str, prog
     """A picture of data that are at hand."""
     with Pictures(data, device, progress) as pictures:
         return pictures.draw(scene)
-
-
-def _at_hand(asked: Request) -> Dataset | PluginData | Bricks:
-    """The data, read where they are files, as the scene says."""
-    if asked.data is not None:
-        return asked.data
-    scene = asked.scene
-    if not scene.data:
-        raise SceneError("expected data first: what read returns, or the mesh and field files; found none")
-    return opening_for([scene])([Path(file) for file in scene.data], reading_for([scene]), warn)
-
-
-def _kind(data: Dataset | PluginData, scene: Scene) -> Kind:
-    """The kind of picture, by dimension."""
-    return Kind.of(data) if isinstance(data, Dataset) else Kind(volume_of(data, quantities(scene)).dimension)
 
 
 def _is_exact(scene: Scene) -> bool:
@@ -141,6 +128,7 @@ class Pictures:
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
         self._time: float | None = None
+        self._ghost: Dataset | None = None
         self._remarks: Sequence[str] = ()
         self._take(data)
 
@@ -184,7 +172,9 @@ class Pictures:
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
         asked, scene, data, remarks = self._arranged(scene)
-        if (other := other_device(self.device)) is not None:
+        other = other_device(self.device)
+        check_undeformed(scene, self._kind, self.device, other is None)
+        if other is not None:
             return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
             return note(draw_curves(data, scene), asked, data, remarks)
@@ -215,7 +205,7 @@ class Pictures:
             scene = with_quantity(scene, data)
             self._checked = scene.field, scene.time
         self._tell_conversion(data, scene)
-        self._kind = self._kind or _kind(data, scene)
+        self._kind = self._kind or kind_of(data, scene)
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
         told = (*data.remarks, *self._conversion[1]) if isinstance(data, Dataset) else ()
         remarks = (*told, *remarks_on_rates(data, scene))
@@ -266,11 +256,13 @@ class Pictures:
         """The renderer with all quantities of a scene, on the elements that have its field."""
         wanted = quantities(scene)
         known, renderer = self._quantities, self._opened()
-        if known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time:
+        ghost = self._deformed.undeformed(scene)
+        is_known = known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time
+        if is_known and self._ghost is ghost:
             return renderer
-        self._quantities = ()
+        self._quantities, self._ghost = (), ghost
         if isinstance(data, Dataset):
-            renderer.load(data, *wanted)
+            renderer.load(data, *wanted, ghost=ghost)
         else:
             volume = volume_of(data, wanted)
             renderer.show(volume, data)
@@ -295,6 +287,7 @@ class Renderer:
         self.progress = progress or (lambda done, total: None)
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
+        self._ghost: Ghost | None = None
         self._fitted: tuple[object, View] | None = None
         self._stays = False  # whether that view is one of the elements, whatever the values
 
@@ -306,16 +299,25 @@ class Renderer:
 
     def close(self) -> None:
         """Give the device back, and the volume with it; nothing can be drawn any more."""
-        self._stages, self._fitted = None, None
+        self._stages, self._ghost, self._fitted = None, None, None
         self.device.close()
 
-    def load(self, dataset: Dataset, *quantities: str) -> None:
-        """Bring fields of a dataset, or other quantities, to the device; the first is the field of its scenes."""
+    def load(self, dataset: Dataset, *quantities: str, ghost: Dataset | None = None) -> None:
+        """Bring fields of a dataset, or other quantities, to the device; the first is the field of its scenes.
+
+        ghost  the same data on the undeformed geometry, if that is drawn, too
+        """
         start = perf_counter()
         before = None if self._stages is None else self._stages.others
         others = OtherData.of(self.device, dataset, quantities, before)
         self.show(volume_of(dataset, others.own), dataset, others)
+        self._add_ghost(ghost, others.own)
         self.seconds["load"] = perf_counter() - start
+
+    def _add_ghost(self, dataset: Dataset | None, quantities: Sequence[Expression]) -> None:
+        """Bring the undeformed geometry to the device, unless it is there."""
+        self._ghost = Ghost.of(dataset, quantities, self.stages, self._ghost)
+        self.stages.ghost = None if self._ghost is None else self._ghost.stages
 
     def show(self, volume: Volume, made_of: Made = None, others: OtherData | None = None) -> None:
         """Bring a volume to the device; ``made_of`` is a dataset, or what a runtime plugin has opened, where known.
@@ -373,17 +375,9 @@ class Renderer:
             ],
         )
         if scene.box or scene.axes:
-            frame = replace(frame, box=self._domain())
+            frame = replace(frame, box=self.stages.domain())
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
-
-    def _domain(self) -> Floats:
-        """(2, 3) corners of the box around the domain: certified bounds of the coordinates, where these are known."""
-        box = surrounding([part.boxes for part in self.stages.loaded.parts])
-        for axis, name in enumerate("xyz"[: self.stages.loaded.dimension]):
-            with suppress(ElvisError):
-                box[:, axis] = self.stages.bounds(name)
-        return box
 
     def view(self, scene: Scene) -> View:
         """The view that `render` has of a scene."""
@@ -418,15 +412,20 @@ class Renderer:
             self.device.close()
         self.device = Device(name)
         self.show(stages.volume, stages.made_of, stages.others.on(self.device))
+        ghost, self._ghost = self._ghost, None
+        if ghost is not None:
+            self._add_ghost(ghost.dataset, self.stages.others.own)
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene; the previous view if the objects and the camera are unchanged."""
         if self.bands is not None:
             return self.bands.view
-        part = scene.region, scene.zoom, scene.box, scene.axes
+        part = scene.region, scene.zoom, scene.box, scene.axes, scene.undeformed
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
-            boxes = [part.boxes for part in self.stages.loaded.parts]
+            ghost = self.stages.ghost
+            parts = [*self.stages.loaded.parts, *(ghost.loaded.parts if ghost is not None else ())]
+            boxes = [part.boxes for part in parts]
             asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]
@@ -439,7 +438,7 @@ class Renderer:
             hit = self.stages.cutter.draw(view, references=False).owner != NOBODY
         else:
             for draw_call in self.stages.draw_calls(scene):
-                opaque = replace(draw_call, style=replace(draw_call.style, opacity=1.0))
+                opaque = replace(draw_call, style=replace(draw_call.style, opacity=1.0), bare=False)
                 for hits in self.stages.hit_buffers(opaque, view, scene.clip):
                     hit |= hits.owner != NOBODY
             painter = Painter(scene, self.stages)

@@ -30,7 +30,8 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
     """
     own = Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
     deformation = None if scene.deform is None else scene.deform.deformation
-    return replace(own, reference=scene.reference.values, deformation=deformation)
+    reference, complexes = scene.reference.values, scene.complexes
+    return replace(own, reference=reference, deformation=deformation, complexes=complexes)
 
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:

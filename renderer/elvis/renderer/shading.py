@@ -18,7 +18,7 @@ from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.contour_proof import ContourProof
-from elvis.renderer.passes.lines.lines import levels
+from elvis.renderer.passes.lines.lines import Lines, levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Stages
@@ -41,7 +41,9 @@ def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) ->
     extent  the greatest coordinate of the data, in magnitude
     whole   whether reference coordinates, normals and uncertainties are wanted too
     What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
+    The undeformed geometry does not count.
     """
+    drawn = [(draw_call, hits) for draw_call, hits in drawn if draw_call.ghost is None]
     if len(drawn) == 1:
         return drawn[0][1]
     best, opacity = HitBuffer.empty(view.count), np.zeros(view.count)
@@ -134,8 +136,10 @@ class Painter:
         for draw_call, hits in drawn:
             is_shown = bool((cropped(hits.owner) != NOBODY).any())
             level = np.array([draw_call.level] if is_shown else [], np.float64)
-            self._note(draw_call.quantity, cropped(hits.field) if draw_call.level is None else level)
             self._shown |= {id(draw_call)} if is_shown else set()
+            if draw_call.ghost is not None:
+                continue
+            self._note(draw_call.quantity, cropped(hits.field) if draw_call.level is None else level)
             contours = draw_call.style.contours
             if contours and contours.count and self.of_contours(draw_call) != draw_call.quantity:
                 quantity = self.of_contours(draw_call)
@@ -232,15 +236,19 @@ class Painter:
         mesh, contours, lic = style.mesh_lines, style.contours, style.lic
         streaks = None if lic is None else (self.stages.streaks(view, hits, lic, scene), lic.contrast)
         if scene.is_traced:
-            return Material(colors, style.opacity, *light, streaks=streaks)
-        edges = None if mesh is None else (self.stages.lines.mesh(view, hits, mesh.width), mesh.color)
+            return Material(colors, draw_call.opacity, *light, streaks=streaks)
+        edges = None if mesh is None else (self.lines_of(draw_call).mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
             quantity = self.of_contours(draw_call)
             of = self.stages.resampled(hits, draw_call.quantity, quantity)
             marks = self.stages.lines.contours(view, of, self.values(draw_call), contours.width, quantity)
             levels = marks, contours.color
-        return Material(colors, style.opacity, *light, edges, levels, streaks)
+        return Material(colors, draw_call.opacity, *light, edges, levels, streaks)
+
+    def lines_of(self, draw_call: DrawCall) -> Lines:
+        """Lines on the volume that a surface belongs to."""
+        return (draw_call.ghost or self.stages).lines
 
     def still(self, drawn: Drawn, view: View) -> Bools:
         """(n,) pixels in which a surface that has streaks elsewhere has none."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property, partial
 
@@ -37,6 +38,7 @@ from elvis.renderer.passes.solids.solids import SolidDrawer, values_at_hits
 from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
+from elvis.renderer.undeformed import with_undeformed
 from elvis.scene import (
     Clip,
     CutSurface,
@@ -51,6 +53,7 @@ from elvis.scene import (
     VolumeRendering,
 )
 from elvis.scene.errors import AbsentError, SceneError
+from elvis.scene.fitting import surrounding
 from elvis.scene.frame import Status
 from elvis.scene.surfaces import Surface
 from elvis.scene.view import PlaneView, View
@@ -72,6 +75,7 @@ class Stages:
     made_of  source of the volume, if known
     dataset  the same; None if a runtime plugin has made it
     others   requests of quantities to data on other meshes
+    ghost    stages over the undeformed geometry, if that is drawn next to this one
     """
 
     def __init__(self, loaded: DeviceVolume, volume: Volume, made_of: Made, others: OtherData | None = None) -> None:
@@ -80,6 +84,7 @@ class Stages:
         self._left_out: dict[str | None, Ints] = {}
         self.made_of = made_of
         self.dataset = made_of if isinstance(made_of, Dataset) else None
+        self.ghost: Stages | None = None
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
     @property
@@ -215,6 +220,14 @@ class Stages:
         every = every[~np.isnan(every).any(axis=1)]
         return float(every[:, 0].min(initial=np.inf)), float(every[:, 1].max(initial=-np.inf))
 
+    def domain(self) -> Floats:
+        """(2, 3) corners of the box around the domain: certified bounds of the coordinates, where these are known."""
+        box = surrounding([part.boxes for part in self.loaded.parts])
+        for axis, name in enumerate("xyz"[: self.loaded.dimension]):
+            with suppress(ElvisError):
+                box[:, axis] = self.bounds(name)
+        return box
+
     def parts_quantity(self, name: str | None, scene: Scene) -> str | None:
         """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
         return None if name in (None, scene.field) else name
@@ -240,7 +253,7 @@ class Stages:
                 found.append(self.flow.glyphs(name, item, own))
             else:
                 found += [self._level(name, item, value, scene) for value in item.values]
-        return found
+        return with_undeformed(found, self.ghost, scene.undeformed)
 
     def _faces(self, name: str, item: Faces, own: str | None) -> DrawCall:
         """Element faces."""
@@ -346,8 +359,11 @@ class Stages:
 
     def hit_buffers(self, draw_call: DrawCall, view: View, clips: Sequence[Clip]) -> Iterator[HitBuffer]:
         """Visible hits of a draw call, near to far: hits that no clip removes, while the surface is translucent."""
+        if draw_call.ghost is not None and draw_call.ghost is not self:
+            yield from draw_call.ghost.hit_buffers(draw_call, view, clips)
+            return
         others = [clip for clip in clips if clip.surface != draw_call.surface]
-        opacity = draw_call.style.opacity
+        opacity = draw_call.opacity
         beyond, through = None, 1.0
         while through > FAINT:
             hits = draw_call.draw(view, beyond)

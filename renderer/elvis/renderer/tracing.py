@@ -13,8 +13,10 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FAINT
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
+from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.shading import Drawn, Painter
+from elvis.renderer.undeformed import GREY
 from elvis.scene import Vector
 from elvis.scene.strokes import Stroke, borders, chain, meet_at_corners
 from elvis.scene.view import View
@@ -83,33 +85,39 @@ class Tracer:
             call = self.draw_calls.index(draw_call)
             if draw_call.style.mesh_lines is not None:
                 side = hits.owner if hits.side is None else hits.side
-                lines = self._borders(view, hits, side)
+                lines = self._borders(view, hits, side, self.painter.lines_of(draw_call))
                 width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
                 self._keep(StrokeStyle(width, color, 1.0, None), (call, 0), lines, before, hits, own)
             if draw_call.style.contours is not None:
                 self._contours(view, call, hits, before, own)
-        if self.painter.scene.outline and drawn:
-            self._outline(drawn, view, own)
+        shown = [one for one in drawn if one[0].ghost is None]
+        if self.painter.scene.outline and shown:
+            self._outline(shown, view, own, self.painter.text_color)
+        if self.painter.scene.undeformed == "outline":
+            self._outline([one for one in drawn if one[0].ghost is not None], view, own, GREY, shown)
 
-    def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32]) -> tuple[Floats, Floats, Ints]:
+    def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32], of: Lines) -> tuple[Floats, Floats, Ints]:
         """Short lines around all pixels of one side."""
         shape = view.height, view.width
-        marks = self.painter.stages.lines.mesh(view, hits, WIDE)
+        marks = of.mesh(view, hits, WIDE)
         owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
         return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
 
-    def _outline(self, drawn: Drawn, view: View, own: Bools) -> None:
-        """The border of all visible pixels; distances to borders refer to the nearest surface."""
+    def _outline(self, drawn: Drawn, view: View, own: Bools, color: Vector, before: Drawn | None = None) -> None:
+        """The border of all pixels of some surfaces; distances to borders refer to the nearest one.
+
+        before  surfaces that may hide it
+        """
         distance, depth = np.full((2, view.count), np.inf)
-        for _, hits in drawn:
+        for draw_call, hits in drawn:
             nearer = np.flatnonzero(hits.depth < depth)
             depth[nearer] = hits.depth[nearer]
-            distance[nearer] = self.painter.stages.lines.mesh(view, hits, WIDE).distance[nearer]
+            distance[nearer] = self.painter.lines_of(draw_call).mesh(view, hits, WIDE).distance[nearer]
         shape = view.height, view.width
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
         lines = borders(seen, distance.reshape(shape), depth.reshape(shape), view.first)
-        style = StrokeStyle(OUTLINE, self.painter.text_color, 1.0, None)
-        self._keep(style, (len(self.draw_calls), 0), lines, [], drawn[0][1], own)
+        style = StrokeStyle(OUTLINE, color, 1.0, None)
+        self._keep(style, (len(self.draw_calls), 0), lines, before or [], drawn[0][1], own)
 
     def _contours(self, view: View, call: int, hits: HitBuffer, before: Drawn, own: Bools) -> None:
         """The contours of a surface, where it is not itself in front of them."""
@@ -143,7 +151,7 @@ class Tracer:
         depth = hits.depth[pixel]
         with np.errstate(invalid="ignore"):
             for draw_call, other in others:
-                through[other.depth[pixel] < depth * (1.0 - SAME)] *= 1.0 - draw_call.style.opacity
+                through[other.depth[pixel] < depth * (1.0 - SAME)] *= 1.0 - draw_call.opacity
         through = np.where(own[pixel], np.round(through, 3), 0.0)
         for part in np.unique(through[through > FAINT]):
             here = through == part

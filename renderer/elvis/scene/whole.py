@@ -1,10 +1,11 @@
 """Cameras and scenes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from elvis.core.complex_fields import COMPLEX_HELP, PHASE_HELP, ComplexChoice
 from elvis.core.deformation import (
     DISPLACEMENT_HELP,
     GRADIENTS,
@@ -124,6 +125,10 @@ class Reference(Model, of="the reference values"):
         return {name: value for name in settings(Reference) if (value := getattr(self, name)) is not None}
 
 
+#: ways to draw the undeformed geometry next to the deformed one
+UNDEFORMED = ("outline", "mesh", "faces")
+
+
 @dataclass(frozen=True, repr=False)
 class Deform(Model, of="the deformation"):
     """A deformed geometry: a displacement is added to the coordinates of every element."""
@@ -141,17 +146,34 @@ class Deform(Model, of="the deformation"):
         Setting(GRADIENTS_HELP, option="--gradients", metavar="|".join(GRADIENTS), names=GRADIENTS),
     ] = "undeformed"
     height: Annotated[Quantity, Setting(HEIGHT_HELP, option="--height", metavar="EXPR")] = ""
+    undeformed: Annotated[
+        Literal["outline", "mesh", "faces"] | None,
+        Setting(
+            "Also draw the undeformed geometry: its outline, the borders of its elements, or translucent faces.",
+            option="--undeformed",
+            metavar="|".join(UNDEFORMED),
+            names=UNDEFORMED,
+            default="only the deformed geometry",
+        ),
+    ] = None
 
     def check(self) -> None:
-        """SceneError if there is not one displacement or height, or for an unknown configuration of gradients."""
+        """SceneError if there is not one displacement or height, and for unknown words."""
         given = [name for name in ("displacement", "height") if getattr(self, name).strip()]
         check(len(given) == 1, "the deformation", "either displacement or height", " and ".join(given) or "neither")
         check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
+        is_known = self.undeformed is None or self.undeformed in UNDEFORMED
+        check(is_known, "undeformed", "outline, mesh or faces", repr(self.undeformed))
 
     @property
     def deformation(self) -> Deformation:
         """The deformation in the form that readers of files use."""
         return Deformation(self.displacement, self.scale, self.gradients, self.height)
+
+    @property
+    def at_rest(self) -> "Deform":
+        """The same deformation with scale 0, which leaves the geometry as it was."""
+        return replace(self, scale=0.0, undeformed=None)
 
 
 @dataclass(frozen=True, repr=False)
@@ -432,6 +454,21 @@ class Scene(Model):
         Deform | None,
         Setting(DISPLACEMENT_HELP, option="--deform", metavar="U,V,W|VECTOR", parse="deform", default="undeformed"),
     ] = None
+    complex: Annotated[
+        tuple[str, ...],
+        Setting(COMPLEX_HELP, option="--complex", metavar="E=RE,IM", repeatable=True),
+    ] = ()
+    phase: Annotated[
+        float | None,
+        Setting(
+            PHASE_HELP,
+            finite=True,
+            option="--phase",
+            metavar="DEGREES",
+            unit="degrees",
+            default="the parts of complex fields",
+        ),
+    ] = None
     device: Annotated[
         str,
         Setting("Device that draws (see elvis devices); reference computes in NumPy.", option="--device"),
@@ -481,6 +518,11 @@ class Scene(Model):
             check_range(self.range)
 
     @property
+    def complexes(self) -> ComplexChoice:
+        """Complex fields and their phase in the form that readers of files use."""
+        return ComplexChoice(self.complex, self.phase)
+
+    @property
     def backdrop(self) -> Vector:
         """Red, green and blue of the background."""
         red, green, blue = self.background[:3]
@@ -499,7 +541,13 @@ class Scene(Model):
             return False
         styles = [item.style for item in items if not isinstance(item, VolumeRendering)]
         labelled = any(style.contours and style.contours.labels for style in styles)
-        return self.outline or labelled or any(name.lower().endswith(VECTORS) for name in self.outputs)
+        is_outlined = self.outline or self.undeformed == "outline"
+        return is_outlined or labelled or any(name.lower().endswith(VECTORS) for name in self.outputs)
+
+    @property
+    def undeformed(self) -> str | None:
+        """How the undeformed geometry is drawn next to the deformed one; None if it is not drawn."""
+        return None if self.deform is None else self.deform.undeformed
 
     @cached_property
     def every_object(self) -> tuple[SceneObject, ...]:
@@ -522,4 +570,5 @@ class Scene(Model):
     def is_plain(self) -> bool:
         """Whether the colours of one unlit plane are all that is shown, one sample per pixel."""
         usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
-        return self.every_object == usual and not (self.clip or self.outline) and self.samples == 1
+        is_bare = not (self.clip or self.outline or self.undeformed)
+        return self.every_object == usual and is_bare and self.samples == 1

@@ -12,6 +12,7 @@ from elvis.converters.commands.field_options import field_options
 from elvis.core.arguments import (
     between_option,
     cache_option,
+    complex_options,
     deform_options,
     other_option,
     overwrite_option,
@@ -22,6 +23,7 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
+    from elvis.core.complex_fields import ComplexChoice
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
     from elvis.plugins.chosen_fields import ChosenFields
@@ -59,6 +61,7 @@ _ROUNDING = 1e-11
 @other_option
 @set_option
 @deform_options
+@complex_options
 @reader_option
 @step_option
 @time_option
@@ -77,6 +80,7 @@ def export(
     others: tuple[str, ...],
     reference: dict[str, float],
     deformation: Deformation | None,
+    complexes: ComplexChoice,
     reader: tuple[str, ...],
     step: int | None,
     time: float | None,
@@ -106,7 +110,9 @@ def export(
     fields = options.pop("fields", None) if added else None
     chosen = ChosenFields(added, renames, _names(fields), tolerance=tolerance)
     moment = Moment(step, time, between)
-    reading = Reading(None, options, not no_cache, moment, others, reference=reference, deformation=deformation)
+    reading = Reading(
+        None, options, not no_cache, moment, others, reference=reference, deformation=deformation, complexes=complexes
+    )
     dataset = dataset_of(data, reading)
     found = _with_chosen(chosen, dataset)
     report = partial(_report, path=output, bound=max_error, as_json=as_json)

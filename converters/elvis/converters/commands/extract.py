@@ -11,6 +11,7 @@ import click
 from elvis.core.arguments import (
     between_option,
     cache_option,
+    complex_options,
     deform_options,
     other_option,
     overwrite_option,
@@ -22,6 +23,7 @@ from elvis.core.arguments import (
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
+    from elvis.core.complex_fields import ComplexChoice
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
     from elvis.core.triangles import SurfaceTriangles
@@ -84,6 +86,7 @@ _MESHES = (".xml", ".vtu", ".msh")
 @other_option
 @set_option
 @deform_options
+@complex_options
 @cache_option
 @overwrite_option
 def extract(
@@ -96,6 +99,7 @@ def extract(
     others: tuple[str, ...],
     reference: dict[str, float],
     deformation: Deformation | None,
+    complexes: ComplexChoice,
     no_cache: bool,
     overwrite: bool,
     **options: Any,
@@ -117,7 +121,7 @@ def extract(
     is_mesh = _check_output(output, surface, options)
     check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], data, overwrite)
     reading = Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others)
-    reading = replace(reading, reference=reference, deformation=deformation)
+    reading = replace(reading, reference=reference, deformation=deformation, complexes=complexes)
     dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)

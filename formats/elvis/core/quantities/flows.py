@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from elvis.core.complex_fields import Pairs
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.quantities.configurations import derivative_before
@@ -101,6 +102,16 @@ class Flow:
     def others(self) -> Mapping[str, object]:
         """No formula names other datasets."""
         return {}
+
+    @property
+    def complexes(self) -> Pairs:
+        """No formula has complex fields."""
+        return {}
+
+    @property
+    def phase(self) -> float | None:
+        """No formula depends on a phase."""
+        return None
 
     @cached_property
     def available(self) -> tuple[str, ...]:

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 from dataclasses import field as field_of
 from functools import cached_property
 
+from elvis.core.complex_fields import Pairs, pairs_in
 from elvis.core.dataset import Dataset, Deformed, Rates, is_rate
 from elvis.core.distances.boundaries import ALL, sides_by_name
 from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
+from elvis.core.quantities.complex_functions import is_complex
 from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.derived import derived_rate
 from elvis.core.quantities.element_sides import SIDES
@@ -52,6 +54,8 @@ class Names:
     shared      names of the datasets on the same mesh
     deformation how the geometry was deformed, which determines the coordinates of derivatives
     is_moving   whether ``t`` is a variable, as along the path of a particle
+    complexes   names of the real and the imaginary part of complex fields
+    phase       in degrees, at which fields with these names are real parts; None: there are no such fields
     """
 
     fields: tuple[str, ...]
@@ -64,6 +68,8 @@ class Names:
     shared: frozenset[str] = frozenset()
     deformation: Deformed | None = None
     is_moving: bool = False
+    complexes: Pairs = field_of(default_factory=dict)
+    phase: float | None = None
 
     @staticmethod
     def of(dataset: Dataset) -> Names:
@@ -77,7 +83,8 @@ class Names:
         others = {name: Names.of(other) for name, other in dataset.others.items()}
         noted, rates = over(noted_values(dataset.metadata), dataset.reference), dataset.rates
         own = Names(fields, dimension, dataset.time, noted, sides, rates, others, frozenset(dataset.shared))
-        return replace(own, deformation=dataset.deformation)
+        complexes = dataset.complexes if dataset.phase is not None else {**pairs_in(fields), **dataset.complexes}
+        return replace(own, deformation=dataset.deformation, complexes=complexes, phase=dataset.phase)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -119,6 +126,10 @@ class Names:
             return self.flow.node(name, {})
         if name in self.parameters:
             return number(self.parameters[name])
+        if name == "phase" and self.phase is not None:
+            return number(self.phase)
+        if is_complex(name, self.complexes):
+            raise ElvisError(f"{name} is complex: use abs({name}), arg({name}), real({name}, DEGREES) or --phase")
         return attribute(name) if name in ATTRIBUTES else None
 
     def derivative(self, of: Node, axis: int) -> Node:

@@ -8,6 +8,7 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - jump(u), the largest jump of a field across an element's faces
 - decay(u) and tail(u), the decay rate of a field's modes on an element, and the share of the highest ones
 - truncated(f), which replaces each field of f by the field without its highest modes
+- abs(E), arg(E), real(E), imag(E) and real(E, degrees) of a complex field, amplitude(E) also of a complex vector
 - distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
   quoted
 
@@ -21,8 +22,10 @@ from collections.abc import Callable, Mapping
 from functools import reduce
 from typing import Any, Protocol, TypeVar
 
+from elvis.core.complex_fields import Pairs
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
+from elvis.core.quantities.complex_functions import OF_ONE, is_complex, real_at
 from elvis.core.quantities.derived import DERIVED, with_derived_fields
 from elvis.core.quantities.flows import PUBLIC
 from elvis.core.quantities.functions import FUNCTIONS
@@ -67,6 +70,12 @@ class Scope(Protocol):
     @property
     def places(self) -> tuple[str, ...]: ...  # noqa: D102
 
+    @property
+    def complexes(self) -> Pairs: ...  # noqa: D102
+
+    @property
+    def phase(self) -> float | None: ...  # noqa: D102
+
     def meaning(self, name: str) -> Node | None: ...  # noqa: D102
 
     def quantity(self, name: str, given: Mapping[str, Node]) -> Node: ...  # noqa: D102
@@ -100,6 +109,8 @@ class Parser(Grammar[Node]):
     def _resolve(self, name: str, is_quoted: bool) -> Node:
         if name in self._names.others and self._take(":"):
             return self._elsewhere(name)
+        if not is_quoted and name in OF_ONE and self._is_of_complex():
+            return self._of_complex(name)
         if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
             return self._called(name)
         if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
@@ -111,6 +122,28 @@ class Parser(Grammar[Node]):
         if node is None:
             raise self._mistaken(self._sentence(name))
         return node
+
+    def _is_of_complex(self) -> bool:
+        """Whether a parenthesis and the name of a complex field follow."""
+        following = self._tokens[self._next : self._next + 3]
+        texts = [text for _, text, _ in following]
+        return len(texts) == 3 and texts[0] == "(" and texts[2] in ",)" and is_complex(texts[1], self._names.complexes)
+
+    def _of_complex(self, name: str) -> Node:
+        """A function of a complex field, from the parenthesis after its name on."""
+        first = self._next - 1
+        of, pairs = self._tokens[self._next + 1][1], self._names.complexes
+        self._next += 2
+        if name == "real" and self._take(","):
+            degrees = self._sum()
+            if degrees.op != "number":
+                raise self._mistaken(f"expected a constant phase in degrees after {of}, such as real({of}, 30)", first)
+            found = self._guard(lambda: real_at(of, pairs, degrees.value, self._names.phase), first)
+        else:
+            found = self._guard(lambda: OF_ONE[name](of, pairs), first)
+        if not self._take(")"):
+            raise self._unexpected(f") after {of}")
+        return found
 
     def _elsewhere(self, name: str) -> Node:
         """An operand in another dataset, the colon taken: the text that it is."""
@@ -129,8 +162,16 @@ class Parser(Grammar[Node]):
         if name in (*FUNCTIONS, *SPECIAL):
             return f"expected ( after {name}"
         if self._token()[1] == "(":
+            if name in OF_ONE:
+                return f"{name} takes a complex field; {self._complex_fields}"
             return f"there is no function {name!r}; there are {', '.join((*FUNCTIONS, *SPECIAL))}"
         return self._names.unknown(name)
+
+    @property
+    def _complex_fields(self) -> str:
+        """The complex fields in words."""
+        known = ", ".join(self._names.complexes)
+        return f"these are {known}" if known else "the data have none, which are pairs such as E_re and E_im"
 
     def _called(self, name: str) -> Node:
         """A function, the parenthesis after its name taken."""

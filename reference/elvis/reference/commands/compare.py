@@ -241,7 +241,8 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
         raise SceneError("range: series is for films: expected seen, all or two values")
     reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
     deformation = None if scene.deform is None else scene.deform.deformation
-    reading = replace(reading, reference=scene.reference.values, deformation=deformation)
+    reference, complexes = scene.reference.values, scene.complexes
+    reading = replace(reading, reference=reference, deformation=deformation, complexes=complexes)
     dataset = dataset_of(tuple(map(Path, scene.data)), reading)
     return compare_scene(dataset, scene, levels, limit, validation_size=validation_size, meshes=meshes)
 

@@ -13,6 +13,7 @@ from elvis.core.arguments import (
     TextType,
     between_option,
     cache_option,
+    complex_options,
     deform_options,
     json_option,
     names_option,
@@ -23,6 +24,7 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
+    from elvis.core.complex_fields import ComplexChoice
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
     from elvis.core.differences import Differences, Family
@@ -87,6 +89,7 @@ def _files(text: str) -> tuple[Path, ...]:
 @time_option
 @between_option
 @deform_options
+@complex_options
 @overwrite_option
 @cache_option
 def diff(
@@ -102,6 +105,7 @@ def diff(
     time: float | None,
     between: str,
     deformation: Deformation | None,
+    complexes: ComplexChoice,
     overwrite: bool,
     no_cache: bool,
 ) -> None:
@@ -135,7 +139,9 @@ def diff(
     scene = Scene() if scene_file is None else read_scene(scene_file)
     if output is not None:
         _check_table(output, read, overwrite) if is_table else check_folder(output, read, overwrite)
-    reading = Reading(is_kept=not no_cache, moment=Moment(step, time, between), deformation=deformation)
+    reading = Reading(
+        is_kept=not no_cache, moment=Moment(step, time, between), deformation=deformation, complexes=complexes
+    )
     *members, reference = _datasets(data, reading)
     names = [",".join(path.name for path in paths) for paths in data]
     with stage("comparing"):

@@ -27,10 +27,13 @@ if TYPE_CHECKING:
     from elvis.renderer.animation import Film
     from elvis.renderer.film_files import FrameFolder
     from elvis.renderer.film_workers import Team
+    from elvis.renderer.motions import Motion
     from elvis.scene import Camera, Scene
 
 #: frames of a film whose number nothing says
 FRAMES = 60
+#: options of a scene that may also move, by their keys in the scene
+MOVING = {"deform_scale": "deform.scale", "phase": "phase"}
 EPILOG = """\b
 Examples:
   elvis animate wing.xml wing_*.chk --field p --range series -o wing.webp
@@ -38,12 +41,13 @@ Examples:
   elvis animate wing.xml wing.fld --faces all --camera iso --orbit 360 --frames 90 -o frames/ -o around.webp
   elvis animate wing.xml wing.fld --faces all --path iso --path 3,-4,2:0,0,0:0,0,1 --frames 90 -o flight.mp4
   elvis animate wing.xml wing.fld --cut sphere:0,0,0:1 --key objects[0].surface.radius=0.1:0.9 -o grow.webp
+  elvis animate beam.xml beam.fld --deform u,v,w --scale mode:50 --camera 3,-3,2:0.5,0.5,0.5:0,0,1:30 -o mode.webp
 """
 
 
 @click.command(
     cls=SceneCommand,
-    leaving=("outputs", "stats", "panels", "scenes", "time", "step"),
+    leaving=("outputs", "stats", "panels", "scenes", "time", "step", *MOVING),
     epilog=EPILOG,
     short_help="Draw an animation over the steps of a series, keys of a scene or a camera path.",
 )
@@ -71,8 +75,20 @@ Examples:
     multiple=True,
     metavar="KEY=V:V...",
     type=text_type("setting"),
-    help="Key of the scene, as for --set, with its values at equal intervals of the animation, linear in between.  "
-    "Repeatable.",
+    help="Key of the scene, as for --set, with its values at equal intervals of the animation, linear in between; or "
+    "mode:S for S sin(2 pi t), with t from 0 to 1.  Repeatable.",
+)
+@click.option(
+    "--scale",
+    "deform_scale",
+    metavar="S|A:B|mode:S",
+    help="Factor of the displacement: constant, from A to B, or the oscillation S sin(2 pi t) of a mode.  [default: 1]",
+)
+@click.option(
+    "--phase",
+    metavar="DEGREES|A:B",
+    help="Phase of complex fields, constant or from A to B; a film over whole turns, such as 0:360, is a loop without "
+    "a seam.",
 )
 @click.option("--orbit", type=float, metavar="DEGREES", help="Total angle by which the camera turns about its up axis.")
 @click.option(
@@ -97,6 +113,8 @@ def animate(
     times: tuple[float, float, int] | None,
     frames: int | None,
     keys: tuple[tuple[str, str], ...],
+    deform_scale: str | None,
+    phase: str | None,
     orbit: float | None,
     path: tuple[Camera | str, ...],
     rate: float,
@@ -117,22 +135,24 @@ def animate(
 
     from elvis.core.terminal import say
     from elvis.plugins.workers import Workers
-    from elvis.renderer.animation import Film, Key, scenes_of
+    from elvis.renderer.animation import Film, scenes_of
     from elvis.renderer.completing import other_device
     from elvis.renderer.film_files import FrameFolder, write_film
     from elvis.renderer.film_workers import Team
+    from elvis.renderer.motions import motion_of
     from elvis.scene.commandline.composing import composed
     from elvis.scene.tables import table_of
 
     if orbit and path:
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
+    moving = [motion_of(*key) for key in keys]
+    moving += _moving_options({"deform_scale": deform_scale, "phase": phase}, options)
     scene = composed(data, options, settings, unused=("outputs", "stats"))
     crew = Workers.of(workers, scheduler)
     if crew is not None or other_device(scene.device) is not None:
         if is_idle(ranks):
             return
         ranks = ALONE
-    moving = [Key.of(*key) for key in keys]
     folder, films = of_first(ranks, lambda: _places(outputs, data, overwrite), "the outputs of an animation")
     is_new = not any(folder.glob("frame-*.png"))
     with ExitStack() as until_end:
@@ -153,6 +173,25 @@ def animate(
     for path_of_film in films:
         write_film(found, path_of_film, rate)
     say(f"{len(found.paths())} frames: {', '.join(map(str, films or [folder]))}")
+
+
+def _moving_options(texts: dict[str, str | None], options: dict[str, Any]) -> list[Motion]:
+    """The motions that options of the scene say; their first value, or a constant, goes to the other options."""
+    from elvis.core.arguments import numbers
+    from elvis.renderer.motions import motion_of
+
+    found: list[Motion] = []
+    for name, text in texts.items():
+        if text is None:
+            continue
+        option = f"--{name.rpartition('_')[2]}"
+        if ":" not in text:
+            options[name] = numbers(text, 1)[0]
+            continue
+        motion = motion_of(MOVING[name], text, option)
+        options[name] = float(motion.of_frame(0, 1)[1])
+        found.append(motion)
+    return found
 
 
 def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) -> tuple[Path, list[Path]]:
@@ -193,7 +232,8 @@ def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | N
         own = film.series.times
         return [Moment(time=float(time)) for time in np.linspace(own[0], own[-1], frames or FRAMES)]
     if not moves:
-        raise ElvisError("expected something that moves: a series, --key, --path or --orbit; found one state")
+        motions = "--key, --path, --orbit, --scale A:B or --phase A:B"
+        raise ElvisError(f"expected something that moves: a series, {motions}; found one state")
     return [Moment()] * (frames or FRAMES)
 
 

@@ -47,11 +47,18 @@ class Asked:
         from elvis.core.arguments import expressions
         from elvis.core.integrals.levels_of_elements import Level
 
+        if dataset.deformation is not None and dataset.deformation.is_height:
+            # the height at a point comes from its own element
+            return False
         level = [Level.clip(dataset, self.clip).expression] if self.clip else []
         return all(each.is_borrowed for each in (*expressions(dataset, self.texts), *level))
 
     def of(self, source: Source, places: Floats, wanted: Sequence[Expression]) -> Columns:
         """The table of quantities at points (n, 3); clipped points are outside."""
+        if source.dataset is not None:
+            from elvis.plugins.deforming import on_height
+
+            places = on_height(source.dataset, places)
         if self.clip is None:
             return source.probe(places, wanted, self.every, self.ranks)
         if source.dataset is None:

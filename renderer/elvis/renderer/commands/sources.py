@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union
 from elvis.core.arguments import (
     between_option,
     cache_option,
+    complex_options,
     data_argument,
     deform_options,
     inputs,
@@ -28,6 +29,7 @@ from elvis.core.ranks import ALONE, Ranks, is_idle
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
+    from elvis.core.complex_fields import ComplexChoice
     from elvis.core.critical_points import CriticalPoints
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
@@ -81,6 +83,7 @@ class Data:
     is_of_map: bool = False
     reference: Mapping[str, float] = field(default_factory=dict)
     deformation: Deformation | None = None
+    complexes: ComplexChoice | None = None
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
@@ -97,7 +100,8 @@ class Data:
         moment = Moment(self.step, self.time, self.between)
         options = pairs(self.reader)
         own = Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
-        return replace(own, reference=self.reference, deformation=self.deformation)
+        complexes = self.complexes or own.complexes
+        return replace(own, reference=self.reference, deformation=self.deformation, complexes=complexes)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
         """The source of the files, or only of quantities, after a note on errors of a conversion.
@@ -248,6 +252,7 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     @other_option
     @set_option
     @deform_options
+    @complex_options
     @cache_option
     @wraps(command)
     def parsed(
@@ -261,10 +266,12 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
         others: tuple[str, ...],
         reference: dict[str, float],
         deformation: Deformation | None,
+        complexes: ComplexChoice,
         **rest: Any,
     ) -> None:
         own = Data(data, plugin, reader, not no_cache, step, time, between, others)
-        command(data=replace(own, reference=reference, deformation=deformation), **rest)
+        own = replace(own, reference=reference, deformation=deformation, complexes=complexes)
+        command(data=own, **rest)
 
     return parsed
 

@@ -51,6 +51,8 @@ CHAPTERS = {
         "between",
         "deform",
         *(f"deform_{name}" for name in DEFORM),
+        "complex",
+        "phase",
         "device",
         "memory",
     ),
@@ -78,7 +80,8 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
         elif settings(Scene)[key].option and key not in leaving:
             found.append(_option(key, settings(Scene)[key], types(Scene)[key]))
         if key == "deform" and key not in leaving:
-            found += [_option(f"deform_{name}", settings(Deform)[name], types(Deform)[name]) for name in DEFORM]
+            parts = [name for name in DEFORM if f"deform_{name}" not in leaving]
+            found += [_option(f"deform_{name}", settings(Deform)[name], types(Deform)[name]) for name in parts]
     return found
 
 
