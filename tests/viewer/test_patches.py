@@ -88,6 +88,13 @@ def test_a_page_reads_files_next_to_the_data_alone(tmp_path):
         scene_of_page({"palette": "/etc/map.xml"}, own)
 
 
-def test_a_deformation_stays_that_of_the_start():
-    own = Scene(deform=Deform("u,v", 2.0))
+def test_a_deformation_keeps_all_but_its_scale():
+    own = Scene(deform=Deform("u,v", 2.0, undeformed="mesh"))
     assert scene_of_page({"field": "u"}, own).deform == own.deform
+    table = patched({"deform": {"displacement": "u,v"}}, {"deform.scale": 3.0, "phase": 30.0})
+    assert scene_of_page(table, own) == replace(own, deform=replace(own.deform, scale=3.0), phase=30.0)
+    foreign = {"deform": {"displacement": "p,q", "scale": 5.0}}
+    assert scene_of_page(foreign, own).deform == replace(own.deform, scale=5.0)
+    for key, before in (("deform.displacement", table), ("deform", table), ("deform.scale", {})):
+        with pytest.raises(SceneError, match="cannot be changed"):
+            patched(before, {key: 2.0})

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.renderer.bricks import Bricks, Opening
+    from elvis.renderer.deformed_data import DeformedData
     from elvis.scene.frame import Frame
     from elvis.scene.page import BarPlace, Layout
+    from elvis.scene.whole import Scene
 
 #: cuts of each linear element, at most
 MOST_CUTS = 5
@@ -125,6 +127,7 @@ class _Drawing:
         self._data = self._moments.data
         self._pictures = Pictures(self._data, source.device)
         self._newest = newest
+        self._states: DeformedData | None = None
         #: the last whole picture, and the number of its request
         self._frame: Frame | None = None
         self._frame_number = 0
@@ -187,6 +190,7 @@ class _Drawing:
             "kind": "solid",
             "box": None,
             "times": self._moments.times,
+            "complex": list(names.complexes) if isinstance(data, Dataset) else [],
         }
         if isinstance(data, Dataset):
             facts["kind"] = Kind.of(data).name.lower()
@@ -211,7 +215,7 @@ class _Drawing:
         start = perf_counter()
         scene = scene_of(content["table"])
         is_final = not content["is_draft"]
-        self._take(self._moments.at(scene.moment))
+        self._take(self._in_state(scene))
         if content["is_draft"]:
             scene = draft_of(scene, content["part"])
         # statistics request the proved status of contours
@@ -228,6 +232,18 @@ class _Drawing:
         facts["middle"] = _middle_of(frame) if is_final else None
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
         return {**facts, "number": number, "final": is_final}, file
+
+    def _in_state(self, scene: Scene) -> Dataset | PluginData | Bricks:
+        """The data at the moment of a scene, at its phase and on its geometry: all answers are about these."""
+        from elvis.renderer.bricks import Bricks
+        from elvis.renderer.deformed_data import DeformedData
+
+        data = self._moments.at(scene.moment)
+        if isinstance(data, Bricks):
+            return data
+        if self._states is None or self._states.data is not data:
+            self._states = DeformedData(data, True)
+        return self._states.of(scene)
 
     def _take(self, data: Dataset | PluginData | Bricks) -> None:
         """Show these data from now on."""
@@ -393,7 +409,7 @@ class _Drawing:
 
         suffix = content["suffix"]
         scene = replace(scene_of(content["table"]), outputs=(f"picture{suffix}",))
-        self._take(self._moments.at(scene.moment))
+        self._take(self._in_state(scene))
         frame = self._pictures.draw(scene)
         return file_of(frame, suffix)
 

@@ -30,15 +30,14 @@ def source_of(
     is_kept  whether conversions are cached
     is_live  see `Source`
     """
-    from elvis.core.dataset import Dataset
-    from elvis.plugins.deforming import with_deformation
     from elvis.renderer.bricks import opening_for
+    from elvis.renderer.deformed_data import DeformedData
     from elvis.renderer.request import reading_of
     from elvis.viewer.drawing_process import Source
 
-    # values under the pointer, lines and histograms are those of the geometry that is drawn
-    if isinstance(data, Dataset) and scene.deform is not None:
-        data = with_deformation(data, scene.deform.deformation)
+    # what is known of the data before the first picture belongs to the geometry and the phase that it shows
+    if data is not None:
+        data = DeformedData(data, True).of(scene)
     return Source(scene.data, data, reading_of(scene, is_kept), scene.device, is_live, opening_for([scene]))
 
 

@@ -16,7 +16,9 @@ from elvis.scene.tables import Table, input_files, scene_of, steps_of
 from elvis.scene.whole import Scene
 
 #: keys of a scene that define inputs, code and outputs, or that have no meaning on a page
-FIXED = {"data", "plugin", "reader", "others", "deform", "device", "outputs", "stats", "scenes", "panels", "timeout"}
+FIXED = {"data", "plugin", "reader", "others", "complex", "device", "outputs", "stats", "scenes", "panels", "timeout"}
+#: the only key of a deformation that a page may change: displacements are data
+SCALE = ["deform", "scale"]
 #: keys of objects
 _OBJECT = re.compile(r"plane|(objects|clip)\[(\d{1,9})\]")
 
@@ -29,7 +31,7 @@ def patched(table: Table, changes: Mapping[str, Any]) -> Table:
     result = deepcopy(table)
     for key, value in changes.items():
         steps = steps_of(key)
-        if steps[0] in FIXED:
+        if steps[0] in FIXED or (steps[0] == SCALE[0] and (steps != SCALE or SCALE[0] not in table)):
             raise SceneError(f"{key}: cannot be changed while the viewer runs; restart elvis view with another value")
         try:
             _set(result, steps, value)
@@ -105,8 +107,11 @@ def scene_of_page(table: Table, own: Scene) -> Scene:
         place = path.resolve()
         if place not in known and not any(folder in place.parents for folder in folders):
             raise SceneError(f"{path}: a page may only read files in the folder of the data")
-    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "deform", "device")}
-    return replace(scene, **settled)
+    settled = {key: getattr(own, key) for key in ("data", "plugin", "reader", "others", "complex", "device")}
+    deform = own.deform
+    if deform is not None and scene.deform is not None:
+        deform = replace(deform, scale=scene.deform.scale)
+    return replace(scene, **settled, deform=deform)
 
 
 def folder_of(own: Scene) -> Path:

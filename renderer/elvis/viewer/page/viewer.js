@@ -1725,7 +1725,7 @@ class Viewer {
     const section = (title, names) => [make("h2", {}, title), ...names.map((name) =>
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
     const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.nameOf(document.activeElement) : null;
-    this.panel.replaceChildren(...this.objects(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
+    this.panel.replaceChildren(...this.objects(make_), ...this.states(), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
     Controls.restore(this.panel);
     this.panel.scrollTop = scroll;
     if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
@@ -1766,6 +1766,21 @@ class Viewer {
     const first = this.table.plane ? [{ key: "plane", item: { kind: "cut", surface: { kind: "plane", ...this.table.plane } } }] : [];
     const clips = (this.table.clip ?? []).map((item, i) => ({ key: `clip[${i}]`, item: { kind: "clip", ...item } }));
     return [...first, ...own.map((item, i) => ({ key: `objects[${i}]`, item, number: i })), ...clips];
+  }
+
+  // the scale of a deformation and the phase of complex fields
+  states() {
+    const { deform, phase } = this.table, rows = [];
+    if (deform) {
+      const scale = deform.scale ?? 1, most = Math.max(this.mostScale ?? 0, 2 * Math.abs(scale)) || 1;
+      // the ends stay while the slider moves between them
+      this.mostScale = most;
+      rows.push(this.slider("scale", -most, most, scale, (e, moving) => this.change({ "deform.scale": Number(e.target.value) }, moving)));
+    }
+    if (phase !== undefined || this.facts.complex?.length) {
+      rows.push(this.slider("phase", 0, 360, phase ?? 0, (e, moving) => this.change({ phase: Number(e.target.value) }, moving)));
+    }
+    return rows.length ? [make("h2", {}, deform ? "Deformation" : "Phase"), ...rows] : [];
   }
 
   objects(controls) {
