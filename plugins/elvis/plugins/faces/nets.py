@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import permutations
 from typing import TypeAlias
 
 import numpy as np
@@ -85,6 +86,18 @@ class FaceSpace:
     def derivatives(self) -> Floats:
         """Matrices (2, count', count) from a net to the nets of its derivatives along the two coordinates."""
         return frozen_floats([matrix.T for _, matrix in gradient_nets(self.space)])
+
+
+@bounded_cache
+def symmetries(shape: Shape) -> Floats:
+    """(k, 3, 2) the symmetries of a reference shape: the point u goes to turn_0 + u_1 turn_1 + u_2 turn_2."""
+    if shape is Shape.TRIANGLE:
+        corners = np.array(list(permutations([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)])))
+        axes = (corners[:, 1:] - corners[:, :1]) / 2
+        return frozen_floats(np.concatenate([corners[:, :1] + axes.sum(axis=1, keepdims=True), axes], axis=1))
+    signs = [(a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+    axes = np.array([np.diag(sign)[list(order)] for sign in signs for order in ((0, 1), (1, 0))])
+    return frozen_floats(np.concatenate([np.zeros((len(axes), 1, 2)), axes], axis=1))
 
 
 @bounded_cache

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import permutations
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import bernstein_values
-from elvis.core.shapes import Shape
-from elvis.plugins.faces.nets import FaceSpace
+from elvis.plugins.faces.nets import FaceSpace, symmetries
 from elvis.renderer.passes.faces.face_patches import FacePatches
 
 #: part of the greatest coordinate within which two maps are one
@@ -70,13 +68,6 @@ class Sides:
 @bounded_cache
 def _turns(space: FaceSpace) -> tuple[Floats, Floats]:
     """(k, 3, 2) the symmetries of the reference shape, and (k, count, count) nets of maps that come after them."""
-    if space.shape is Shape.TRIANGLE:
-        corners = np.array(list(permutations([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)])))
-        axes = (corners[:, 1:] - corners[:, :1]) / 2
-        turns = np.concatenate([corners[:, :1] + axes.sum(axis=1, keepdims=True), axes], axis=1)
-    else:
-        signs = [(a, b) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
-        axes = np.array([np.diag(sign)[list(order)] for sign in signs for order in ((0, 1), (1, 0))])
-        turns = np.concatenate([np.zeros((len(axes), 1, 2)), axes], axis=1)
+    turns = symmetries(space.shape)
     images = turns[:, :1] + space.points @ turns[:, 1:]
     return turns, np.array([space.fit @ bernstein_values(space.space, points) for points in images])
