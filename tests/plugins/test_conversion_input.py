@@ -30,9 +30,9 @@ class Nodes(Converter):
         return False
 
     def table(self, block, points):
+        from elvis.core.mapping.mode_entities import entities
         from elvis.core.polynomials.expansion import values
         from elvis.core.polynomials.interpolation import modified
-        from elvis.plugins.projection.entities import entities
 
         linear = values(modified(block.shape, (2,) * block.shape.dimension), points)
         return linear[:, entities(block.shape, 2).vertices]

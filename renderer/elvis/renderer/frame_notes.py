@@ -8,6 +8,7 @@ from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import Dataset
 from elvis.core.quantities import Expression
 from elvis.core.quantities.conversion_radius import sentence
+from elvis.core.quantities.derived import RECOVERED
 from elvis.core.quantities.largest_radii import largest_radii
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of
@@ -32,6 +33,16 @@ def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
     names = names_of(data)
     has_some = any(Expression.parse(text, names).has_rates for text in quantities(scene))
     return [data.rates.remark] if has_some else []
+
+
+def remarks_on_recovery(data: Dataset | PluginData, scene: Scene) -> list[str]:
+    """Remarks on recovered fields in the scene, with the largest difference to the data."""
+    texts = [text for text in quantities(scene) if RECOVERED in text]
+    if not isinstance(data, Dataset) or not texts:
+        return []
+    from elvis.core.resolution.recovered_remarks import remarks_on_recovered
+
+    return remarks_on_recovered(data, [Expression.of(data, text) for text in texts])
 
 
 def remarks_on_conversion(data: Dataset, scene: Scene) -> list[str]:

@@ -27,7 +27,7 @@ from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basi
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20
 #: rounding of coefficients, relative to the largest root mean square on an element: of double and single precision
-_DOUBLE, _SINGLE = 1e-12, 2.5e-7
+DOUBLE, SINGLE = 1e-12, 2.5e-7
 #: share by which a single precision number may be off after a change of basis in double precision
 _CHANGED = 1e-13
 #: quotient of the two estimates of the squared error below which the highest level is empty
@@ -94,7 +94,7 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
         raise ElvisError(f"{name}: expected a field without Fourier directions, to measure its resolution")
     spectra = [_Spectra.of(patch) for patch in held]
     largest = max(float(np.nanmax(own.root_mean_squares, initial=0.0)) for own in spectra)
-    precision = _SINGLE if all(map(_is_single, held)) else _DOUBLE
+    precision = SINGLE if all(map(is_single, held)) else DOUBLE
     squares = _squared_errors(spectra, _around(dataset, spectra))
     pairs = zip(spectra, squares, strict=True)
     return ElementResolution.together(
@@ -149,7 +149,7 @@ def _of(patch: Patch) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _is_single(patch: Patch) -> bool:
+def is_single(patch: Patch) -> bool:
     """Whether the field was written in single precision, by its values at vertices of some elements."""
     expansion, coefficients = _of(patch)
     values = evaluate(expansion, coefficients[:_TOLD_BY], patch.shape.vertices)

@@ -10,12 +10,12 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
+from elvis.core.mapping.projections import Operator, best, conforming
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
-from elvis.plugins.projection.operators import Operator, best, conforming
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import is_contained
 from elvis.plugins.projection.traces import Traces

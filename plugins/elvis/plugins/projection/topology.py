@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.mode_entities import entities
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import Entities, Mesh
 from elvis.core.polynomials.expansion import values_and_gradients
@@ -17,7 +18,6 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Converter, Elements
 from elvis.plugins.projection.blocks import NativeBlock
-from elvis.plugins.projection.entities import entities
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.naming import composites
 from elvis.plugins.projection.numbering import Corners, chosen_orders, conflicting_elements, ranks

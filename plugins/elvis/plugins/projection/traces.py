@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.mapping.mode_entities import edge_places, face_grid
 from elvis.core.mapping.orientation import (
     chunks,
     face_shape,
@@ -29,7 +30,6 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 from elvis.core.threads import results
 from elvis.plugins.projection.blocks import NativeBlock
-from elvis.plugins.projection.entities import edge_places, face_grid
 
 T = TypeVar("T")
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)

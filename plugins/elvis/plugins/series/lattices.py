@@ -15,10 +15,10 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.projections import best
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import values, wave_values
 from elvis.core.polynomials.interpolation import modified
-from elvis.plugins.projection.operators import best
 
 
 @dataclass(frozen=True, eq=False)

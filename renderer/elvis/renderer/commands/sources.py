@@ -310,7 +310,17 @@ class NativeSource:
         found = list(expressions(self.dataset, texts))
         if not self.is_quiet and self.dataset.rates is not None and any(each.has_rates for each in found):
             note(self.dataset.rates.remark)
+        self._tell_recovered(found)
         return found
+
+    def _tell_recovered(self, expressions: Sequence[Expression]) -> None:
+        """Print notes on recovered fields, which are not the data."""
+        if not self.is_quiet and any(each.has_recovered for each in expressions):
+            from elvis.core.resolution.recovered_remarks import remarks_on_recovered
+            from elvis.core.terminal import note
+
+            for remark in remarks_on_recovered(self.dataset, expressions):
+                note(remark)
 
     def without_top_modes(self) -> NativeSource:
         """The source with its fields truncated (see `elvis.core.resolution.truncation`)."""
@@ -377,8 +387,11 @@ class NativeSource:
     ) -> Integrals:
         """Integrals of quantities over parts of the data, and coefficients of forces."""
         from elvis.core.integrals import evaluated, integrate
+        from elvis.core.quantities.derived import RECOVERED
 
         expressions = [] if self.portion is None else evaluated(self.dataset, texts, coefficients)
+        if any(RECOVERED in text for text in texts):
+            self._tell_recovered(evaluated(self.dataset, texts, coefficients))
         dataset, options = self._surrounded(expressions), (progress, ranks, reached, best_effort, jacobian)
         return integrate(dataset, texts, over, error, coefficients, clip, *options)
 

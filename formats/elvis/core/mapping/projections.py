@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +18,12 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.mode_entities import entities
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.expansion import mode_count, mode_indices, values
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
-from elvis.plugins.projection.entities import entities
 
 #: shapes that are products, with the directions of each factor
 _FACTORS: Mapping[Shape, tuple[tuple[Shape, tuple[int, ...]], ...]] = {
@@ -117,20 +118,34 @@ def _factor_fit(
 @bounded_cache
 def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     """Best approximations on vertices, edges, faces and the inside in turn; for Modified expansions of equal orders."""
+    stages = [stage for _, *stage in _conforming_stages(expansion, extra)]
+    _check_size(expansion, sum(len(stage[0]) for stage in stages))
+    return _stage_operator(expansion, stages, max(expansion.modes) + extra)
+
+
+def _conforming_stages(expansion: Expansion, extra: int) -> list[tuple[tuple[int, ...], Floats, Floats, Ints]]:
+    """The entities of an element in turn: local vertices, none inside; points and weights there, and its modes."""
     shape, modes = expansion.shape, max(expansion.modes)
     groups = entities(shape, modes)
     count = modes + extra
-    stages = [(shape.vertices[[i]], np.ones(1), groups.vertices[[i]]) for i in range(len(shape.vertices))]
-    stages += [(*_on(shape, ends, count), own) for ends, own in zip(shape.edges, groups.edges, strict=False)]
-    stages += [(*_on(shape, local, count), own) for local, own in zip(shape.faces, groups.faces, strict=False)]
+    stages = [((i,), shape.vertices[[i]], np.ones(1), groups.vertices[[i]]) for i in range(len(shape.vertices))]
+    stages += [(ends, *_on(shape, ends, count), own) for ends, own in zip(shape.edges, groups.edges, strict=False)]
+    stages += [(local, *_on(shape, local, count), own) for local, own in zip(shape.faces, groups.faces, strict=False)]
     more = modes // 2 if shape is Shape.PYRAMID else 0
-    stages.append((*rule(shape, count + more), groups.inside))
-    stages = [stage for stage in stages if len(stage[2])]
-    _check_size(expansion, sum(len(stage[0]) for stage in stages))
-    return _stage_operator(expansion, stages, count)
+    stages.append(((), *rule(shape, count + more), groups.inside))
+    return [stage for stage in stages if len(stage[3])]
 
 
-def _stage_operator(expansion: Expansion, stages: Sequence[tuple[Floats, Floats, Ints]], count: int) -> Operator:
+def points_on_entities(expansion: Expansion, extra: int = 0) -> list[tuple[tuple[int, ...], slice]]:
+    """Local vertices of each entity, none for the inside, and its points among those of `conforming`."""
+    found, start = [], 0
+    for local, points, _, _ in _conforming_stages(expansion, extra):
+        found.append((local, slice(start, start + len(points))))
+        start += len(points)
+    return found
+
+
+def _stage_operator(expansion: Expansion, stages: Sequence[Sequence[Any]], count: int) -> Operator:
     """The operator that fits the modes of each stage, at its points and weights, to what earlier ones leave.
 
     count  points each way of the rule inside

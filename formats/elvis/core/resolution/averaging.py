@@ -1,0 +1,119 @@
+"""Continuous fields from discontinuous ones, and from their derivatives, by averages over the elements that meet.
+
+Projection-based interpolation (`elvis.core.mapping.projections`) takes values at points of vertices, edges, faces and
+the inside in turn.  If the elements that share a vertex, an edge or a face take the same values there, the result is
+continuous.  They take the mean of theirs (Oswald 1993, On a BPX-preconditioner for P1 elements).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.mapping import tangents
+from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.projections import conforming, points_on_entities
+from elvis.core.patch import Patch, patches
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.resolution.recovery import EXTRA
+
+#: direction along which the points of an entity are sorted: none of a lattice are at the same place along it
+_ALONG = np.array([0.7548776662466927, 0.5698402909980532, 0.3247179572447460])
+#: distance, relative to the size of an element, up to which points of two elements are the same
+_SAME = 1e-8
+
+
+def averaged(dataset: Dataset, field: Field, name: str, axis: int | None = None) -> Field:
+    """A continuous field, or that of a derivative of a field, in Modified expansions of its highest order.
+
+    It is continuous across sides that elements share as a whole.
+    """
+    own = Dataset(dataset.mesh, (*_maps(dataset), field), metadata=dataset.metadata)
+    held = [patch for patch in patches(own, [field.name]) if patch.fields[0] is not None and len(patch)]
+    modes = max(max(block.expansion.modes) for block in field.blocks)
+    outer = [_Outer.of(own, patch, modes, axis) for patch in held]
+    means = _means(outer)
+    blocks = []
+    for own_means, part in zip(means, outer, strict=True):
+        values = np.concatenate([own_means, part.inside], axis=1)
+        coefficients = values @ conforming(part.target, EXTRA).matrix
+        blocks.append(Block(part.target, part.patch.element_ids, frozen_floats(coefficients)))
+    return Field(name, tuple(blocks))
+
+
+@dataclass(frozen=True, eq=False)
+class _Outer:
+    """What elements of a patch have at the points of projection-based interpolation.
+
+    target  expansion of the result
+    values  (n, q) at points of vertices, edges and faces; for lines at the ends
+    inside  (n, r) at the points inside
+    places  (n, q, 3) positions of the outer points
+    entity  (n, q, 4) vertices, ascending, of the entity that holds each; -1 where there are fewer
+    """
+
+    patch: Patch
+    target: Expansion
+    values: Floats
+    inside: Floats
+    places: Floats
+    entity: Ints
+
+    @staticmethod
+    def of(dataset: Dataset, patch: Patch, modes: int, axis: int | None) -> _Outer:
+        """The values of the first field, or of its derivative."""
+        target = modified(patch.shape, (modes,) * patch.shape.dimension)
+        places, values = _sampled(patch, conforming(target, EXTRA).points, axis)
+        stages = [stage for stage in points_on_entities(target, EXTRA) if stage[0]]
+        count = stages[-1][1].stop
+        mesh = dataset.mesh
+        vertices = local_vertices(mesh, patch.shape)[mesh.of(patch.shape).rows_of(patch.element_ids)]
+        entity = np.full((len(patch), count, 4), -1)
+        for local, part in stages:
+            entity[:, part, : len(local)] = np.sort(vertices[:, list(local)], axis=1)[:, None]
+        return _Outer(patch, target, values[:, :count], values[:, count:], places[:, :count], entity)
+
+
+def _maps(dataset: Dataset) -> tuple[Field, ...]:
+    """The fields that hold the map."""
+    return tuple(own for own in dataset.fields if own.name in dataset.map_names)
+
+
+def _sampled(patch: Patch, points: Floats, axis: int | None) -> tuple[Floats, Floats]:
+    """Positions (n, q, 3) of points of elements, and the values (n, q) of the field or its derivative there."""
+    expansion, coefficients = patch.fields[0], patch.coefficients[0]
+    assert expansion is not None
+    assert coefficients is not None
+    world, jacobians = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients, points)
+    world = np.swapaxes(world, 1, 2)
+    if axis is None:
+        return world, evaluate(expansion, coefficients, points)
+    _, gradients = evaluate_with_gradients(expansion, coefficients, points)
+    jacobians = np.swapaxes(jacobians, 1, 2)
+    d = patch.shape.dimension
+    duals = tangents.duals(jacobians.reshape(-1, 3, d))
+    return world, (gradients.reshape(-1, d) * duals[:, axis]).sum(axis=1).reshape(gradients.shape[:2])
+
+
+def _means(outer: Sequence[_Outer]) -> list[Floats]:
+    """For each patch (n, q) means of the values over all elements that have the same point on the same entity."""
+    values = np.concatenate([own.values.reshape(-1) for own in outer])
+    places = np.concatenate([own.places.reshape(-1, 3) for own in outer])
+    entity = np.concatenate([own.entity.reshape(-1, 4) for own in outer])
+    lengths = [np.repeat(np.ptp(own.places, axis=1).max(axis=1), own.values.shape[1]) for own in outer]
+
+    # points of one entity, sorted along a direction, are next to their counterparts in other elements
+    order = np.lexsort([places @ _ALONG, *entity.T])
+    is_same = (entity[order][1:] == entity[order][:-1]).all(axis=1)
+    distance = np.linalg.norm(np.diff(places[order], axis=0), axis=1)
+    is_same &= distance <= _SAME * np.concatenate(lengths)[order][1:]
+    group = np.concatenate([[0], np.cumsum(~is_same)])
+    found = np.empty_like(values)
+    found[order] = (np.bincount(group, values[order]) / np.bincount(group))[group]
+    ends = np.cumsum([own.values.size for own in outer])[:-1]
+    return [part.reshape(own.values.shape) for part, own in zip(np.split(found, ends), outer, strict=True)]

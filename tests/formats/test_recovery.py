@@ -1,0 +1,122 @@
+"""Recovered fields are exact for polynomials of one degree more, continuous, and superconvergent in derivatives."""
+
+import numpy as np
+import pytest
+
+from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.geometry import geometry
+from elvis.core.mapping.projections import conforming
+from elvis.core.norms import quantity_norms
+from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.quantities import Expression
+from elvis.core.quantities.jumps import jumps
+from elvis.core.resolution.recovered_remarks import remarks_on_recovered
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple
+
+SHAPES = [shape for shape in Shape if shape.dimension < 3]
+
+
+def interpolated(bare, name, function, modes):
+    """The projection-based interpolant, a continuous field; discontinuous ones are `approximated`."""
+    blocks = []
+    for own in geometry(bare):
+        expansion = modified(own.expansion.shape, (modes,) * own.expansion.shape.dimension)
+        operator = conforming(expansion, 1)
+        places = np.swapaxes(evaluate(own.expansion, own.coefficients, operator.points), 1, 2)
+        samples = function(places.reshape(-1, 3)).reshape(places.shape[:2])
+        blocks.append(Block(expansion, own.element_ids, samples @ operator.matrix))
+    return Field(name, tuple(blocks))
+
+
+def error(dataset, text):
+    """L2 norm of a quantity that would be zero without an error."""
+    return quantity_norms(dataset, [Expression.of(dataset, text)])[text].l2
+
+
+@pytest.mark.parametrize("make", [approximated, interpolated])
+@pytest.mark.parametrize("shape", Shape)
+def test_polynomials_of_one_degree_more_are_recovered(shape, make):
+    bare = Dataset(grid(shape, 2))
+    column = shape.dimension - 1
+    axis = "xyz"[column]
+    field = make(bare, "u", lambda p: p[:, column] ** 3 - 2 * p[:, 0] ** 2 * p[:, column], 3)
+    dataset = Dataset(bare.mesh, (field,))
+    assert error(dataset, f"recovered(u) - ({axis}^3 - 2*x^2*{axis})") < 1e-10
+    slope = f"(3*{axis}^2 - 2*x^2)" if axis != "x" else "(-3*x^2)"
+    assert error(dataset, f"recovered(d(u,{axis})) - {slope}") < 1e-9
+    assert error(dataset, f"d(u,{axis}) - {slope}") > 1e-3
+
+
+@pytest.mark.parametrize("make", [approximated, interpolated])
+@pytest.mark.parametrize("mesh", [mixed_plane, mixed_volume, lambda: one_element(Shape.QUADRILATERAL, 2)])
+def test_meshes_that_are_one_element_thick_lose_nothing(mesh, make):
+    bare = Dataset(mesh())
+    dataset = Dataset(bare.mesh, (make(bare, "u", lambda p: np.exp(p[:, 0] / 2 - p[:, 1]), 4),))
+    truth = "exp(x/2 - y)"
+    assert error(dataset, f"recovered(u) - {truth}") < 1.1 * error(dataset, f"u - {truth}")
+
+
+@pytest.mark.parametrize(
+    ("order", "make", "is_curved"),
+    [(1, approximated, True), (2, interpolated, False), (2, interpolated, True), (3, approximated, False)],
+)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_recovered_derivatives_are_one_order_more_accurate(shape, order, make, is_curved):
+    """Order p + 0.9 at least, also at the boundary, where patches are one-sided; the derivatives have the order p."""
+    text = "(2*cos(2*x + 0.3)*cos(1.5*y))"
+    errors = []
+    for cells in (4, 8):
+        mesh = curved(grid(shape, cells), ripple(0.05), 3) if is_curved else grid(shape, cells)
+        bare = Dataset(mesh)
+        field = make(bare, "u", lambda p: np.sin(2 * p[:, 0] + 0.3) * np.cos(1.5 * p[:, 1]), order + 1)
+        dataset = Dataset(mesh, (field,))
+        errors.append([error(dataset, f"recovered(d(u,x)) - {text}"), error(dataset, f"d(u,x) - {text}")])
+        assert errors[-1][0] < 0.6 * errors[-1][1]
+    recovered, raw = np.log2(np.divide(*errors))
+    assert recovered >= order + 0.9
+    assert raw <= order + 0.2
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM])
+def test_recovered_derivatives_are_one_order_more_accurate_in_space(shape):
+    errors = []
+    for cells in (2, 4):
+        bare = Dataset(grid(shape, cells))
+        field = approximated(bare, "u", lambda p: np.sin(p[:, 0] + 0.3) * np.cos(p[:, 1] + p[:, 2]), 2)
+        dataset = Dataset(bare.mesh, (field,))
+        errors.append(error(dataset, "recovered(d(u,x)) - cos(x + 0.3)*cos(y + z)"))
+    assert np.log2(errors[0] / errors[1]) >= 1.9
+
+
+@pytest.mark.parametrize(
+    "mesh", [lambda: curved(grid(Shape.QUADRILATERAL, 3), ripple(0.05), 3), lambda: mixed_volume(1)]
+)
+def test_recovered_fields_are_continuous_and_say_how_far_they_are(mesh):
+    bare = Dataset(mesh())
+    dataset = Dataset(bare.mesh, (approximated(bare, "u", lambda p: np.exp(p[:, 0] + p[:, 1]), 2),))
+    for text in ("recovered(u)", "recovered(d(u,y))"):
+        quantity = Expression.of(dataset, text)
+        own = Dataset(bare.mesh, (dataset.field(text),))
+        assert jumps(own, text)[1].max() < 1e-11 * dataset["u"].range[1]
+        assert not quantity.is_local
+        (remark,) = remarks_on_recovered(dataset, [quantity])
+        raw = text[len("recovered(") : -1]
+        assert remark.startswith(
+            f"{text} is recovered: a continuous field fitted to the data, which differs from {raw}"
+        )
+        bound = float(remark.split("at most ")[1].split()[0])
+        found = quantity_norms(dataset, [Expression.of(dataset, f"{text} - {raw}")])[f"{text} - {raw}"].linf
+        assert 0 < found <= bound * 1.001
+
+
+def test_bad_fields_are_rejected():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    dataset = Dataset(bare.mesh, (Field("u", ()),))
+    with pytest.raises(ElvisError, match="expected elements of the domain with finite values of u, found none"):
+        dataset.field("recovered(u)")
+    surface = Dataset(one_element(Shape.TRIANGLE))
+    with pytest.raises(ElvisError, match="expected elements of the dimension of the space"):
+        Dataset(surface.mesh, (approximated(surface, "u", lambda p: p[:, 0], 3),)).field("recovered(u)")
