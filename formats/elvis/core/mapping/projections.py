@@ -25,6 +25,9 @@ from elvis.core.polynomials.expansion import mode_count, mode_indices, values
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
+#: local vertices of an entity, points and weights there, and its modes
+_Stage = tuple[tuple[int, ...], Floats, Floats, Ints]
+
 #: shapes that are products, with the directions of each factor
 _FACTORS: Mapping[Shape, tuple[tuple[Shape, tuple[int, ...]], ...]] = {
     Shape.QUADRILATERAL: ((Shape.SEGMENT, (0,)), (Shape.SEGMENT, (1,))),
@@ -123,12 +126,14 @@ def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     return _stage_operator(expansion, stages, max(expansion.modes) + extra)
 
 
-def _conforming_stages(expansion: Expansion, extra: int) -> list[tuple[tuple[int, ...], Floats, Floats, Ints]]:
+def _conforming_stages(expansion: Expansion, extra: int) -> list[_Stage]:
     """The entities of an element in turn: local vertices, none inside; points and weights there, and its modes."""
     shape, modes = expansion.shape, max(expansion.modes)
     groups = entities(shape, modes)
     count = modes + extra
-    stages = [((i,), shape.vertices[[i]], np.ones(1), groups.vertices[[i]]) for i in range(len(shape.vertices))]
+    stages: list[_Stage] = []
+    for i in range(len(shape.vertices)):
+        stages.append(((i,), shape.vertices[[i]], np.ones(1), groups.vertices[[i]]))
     stages += [(ends, *_on(shape, ends, count), own) for ends, own in zip(shape.edges, groups.edges, strict=False)]
     stages += [(local, *_on(shape, local, count), own) for local, own in zip(shape.faces, groups.faces, strict=False)]
     more = modes // 2 if shape is Shape.PYRAMID else 0
@@ -138,7 +143,8 @@ def _conforming_stages(expansion: Expansion, extra: int) -> list[tuple[tuple[int
 
 def points_on_entities(expansion: Expansion, extra: int = 0) -> list[tuple[tuple[int, ...], slice]]:
     """Local vertices of each entity, none for the inside, and its points among those of `conforming`."""
-    found, start = [], 0
+    found: list[tuple[tuple[int, ...], slice]] = []
+    start = 0
     for local, points, _, _ in _conforming_stages(expansion, extra):
         found.append((local, slice(start, start + len(points))))
         start += len(points)
