@@ -51,7 +51,8 @@ def decay_rates(energies: Floats, floor: float) -> Floats:
     order = energies.shape[1] - 1
     if order < LOWEST_ORDER:
         return np.full(len(energies), np.nan)
-    least = max(floor, np.finfo(float).tiny)
+    # its square must not underflow
+    least = max(floor, np.sqrt(np.finfo(float).tiny))
     if order < _PAIRED_FROM:
         rates = _hull_slopes(0.5 * np.log(np.maximum(energies[:, 1:], least**2)))
         is_above = energies[:, 1:] > least**2
