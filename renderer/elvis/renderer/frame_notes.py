@@ -26,7 +26,12 @@ def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequen
     return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
 
 
-def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
+def remarks_on_derived(data: Dataset | PluginData, scene: Scene) -> list[str]:
+    """Remarks on derivatives in time and on recovered fields in a scene."""
+    return [*_remarks_on_rates(data, scene), *_remarks_on_recovery(data, scene)]
+
+
+def _remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
     """A remark on derivatives in time, if the scene has some."""
     if not isinstance(data, Dataset) or data.rates is None:
         return []
@@ -35,7 +40,7 @@ def remarks_on_rates(data: Dataset | PluginData, scene: Scene) -> list[str]:
     return [data.rates.remark] if has_some else []
 
 
-def remarks_on_recovery(data: Dataset | PluginData, scene: Scene) -> list[str]:
+def _remarks_on_recovery(data: Dataset | PluginData, scene: Scene) -> list[str]:
     """Remarks on recovered fields in the scene, with the largest difference to the data."""
     texts = [text for text in quantities(scene) if RECOVERED in text]
     if not isinstance(data, Dataset) or not texts:

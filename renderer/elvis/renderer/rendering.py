@@ -37,7 +37,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
-from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_rates, remarks_on_recovery
+from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_derived
 from elvis.renderer.ghosts import Ghost, check_undeformed
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
@@ -208,7 +208,7 @@ class Pictures:
         self._kind = self._kind or kind_of(data, scene)
         asked, scene = scene, arranged(with_velocities(scene, names_of(data), self._kind), self._kind)
         told = (*data.remarks, *self._conversion[1]) if isinstance(data, Dataset) else ()
-        remarks = (*told, *remarks_on_rates(data, scene), *remarks_on_recovery(data, scene))
+        remarks = (*told, *remarks_on_derived(data, scene))
         if self._part is not None:
             data = self._of_ranks(self._part.timed(scene.time), scene)
         found = self._in_bricks(data, scene)
