@@ -136,6 +136,15 @@ def test_a_second_deformation_takes_the_place_of_the_first():
     assert undeformed(once).remarks == data.remarks
 
 
+@pytest.mark.parametrize("shape", list(Shape))
+def test_a_deformation_after_another_is_the_same_to_the_last_bit(shape):
+    data, texts = polynomial_flow(shape, 3, 4), ",".join("uvw"[: shape.dimension])
+    once, again = deform(data, texts, SCALE), deform(deform(data, texts, 0.3), texts, SCALE)
+    for own, other in zip(geometry(once), geometry(again), strict=True):
+        assert own.expansion == other.expansion
+        assert np.array_equal(own.coefficients, other.coefficients)
+
+
 def test_the_record_names_the_deformation_and_what_it_folds():
     data = polynomial_flow(Shape.QUADRILATERAL, 1)
     assert any("gradients are taken in the deformed" in own for own in deform(data, "u,v", 1, "deformed").remarks)

@@ -155,6 +155,25 @@ def test_undeformed_geometry_needs_whole_data_and_a_device_that_draws_it():
             both("mesh", **changes)
     with pytest.raises(SceneError, match="outline, mesh or faces"):
         both("edges")
+    with pytest.raises(SceneError, match="walls: expected a height, found a displacement"):
+        both(None, walls=True)
+
+
+def test_walls_close_the_jumps_of_a_height():
+    data = Dataset(grid(Shape.QUADRILATERAL, 2))
+    data = replace(data, fields=(approximated(data, "u", lambda x: np.where(x[:, 0] > 0.5, 1.0, 0.0), 2),))
+    view = Camera((-5.0, 0.5, 1.5), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=2.0)
+    options = {"height": "u", "camera": view, "size": 40, "faces": "all", "lit": False}
+    alone, closed = (render(data, "u", walls=walls, **options) for walls in (None, True))
+    # where rays meet the strip x = 0.5 between both halves, nothing of which is hidden
+    origins, directions = closed.view.rays_of(np.arange(1600))
+    way = (0.5 - origins[:, 0]) / directions[:, 0]
+    places = (origins + way[:, None] * directions)[:, 1:]
+    is_wall = (np.abs(places - 0.5) < 0.5).all(axis=1).reshape(40, 40)
+    assert is_wall.sum() > 300
+    changed = np.abs(closed.color - alone.color).max(axis=2) > 0
+    assert np.array_equal(changed, is_wall)
+    assert np.array_equal(closed.element, alone.element)
 
 
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():

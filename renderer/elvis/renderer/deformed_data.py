@@ -7,10 +7,12 @@ from typing import TypeAlias
 
 from elvis.core.complex_fields import ComplexChoice, named_pairs
 from elvis.core.dataset import Dataset
+from elvis.core.height_walls import height_walls
 from elvis.plugins.deforming import is_deformed, with_deformation
 from elvis.plugins.opening import PluginData
 from elvis.plugins.phases import with_complexes, without_phase
 from elvis.renderer.bricks import timed
+from elvis.renderer.undeformed import UNDEFORMED, WALLS, not_at_hand
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.whole import Deform
@@ -30,6 +32,7 @@ class DeformedData:
     is_whole: bool
     _last: tuple[State, Dataset] | None = None
     _ghost: tuple[State, float | None, Dataset] | None = None
+    _walls: tuple[Dataset, Dataset | None] | None = None
 
     def of(self, scene: Scene) -> Dataset | PluginData:
         """The data in the state of a scene; SceneError if they can't have it."""
@@ -47,17 +50,36 @@ class DeformedData:
             self._last = state, self._in_state(self.data, *state)
         return self._last[1]
 
-    def undeformed(self, scene: Scene) -> Dataset | None:
-        """The data on the undeformed geometry, if a scene draws that, too; the same object for the same geometry.
+    def ghosts(self, scene: Scene) -> dict[str, Dataset]:
+        """Geometries that a scene draws next to the data, by name; the same objects for the same geometries.
+
+        SceneError for data that were not read whole, or have a limit of memory.
+        """
+        deform = scene.deform
+        if deform is None or not scene.companions:
+            return {}
+        if not self.is_whole or scene.memory is not None:
+            raise SceneError(not_at_hand(scene.companions[0]))
+        found = {UNDEFORMED: self._undeformed(scene, deform)} if deform.undeformed else {}
+        walls = self._walls_of(scene) if deform.walls else None
+        return found if walls is None else {**found, WALLS: walls}
+
+    def _walls_of(self, scene: Scene) -> Dataset | None:
+        """Walls of the height that a scene shows; None where it doesn't jump."""
+        data = self.of(scene)
+        assert isinstance(data, Dataset)
+        if self._walls is None or self._walls[0] is not data:
+            self._walls = data, height_walls(data)
+        return self._walls[1]
+
+    def _undeformed(self, scene: Scene, deform: Deform) -> Dataset:
+        """The data on the undeformed geometry.
 
         The scale is 0, so that expansions and the order of elements are those of the deformed data.
         """
-        if scene.deform is None or scene.undeformed is None or not isinstance(self.data, Dataset):
-            return None
-        if not self.is_whole or scene.memory is not None:
-            return None
-        state = scene.complexes, scene.deform.at_rest
+        state = scene.complexes, deform.at_rest
         if self._ghost is None or self._ghost[:2] != (state, scene.time):
+            assert isinstance(self.data, Dataset)
             self._ghost = state, scene.time, timed(self._in_state(self.data, *state), scene.time)
         return self._ghost[2]
 

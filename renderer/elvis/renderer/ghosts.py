@@ -1,23 +1,28 @@
-"""The undeformed geometry on a device, next to the deformed one."""
+"""Geometries next to the data on a device: the undeformed one, and walls of a height."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from elvis.core.dataset import Dataset
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
+from elvis.core.quantities.tree import coordinate
 from elvis.plugins.serving import volume_of
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.stages import Stages
+from elvis.renderer.undeformed import UNDEFORMED
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
+
+#: a quantity of every geometry
+X = Expression("x", coordinate(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Ghost:
-    """The undeformed geometry of a dataset.
+    """A geometry next to the data.
 
     dataset  the data on it
     texts    of the quantities that are on the device
@@ -28,15 +33,11 @@ class Ghost:
     stages: Stages
 
     @staticmethod
-    def of(
-        dataset: Dataset | None, quantities: Sequence[Expression], shown: Stages, before: Ghost | None
-    ) -> Ghost | None:
-        """The ghost of a dataset, None for none, with the same quantities as what is shown.
+    def of(dataset: Dataset, quantities: Sequence[Expression], shown: Stages, before: Ghost | None) -> Ghost:
+        """The ghost of a dataset next to what is shown.
 
         before  what was on the device so far
         """
-        if dataset is None:
-            return None
         texts = tuple(own.text for own in quantities)
         if before is not None and before.dataset is dataset and before.texts == texts:
             return before
@@ -45,11 +46,38 @@ class Ghost:
         return Ghost(dataset, texts, Stages(loaded, volume, dataset))
 
 
-def check_undeformed(scene: Scene, kind: Kind | None, device: str, is_own: bool) -> None:
-    """SceneError for 1D data and devices of plugins, which draw no undeformed geometry.
+class Ghosts:
+    """All geometries next to the data that a renderer shows, by name."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Ghost] = {}
+
+    def show(self, datasets: Mapping[str, Dataset], quantities: Sequence[Expression], shown: Stages) -> None:
+        """Bring geometries to the device, unless they are there; the undeformed one has the quantities."""
+        found = {}
+        for name, dataset in datasets.items():
+            own = quantities if name == UNDEFORMED else [X]
+            found[name] = Ghost.of(dataset, own, shown, self._known.get(name))
+        self._known = found
+        shown.ghosts = {name: own.stages for name, own in found.items()}
+
+    def show_again(self, shown: Stages) -> None:
+        """Bring all to a new device."""
+        datasets = {name: own.dataset for name, own in self._known.items()}
+        self._known = {}
+        self.show(datasets, shown.others.own, shown)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._known = {}
+
+
+def check_ghosts(scene: Scene, kind: Kind | None, device: str, is_own: bool) -> None:
+    """SceneError for 1D data and devices of plugins, which draw no further geometries.
 
     is_own  whether the device is one of this renderer
     """
-    if scene.undeformed and (not is_own or kind is Kind.LINE):
+    if scene.companions and (not is_own or kind is Kind.LINE):
         found = "1D data" if is_own else f"device {device}"
-        raise SceneError(f"undeformed: expected 2D or 3D data and a device that draws them, found {found}")
+        key = scene.companions[0]
+        raise SceneError(f"{key}: expected 2D or 3D data and a device that draws them, found {found}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -17,7 +17,6 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import share
 from elvis.core.memory import release_free_memory
 from elvis.core.picturing import Kind
-from elvis.core.quantities import Expression
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress
 from elvis.plugins.evaluation_service import check_volume
@@ -38,7 +37,7 @@ from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
 from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_derived
-from elvis.renderer.ghosts import Ghost, check_undeformed
+from elvis.renderer.ghosts import Ghosts, check_ghosts
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
 from elvis.renderer.pixels import NOBODY
@@ -128,7 +127,7 @@ class Pictures:
         self._renderer: Renderer | None = None
         self._quantities: tuple[str, ...] = ()
         self._time: float | None = None
-        self._ghost: Dataset | None = None
+        self._ghosts: dict[str, Dataset] = {}
         self._remarks: Sequence[str] = ()
         self._take(data)
 
@@ -173,7 +172,7 @@ class Pictures:
         """A picture; raises as `render`."""
         asked, scene, data, remarks = self._arranged(scene)
         other = other_device(self.device)
-        check_undeformed(scene, self._kind, self.device, other is None)
+        check_ghosts(scene, self._kind, self.device, other is None)
         if other is not None:
             return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
@@ -256,13 +255,13 @@ class Pictures:
         """The renderer with all quantities of a scene, on the elements that have its field."""
         wanted = quantities(scene)
         known, renderer = self._quantities, self._opened()
-        ghost = self._deformed.undeformed(scene)
+        ghosts = self._deformed.ghosts(scene)
         is_known = known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time
-        if is_known and self._ghost is ghost:
+        if is_known and self._ghosts == ghosts:
             return renderer
-        self._quantities, self._ghost = (), ghost
+        self._quantities, self._ghosts = (), ghosts
         if isinstance(data, Dataset):
-            renderer.load(data, *wanted, ghost=ghost)
+            renderer.load(data, *wanted, ghosts=ghosts)
         else:
             volume = volume_of(data, wanted)
             renderer.show(volume, data)
@@ -287,7 +286,7 @@ class Renderer:
         self.progress = progress or (lambda done, total: None)
         self.seconds: dict[str, float] = {}
         self._stages: Stages | None = None
-        self._ghost: Ghost | None = None
+        self._ghosts = Ghosts()
         self._fitted: tuple[object, View] | None = None
         self._stays = False  # whether that view is one of the elements, whatever the values
 
@@ -299,25 +298,21 @@ class Renderer:
 
     def close(self) -> None:
         """Give the device back, and the volume with it; nothing can be drawn any more."""
-        self._stages, self._ghost, self._fitted = None, None, None
+        self._stages, self._fitted = None, None
+        self._ghosts.clear()
         self.device.close()
 
-    def load(self, dataset: Dataset, *quantities: str, ghost: Dataset | None = None) -> None:
+    def load(self, dataset: Dataset, *quantities: str, ghosts: Mapping[str, Dataset] | None = None) -> None:
         """Bring fields of a dataset, or other quantities, to the device; the first is the field of its scenes.
 
-        ghost  the same data on the undeformed geometry, if that is drawn, too
+        ghosts  geometries that are drawn next to the data, by name
         """
         start = perf_counter()
         before = None if self._stages is None else self._stages.others
         others = OtherData.of(self.device, dataset, quantities, before)
         self.show(volume_of(dataset, others.own), dataset, others)
-        self._add_ghost(ghost, others.own)
+        self._ghosts.show(ghosts or {}, others.own, self.stages)
         self.seconds["load"] = perf_counter() - start
-
-    def _add_ghost(self, dataset: Dataset | None, quantities: Sequence[Expression]) -> None:
-        """Bring the undeformed geometry to the device, unless it is there."""
-        self._ghost = Ghost.of(dataset, quantities, self.stages, self._ghost)
-        self.stages.ghost = None if self._ghost is None else self._ghost.stages
 
     def show(self, volume: Volume, made_of: Made = None, others: OtherData | None = None) -> None:
         """Bring a volume to the device; ``made_of`` is a dataset, or what a runtime plugin has opened, where known.
@@ -412,20 +407,17 @@ class Renderer:
             self.device.close()
         self.device = Device(name)
         self.show(stages.volume, stages.made_of, stages.others.on(self.device))
-        ghost, self._ghost = self._ghost, None
-        if ghost is not None:
-            self._add_ghost(ghost.dataset, self.stages.others.own)
+        self._ghosts.show_again(self.stages)
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene; the previous view if the objects and the camera are unchanged."""
         if self.bands is not None:
             return self.bands.view
-        part = scene.region, scene.zoom, scene.box, scene.axes, scene.undeformed
+        part = scene.region, scene.zoom, scene.box, scene.axes, scene.companions
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
-            ghost = self.stages.ghost
-            parts = [*self.stages.loaded.parts, *(ghost.loaded.parts if ghost is not None else ())]
-            boxes = [part.boxes for part in parts]
+            every = [self.stages, *self.stages.ghosts.values()]
+            boxes = [part.boxes for own in every for part in own.loaded.parts]
             asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]

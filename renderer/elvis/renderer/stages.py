@@ -38,7 +38,7 @@ from elvis.renderer.passes.solids.solids import SolidDrawer, values_at_hits
 from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Finder
-from elvis.renderer.undeformed import with_undeformed
+from elvis.renderer.undeformed import with_ghosts
 from elvis.scene import (
     Clip,
     CutSurface,
@@ -75,7 +75,7 @@ class Stages:
     made_of  source of the volume, if known
     dataset  the same; None if a runtime plugin has made it
     others   requests of quantities to data on other meshes
-    ghost    stages over the undeformed geometry, if that is drawn next to this one
+    ghosts   stages over geometries that are drawn next to this one, by name
     """
 
     def __init__(self, loaded: DeviceVolume, volume: Volume, made_of: Made, others: OtherData | None = None) -> None:
@@ -84,7 +84,7 @@ class Stages:
         self._left_out: dict[str | None, Ints] = {}
         self.made_of = made_of
         self.dataset = made_of if isinstance(made_of, Dataset) else None
-        self.ghost: Stages | None = None
+        self.ghosts: Mapping[str, Stages] = {}
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
     @property
@@ -253,7 +253,7 @@ class Stages:
                 found.append(self.flow.glyphs(name, item, own))
             else:
                 found += [self._level(name, item, value, scene) for value in item.values]
-        return with_undeformed(found, self.ghost, scene.undeformed)
+        return with_ghosts(found, self.ghosts, scene)
 
     def _faces(self, name: str, item: Faces, own: str | None) -> DrawCall:
         """Element faces."""

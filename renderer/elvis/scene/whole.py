@@ -156,6 +156,9 @@ class Deform(Model, of="the deformation"):
             default="only the deformed geometry",
         ),
     ] = None
+    walls: Annotated[
+        bool, Setting("Close the jumps of a height with vertical strips, which are drawn in grey.", option="--walls")
+    ] = False
 
     def check(self) -> None:
         """SceneError if there is not one displacement or height, and for unknown words."""
@@ -164,6 +167,7 @@ class Deform(Model, of="the deformation"):
         check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
         is_known = self.undeformed is None or self.undeformed in UNDEFORMED
         check(is_known, "undeformed", "outline, mesh or faces", repr(self.undeformed))
+        check(not self.walls or self.height.strip(), "walls", "a height", "a displacement")
 
     @property
     def deformation(self) -> Deformation:
@@ -173,7 +177,7 @@ class Deform(Model, of="the deformation"):
     @property
     def at_rest(self) -> "Deform":
         """The same deformation with scale 0, which leaves the geometry as it was."""
-        return replace(self, scale=0.0, undeformed=None)
+        return replace(self, scale=0.0, undeformed=None, walls=False)
 
 
 @dataclass(frozen=True, repr=False)
@@ -521,6 +525,12 @@ class Scene(Model):
     def complexes(self) -> ComplexChoice:
         """Complex fields and their phase in the form that readers of files use."""
         return ComplexChoice(self.complex, self.phase)
+
+    @property
+    def companions(self) -> tuple[str, ...]:
+        """Names of the geometries that are drawn next to the data."""
+        deform = self.deform
+        return () if deform is None else tuple(name for name in ("undeformed", "walls") if getattr(deform, name))
 
     @property
     def backdrop(self) -> Vector:
