@@ -1,5 +1,6 @@
 """Bounds of differences of two datasets: values lie within them, and some come near their ends (claims.py)."""
 
+from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -7,13 +8,20 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.differences import compositions
+from elvis.core.differences import compositions, prepared
 from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
 from elvis.core.mapping.margins import heights
-from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.patch import patches
+from elvis.core.polynomials.bernstein import (
+    BernsteinSpace,
+    bernstein_coefficients,
+    bernstein_space,
+    bernstein_values,
+)
 from elvis.core.polynomials.boxnets import all_halves, on_lattice, parts_of_boxes
-from elvis.core.polynomials.rounding import halving_roundings, value_roundings
+from elvis.core.polynomials.rounding import box_roundings, halving_roundings, value_roundings
 from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, with_field
 
 COUNT = 40
 #: unit roundoff of the model
@@ -141,6 +149,20 @@ def nets_through_wrong_values(rng):
                 yield np.abs(truth).max(axis=(1, 2)), own.limit
 
 
+def differences_whose_values_seem_to_be_zero(rng):
+    """At the lattice alone: what rounding hides grows between its points."""
+    composition, boxes = pair(rng, Shape.QUADRILATERAL, 0.0, 3)
+    count, off, fine = composition.degree + 1, 0.25, np.linspace(0, 1, 33)
+    lagrange = np.linalg.solve(np.vander(composition.line, count).T, np.vander(fine, count).T).T
+    worst = np.sign(lagrange[np.abs(lagrange).sum(axis=1).argmax()])
+    composition.values = lambda boxes: np.zeros((len(boxes), count**2))
+    composition.rounding_of_values = lambda boxes: np.full(len(boxes), off)
+    truth = np.abs(lagrange @ (off * worst[:, None] * worst) @ lagrange.T).max()
+    ((_, own),) = composition.compose(boxes)
+    yield np.full(COUNT, truth), own.limit
+    yield np.full(COUNT, truth), own.slack
+
+
 def places_where_polynomials_may_be_positive(rng):
     """Linear ones are negative up to their zero, others at least as far."""
     for count in (2, 3, 5):
@@ -155,6 +177,7 @@ def places_where_polynomials_may_be_positive(rng):
             low, high = upper[:, 0], upper[:, 1]
             zero = np.where(low >= 0, 0.0, np.where(high < 0, 2.0, low / (low - high)))
             assert np.abs(found - zero).max() < 1e-12
+    assert _crossing(np.array([[[0.0], [-1.0], [-1.0]]])).item() == 0.0
 
 
 CLAIMS = [
@@ -163,6 +186,7 @@ CLAIMS = [
     heights_over_facets,
     magnitudes_of_functions,
     nets_through_wrong_values,
+    differences_whose_values_seem_to_be_zero,
     places_where_polynomials_may_be_positive,
 ]
 
@@ -205,7 +229,9 @@ def test_all_roundings_of_values_are_counted(coarse, shape):
     ):
         assert (exact <= found * (1 + 1e-12)).all()
         assert (found <= 1.2 * exact).all()
-    # sums of d products of coordinates with a matrix, and the sum with 1
+    # sums of d products of coordinates with a matrix, and the sum with 1, beside which coordinates are large
+    boxes = replace(boxes, places=100 * boxes.places)
+    shift = composition._shift(boxes)
     reach = np.einsum(
         "nd,ndk->nk", np.abs(boxes.places).reshape(COUNT, d, -1).max(axis=2), np.abs(inner.affine.matrix[boxes.others])
     )
@@ -275,3 +301,47 @@ def test_rounding_of_places_from_the_origin_is_counted(coarse):
     size = np.abs(outer.places - 3.0).reshape(COUNT, 2, -1).max(axis=2)
     assert np.allclose(whole.place_error - boxes.place_error, COARSE * size, rtol=1e-12)
     assert np.array_equal(whole.places, outer.places - 3.0)
+
+
+def test_nets_of_a_lower_degree_have_the_rounding_of_their_values(coarse):
+    """These are compared at the lattice, where both are rounded."""
+    composition, _ = pair(np.random.default_rng(2), Shape.QUADRILATERAL, 0.0, 3)
+    values = np.ones((COUNT, composition.count))
+    nets, apart = composition._fitted(values, composition.degree)
+    own = (1 + COARSE) ** (value_roundings(nets.shape[1:]) + 1) - 1
+    assert (apart >= own).all()
+    assert (apart <= 1.2 * own).all()
+
+
+def test_nets_of_a_lower_degree_are_taken_up_to_what_is_allowed():
+    composition, boxes = pair(np.random.default_rng(2), Shape.QUADRILATERAL, 0.0, 3)
+    composition._inner.total = 2
+    composition._inner.space = BernsteinSpace(Shape.QUADRILATERAL, (1, 1))
+    composition._inner.net = composition._inner.net[:, :4]
+    composition = Composition(composition._outer, composition._inner)
+    one = boxes.part(np.zeros(1, int))
+    ((_, low),) = composition.compose(one, np.inf)
+    apart = float(low.slack[0] - composition.lebesgue * composition.rounding_of_values(one)[0])
+    for part, degree in ((0.99, composition.degree), (1.01, 3)):
+        ((_, own),) = composition.compose(one, part * apart)
+        assert own.nets.shape[1] == degree + 1
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.PRISM])
+def test_elements_are_prepared_with_all_roundings(monkeypatch, shape):
+    """Of coefficients, of boxes, of coordinates; ranges of fields have room for the first."""
+    monkeypatch.setattr(prepared, "gamma", gamma)
+    monkeypatch.setattr(prepared, "coefficient_rounding", lambda expansion, modal: np.full(modal.shape[:-1], 0.5))
+    data = with_field(curved(grid(shape, 1), lambda p: p, 3), lambda p: p[:, 0], 3)
+    (side,) = prepared.sides(patches(data, ("u",)))
+    d, maps = shape.dimension, bernstein_space(side.patch.geometry)
+    points = bernstein_coefficients(side.patch.geometry, side.patch.geometry_coefficients[:, :d])
+    for error, net, space in (
+        (side.box_error, side.net, side.space),
+        (side.place_error, points, maps),
+    ):
+        assert np.allclose(error, 0.5 + gamma(box_roundings(space)) * np.abs(net).max(axis=-1), rtol=1e-12)
+        assert box_roundings(space) > space.count
+    low, high = side.ranges()
+    assert np.array_equal(low, side.net.min(axis=1) - 0.5)
+    assert np.array_equal(high, side.net.max(axis=1) + 0.5)

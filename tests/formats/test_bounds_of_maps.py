@@ -1,5 +1,7 @@
 """Bounds of maps, their inverses and their determinants: values lie within them, some near their ends (claims.py)."""
 
+from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,17 +11,20 @@ from claims import TEETH, check
 from elvis.core.cores import core_turning
 from elvis.core.cores.core_boxes import Boxes as CoreBoxes
 from elvis.core.cores.core_boxes import _without_walls
+from elvis.core.cores.core_graphs import by_rotation
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.cores.outer_sides import OuterSides
+from elvis.core.cores.parallel import rotations
 from elvis.core.mapping.enclosure import _Cells, _root_bounds
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.polynomials.rounding import halving_roundings, raising_roundings
+from elvis.core.polynomials.net_zeros import values_of
+from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
 from elvis.core.shapes import Shape
-from elvis.core.validity import descent, determinants, regularity
+from elvis.core.validity import descent, determinants, enclosed_determinants, regularity, squares
 from elvis.core.validity.determinants import Polynomials
 
 COUNT = 40
@@ -110,10 +115,28 @@ def eigenvalues_of_two_entries(rng):
         known = Eigenvalue.of(MatrixRange(middle, radius), [MatrixRange(slope, 0 * slope)] * 3)
         assert known.is_known.all()
         # y^2 - y + a b = 0 with b = -a and b = a
-        for product in (-a * a, a * a):
-            value = (1 - np.sqrt(1 + 4 * product)) / 2
+        for both in (-a * a, a * a):
+            value = (1 - np.sqrt(1 + 4 * both)) / 2
             yield np.array([abs(value)]), known.error
             yield np.array([a / abs(2 * value - 1)]), known.slope_error[:, 0]
+
+
+def eigenvalues_of_one_entry(rng):
+    """A product of one entry and a constant, in which nothing is taken twice; and a start beside the first entry."""
+    for x in rng.uniform(0.02, 0.03, 20):
+        middle, radius = np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.9]]]), np.zeros((1, 3, 3))
+        radius[0, 1, 0] = x
+        nothing = [MatrixRange(0 * middle, 0 * radius)] * 3
+        known = Eigenvalue.of(MatrixRange(middle, radius), nothing)
+        assert known.is_known.all()
+        found = [np.linalg.eigvals(middle[0] + way * radius[0]) for way in (-1, 1)]
+        yield np.array([max(abs(own[np.abs(own.imag).argmin()].real) for own in found)]), known.error
+        # an eigenvalue that differs from the first entry, beside complex ones
+        middle[0] = [[0.0, 1.0, 0.0], [-x, 1.0, -2.0], [0.0, 2.0, 1.5]]
+        start = Eigenvalue.of(MatrixRange(middle, 0 * radius), nothing)
+        assert start.is_known.all()
+        values = np.linalg.eigvals(middle[0])
+        yield np.abs(values[np.abs(values.imag).argmin()].real)[None], start.error
 
 
 def approximations_of_invariants(rng):
@@ -125,11 +148,26 @@ def approximations_of_invariants(rng):
     yield away, error
 
 
+def errors_of_quick_determinants(rng):
+    """Entries that are off, each the way that moves the determinant most: of the largest one of ones and minus ones."""
+    space = BernsteinSpace(Shape.HEXAHEDRON, (1, 1, 1))
+    matrix = np.array([[-1.0, 1, 1], [1, -1, 1], [1, 1, -1]])
+    off = rng.uniform(0.01, 0.02, COUNT)
+    ways = np.sign(np.linalg.inv(matrix).T)
+    columns = [
+        [Polynomials(space, np.full((space.count, COUNT), matrix[i, k]), off) for i in range(3)] for k in range(3)
+    ]
+    moved_matrices = matrix + ways * off[:, None, None]
+    yield np.abs(np.linalg.det(moved_matrices) - np.linalg.det(matrix)), enclosed_determinants._error(columns)
+
+
 CLAIMS = [
+    errors_of_quick_determinants,
     roots_in_cells,
     heights_of_moved_points,
     sums_and_products_of_polynomials,
     eigenvalues_of_two_entries,
+    eigenvalues_of_one_entry,
     approximations_of_invariants,
 ]
 
@@ -302,3 +340,91 @@ def test_polynomials_are_not_halved_below_their_error(monkeypatch):
         assert found.value[0] == 1.0
     with pytest.raises(ZeroDivisionError):
         descent.least(net, np.full(1, 0.04), np.full(1, 9.0))
+
+
+def test_flows_may_turn_more_by_the_rounding_of_their_invariants(monkeypatch):
+    """In a shear layer, where gradients are large beside their eigenvalues: y and r off by parts of its powers."""
+    part = 1e-6
+    monkeypatch.setattr(core_turning, "_ROUNDING", part)
+    gradient = np.zeros((1, 3, 3))
+    gradient[0] = [[0.1, 0.0, 0.0], [0.0, -0.05, 20.0], [0.0, -0.05, -0.05]]
+    flat = np.tile(gradient.reshape(1, 9, 1, 1, 1), (2, 2, 2))
+    scale, above = np.linalg.norm(gradient), np.ones((1, 3, 2, 2, 2))
+    reduced = gradient[0] - np.trace(gradient[0]) / 3 * np.eye(3)
+    y, r = np.trace(reduced @ reduced) / 2, np.linalg.det(reduced)
+    for y_off, r_off in ((-1, 0), (0, 1), (0, -1)):
+        roots = np.roots([1.0, 0.0, -(y + y_off * part * scale**2), -(r + r_off * part * scale**3)])
+        least = np.abs(roots.imag).max() * (1 - 1e-7)
+        boxes = CoreBoxes.whole(np.zeros(1, int), above, flat, np.array([least]), False)
+        assert not core_turning.turns_less(boxes)[0]
+        assert core_turning.turns_less(replace(boxes, least=boxes.least * 1.2))[0]
+
+
+def test_graphs_by_rotation_are_known_where_all_rotations_have_its_side():
+    """The worst entries of gradients within their ranges, all corners of which are tried."""
+    rng = np.random.default_rng(8)
+    wide = rng.uniform(0.3, 1.5, (COUNT, 1, 1, 1, 1)) * rng.uniform(-1, 1, (COUNT, 9, 2, 2, 2))
+    gradient = rng.normal(size=(COUNT, 9, 1, 1, 1)) + wide
+    boxes = CoreBoxes.whole(np.arange(COUNT), rng.normal(size=(COUNT, 3, 2, 2, 2)), gradient, np.zeros(COUNT), False)
+    known = by_rotation(boxes, None).is_known
+    ranges = MatrixRange.of_nets(gradient)
+    normal = rotations(ranges.middle)
+    rows, columns = [0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]
+    worst = np.full(COUNT, np.inf)
+    for signs in product([-1, 1], repeat=6):
+        moved = ranges.middle.copy()
+        moved[:, rows, columns] += np.array(signs) * ranges.radius[:, rows, columns]
+        worst = np.minimum(worst, np.einsum("ni,ni->n", rotations(moved), normal))
+    assert np.array_equal(known, worst > 0)
+    assert 0.2 < known.mean() < 0.8
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_halves_of_boxes_have_their_ends_and_the_values_there(axis):
+    rng = np.random.default_rng(axis)
+    gradient, above = rng.normal(size=(COUNT, 9, 3, 3, 3)), rng.normal(size=(COUNT, 3, 3, 3, 3))
+    boxes = CoreBoxes.whole(np.arange(COUNT), above, gradient, np.zeros(COUNT), True)
+    halves = boxes.halved(axis).halved(axis)
+    places = rng.uniform(size=(len(halves), 3))
+    there = halves.low + (halves.high - halves.low) * places
+    for name in ("above", "gradient", "crossed", "turned", "square", "cubic"):
+        found, own = values_of(getattr(halves, name), places), values_of(getattr(boxes, name)[halves.rows], there)
+        assert np.abs(found - own).max() < 1e-10 * np.abs(own).max()
+    assert np.bincount(halves.rows).tolist() == [4] * COUNT
+    assert np.allclose(halves.high - halves.low, np.where(np.arange(3) == axis, 0.25, 1.0))
+    assert sorted(halves.low[halves.rows == 0, axis].tolist()) == [0.0, 0.25, 0.5, 0.75]
+
+
+@pytest.mark.parametrize(("part", "axis"), [(0.9, 0), (1.1, 1)])
+def test_boxes_are_halved_where_their_bend_times_the_degree_is_greatest(part, axis):
+    """Second differences of 1.5 and of 0.9 part, times 3 and 5."""
+    net = np.zeros((1, 3, 5))
+    net[0, 1, :] -= 0.75
+    net[0, :, 2] -= 0.45 * part
+    boxes = descent._Boxes.of(np.zeros(1, int), np.zeros((1, 2)), np.ones((1, 2)), net)
+    assert boxes._axes().tolist() == [axis]
+
+
+def test_bounds_by_squares_are_rounded_by_the_largest_magnitude(monkeypatch):
+    """Without squares what is left is the net itself, whose largest number is negative here."""
+    monkeypatch.setattr(squares, "_UNIT", COARSE)
+    monkeypatch.setattr(squares, "_start", lambda net, values: (np.zeros((1, 3)), np.zeros(values.size)))
+    monkeypatch.setattr(squares, "_fit_squares", lambda values, basis, roots, near: 0 * roots)
+    net = np.array([[-8.0, 1.0, 0.5], [1.0, 1.0, 1.0], [0.0, 1.0, 2.0]])
+    # 4 coefficients of a root, and 3 + 3 terms when it is raised
+    assert squares._without_squares(net) == -8.0 - 4 * (4 + 6) * COARSE * 8.0
+
+
+def test_all_roundings_of_quick_determinants_are_counted(monkeypatch):
+    """Two products, a difference, and two sums of each of six terms; and the values that these are made of."""
+    monkeypatch.setattr(enclosed_determinants, "gamma", lambda roundings: roundings * COARSE)
+    space = BernsteinSpace(Shape.HEXAHEDRON, (1, 1, 1))
+    ones = [[Polynomials(space, np.ones((space.count, 1)), np.zeros(1)) for _ in range(3)] for _ in range(3)]
+    of_values = value_roundings([2, 2, 2]) * COARSE
+    (found,) = enclosed_determinants._error(ones)
+    size = 1 + of_values
+    counted = 6 * (3 * of_values * size**2 + ((1 + COARSE) ** 5 - 1) * size**3)
+    assert counted <= found <= 1.5 * counted
+    monkeypatch.setattr(enclosed_determinants, "value_roundings", lambda sizes: 0)
+    (found,) = enclosed_determinants._error(ones)
+    assert 6 * ((1 + COARSE) ** 5 - 1) <= found <= 2 * 6 * 5 * COARSE

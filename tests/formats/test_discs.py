@@ -126,6 +126,8 @@ def test_roots_of_cubics_lie_in_the_discs():
     p, q = inside(rng, a), inside(rng, b)
     is_real = np.isfinite(found[1]) & (found[0] == 0)
     assert (4 * p.real**3 + 27 * q.real**2 < 0)[is_real].all()
+    assert is_real.mean() > 0.05
+    assert not found[1][is_real].any()
 
     # half the difference of the pair that is nearly conjugate, over i
     companions = np.zeros((COUNT, POINTS, 3, 3), complex)
@@ -173,7 +175,8 @@ def _exact(numbers):
 def test_rounding_of_operations_is_in_the_radius():
     """tan near a multiple of pi by 200 digits: the middle's disc holds the truth."""
     places = np.array([355.0, 1e6, 3e8, 1.0, 0.1])
-    found = FUNCTIONS["tan"].disc((places, np.zeros(5)))
+    places = np.concatenate([places, -places])
+    found = FUNCTIONS["tan"].disc((places, np.zeros(10)))
     with mpmath.workdps(50):
         truths = [float(mpmath.tan(own) - middle) for own, middle in zip(*map(_exact, (places, found[0])), strict=True)]
     assert (np.abs(np.array(truths)) <= found[1]).all()
@@ -276,3 +279,24 @@ def test_each_operation_is_rounded(monkeypatch):
         wanted = exact_radius * (1 + exponent * COARSE)
         assert (radius >= wanted + COARSE * (middle + exact_radius)).all()
         assert (radius <= wanted + 1.1 * COARSE * (middle + wanted)).all()
+
+
+@pytest.mark.parametrize("part", [-0.4, 0.0, 0.4])
+def test_discs_that_come_within_rounding_of_a_pole_are_infinite(part):
+    """Poles of tan at pi/2, of tanh at i pi/2, of atan at i."""
+    off = 1 + part * discs._ROUNDING
+    for place in (0.0, 0.4, -0.4):
+        for function, pole in (("tan", np.pi / 2 - abs(place)), ("atan", np.hypot(1, place))):
+            assert np.isinf(FUNCTIONS[function].disc((np.array([place]), np.array([pole * off])))[1]).all(), function
+    assert np.isinf(discs.hyperbolic_tangent((np.array([0.3]), np.array([np.pi / 2 * off])))[1]).all()
+
+
+def test_rounding_of_a_cubic_is_in_the_disc_of_its_root(monkeypatch):
+    """t^3 - 2 t - 4 has the root 2, where its derivative is 10 and its terms add up to 16."""
+    monkeypatch.setattr(discs, "_ROUNDING", COARSE)
+    exact = (np.array([-2.0]), np.zeros(1)), (np.array([-4.0]), np.zeros(1))
+    middle, radius = discs._real_root(*exact, np.array([2.0]))
+    assert middle == 2.0
+    assert 16 * COARSE / 10 <= radius[0] < 8 * 16 * COARSE / 10
+    off = discs._real_root(exact[0], (exact[1][0], np.array([0.1])), np.array([2.0]))[1]
+    assert off[0] >= radius[0] + 0.1 / 10

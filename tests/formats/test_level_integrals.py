@@ -7,7 +7,7 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.integrals import integrate
+from elvis.core.integrals import integrate, levels_of_elements
 from elvis.core.integrals.graphs import on_graph
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.polynomials.bernstein import line_tables
@@ -146,6 +146,15 @@ def test_where_a_surface_touches_borders_its_error_covers_jumps_of_rounding(shap
     assert abs(found.value - np.pi / 4) <= found.error < 1e-3
     if over == "u = 0.25":  # values are raised by more than they jump: the surface is all in the elements inside
         assert found.value == pytest.approx(np.pi / 4, abs=1e-10)
+
+
+def test_areas_that_borders_leave_in_doubt_are_in_the_error(monkeypatch):
+    """A hundredth of each of the six elements that the cylinder passes or touches."""
+    field = approximated(Dataset(grid(Shape.HEXAHEDRON, 2)), "u", lambda p: p[:, 0] ** 2 + p[:, 1] ** 2, 4)
+    dataset = Dataset(grid(Shape.HEXAHEDRON, 2), (field,))
+    monkeypatch.setattr(levels_of_elements, "touched", lambda piece, *_: np.full(len(piece), 0.01))
+    (row,) = integrate(dataset, "area", "u = 0.25", error=1e-8)
+    assert row.error == pytest.approx(0.06, abs=1e-6)
 
 
 def scaled(field, factors):
