@@ -53,6 +53,7 @@ def square(tmp_path_factory):
     return write(Dataset(bare.mesh, (field,)), tmp_path_factory.mktemp("square") / "square.xml")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="terminals are made by pty")
 def test_a_terminal_is_told_the_first_time_and_a_pipe_never(square, tmp_path, renderer):
     import pty

@@ -95,6 +95,7 @@ OBJECTS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shown", OBJECTS)
 @pytest.mark.sampled(least=2, free=("shown",))
 def test_pictures_are_those_of_the_reference(draw, screw, shown):

@@ -92,6 +92,7 @@ def test_more_tiles_than_a_row_of_groups_holds(draw, linear):
     assert np.abs(frame.field - frame.position @ [1.0, 2.0, -3.0]).max() < 1e-12
 
 
+@pytest.mark.thorough
 def test_more_disputed_pixels_than_the_first_list_holds(same_on, linear):
     """Eight elements meet in the plane: every pixel has two candidates, equal in rank."""
     camera = Camera((0.5, 0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=0.9)

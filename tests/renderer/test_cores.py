@@ -35,6 +35,7 @@ def bent():
     return vortex(Shape.PRISM, 0.04)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("device", ["auto", "reference"])
 def test_tubes_around_a_tilted_axis(bent, device):
     lines = Streamlines(cores="acceleration", radius=RADIUS, style=Style(quantity="w"))

@@ -103,6 +103,7 @@ echo "gcc version 12.2.0" >&2
 """
 
 
+@pytest.mark.thorough
 def test_kernels_compile_with_clang(tmp_path):
     clang = shutil.which("clang++")
     if clang is None:

@@ -73,6 +73,7 @@ def test_lines_are_those_of_the_host(follow, shape, bent, modes):
     assert np.abs(turn - 0.25 * np.array([np.cos(9.0), np.sin(9.0)])).max() < 1e-10
 
 
+@pytest.mark.thorough
 def test_all_shapes_in_one_mesh(follow):
     mesh = curved(mixed_volume(1), ripple(0.02), 2)
     bare = Dataset(mesh)
@@ -108,6 +109,7 @@ def cavity(p):
     return p[:, 0] * (1 - p[:, 0]) * p[:, 1] * (1 - p[:, 1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", Shape.of_dimension(2))
 @pytest.mark.sampled(least=2, free=("bent", "shape"))
@@ -128,6 +130,7 @@ def test_closed_orbits_stay_closed_for_a_hundred_turns(follow, shape, bent):
         assert np.abs(values - values[0]).max() < 1e-10
 
 
+@pytest.mark.thorough
 def test_few_lines_that_are_long_go_on_on_the_device(follow, monkeypatch):
     monkeypatch.setattr(following, "FEW", 1000)
     dataset = rotating(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 2), 4)

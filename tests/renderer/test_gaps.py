@@ -81,6 +81,7 @@ def test_probes_miss_nothing_either(renderer, linear, case_number):
     assert np.abs(places.field - points @ [1.0, 2.0, -3.0])[seen].max() < 1e-11
 
 
+@pytest.mark.thorough
 def test_drafts_miss_what_only_proofs_find(renderer, linear):
     """And pictures after them are what they would have been."""
     dataset, scene = picture(linear, *BENT[0])

@@ -330,6 +330,7 @@ def cube_of_plane():
     return with_field(grid(Shape.TRIANGLE, 2), lambda p: p[:, 0], 2)
 
 
+@pytest.mark.thorough
 def test_high_orders_cost_few_processor_seconds(iso, slowness):
     """Sums that points of a sub-element share are found once: found for each of them, they took 2.5 seconds."""
     mesh = curved(grid(Shape.HEXAHEDRON, 1), bent, 12)

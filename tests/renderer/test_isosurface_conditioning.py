@@ -166,6 +166,7 @@ def test_values_with_errors_make_series_no_worse_where_high_terms_are_left_out()
             assert np.abs(kernel).sum(axis=1).max() < most
 
 
+@pytest.mark.thorough
 def test_pyramids_of_high_order_need_few_sub_elements(renderer):
     """A sine, which is the same to five digits from order 4 on; errors of the terms that it hasn't are not followed."""
     counts = []
@@ -178,6 +179,7 @@ def test_pyramids_of_high_order_need_few_sub_elements(renderer):
     assert counts[1] < 1.5 * counts[0]
 
 
+@pytest.mark.thorough
 def test_sub_elements_of_high_order_are_not_halved_for_errors_of_places(renderer, monkeypatch):
     """These count for more the smaller a sub-element is, where straight rays leave less room for them."""
     halved, keep = [], IsosurfaceDrawer._keep

@@ -146,6 +146,7 @@ def expressed(renderer):
     return draw
 
 
+@pytest.mark.thorough
 def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_samples(expressed, files):
     """Whatever a distance does to them: samples before a certain hit, or on a certain miss, are on one side."""
     dataset = bodies(files)["spikes"][0]

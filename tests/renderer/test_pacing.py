@@ -140,6 +140,7 @@ def test_shares_are_about_as_much_work(shares, count):
     assert rows_of(np.full(100 * count, 3), shares) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("shares", "row"), [(1, 7), (3, 32768), (64, 5)])
 def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeypatch, shares, row):
     """Grids of one row or several, also where the last column isn't full."""

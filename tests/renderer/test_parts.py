@@ -231,6 +231,7 @@ def test_ranks_draw_the_elements_of_their_rows(name, tmp_path):
     assert max(counts) < 0.65 * len(dataset.mesh.of(Shape.TETRAHEDRON))
 
 
+@pytest.mark.thorough
 def test_figures_of_ranks_are_those_of_one_process(bent, tmp_path):
     """Lines that are curves go on from one rank's rows to the next one's."""
     surfaces = Faces(("all",), replace(LINES, opacity=0.6)), Isosurface((0.35,), style=LINES)
@@ -266,6 +267,7 @@ def test_what_is_counted_is_that_of_all(tmp_path):
     assert any("not a number: 2" in remark for remark in expected[2][1])
 
 
+@pytest.mark.thorough
 def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):
     objects = Faces(("all",), Style(opacity=0.5)), Isosurface((0.6,))
     camera = Camera((4.5, -3.0, 2.6), (1.5, 0.3, 0.5), (0.0, 0.0, 1.0), height=2.6)
@@ -411,6 +413,7 @@ def files(bent, tmp_path_factory):
 VIEW = "2.9,-2.1,1.9:0.5,0.5,0.5:0,0,1:40"
 
 
+@pytest.mark.thorough
 def test_ranks_write_what_one_process_writes(files, started, monkeypatch):
     arguments = ("render", "bent.xml", "bent.fld", "--faces", "all", "--camera", VIEW, "--size", "96x72")
     monkeypatch.chdir(files)

@@ -64,6 +64,7 @@ def by_ranks(dataset, scene, size):
     return played(size, draw)
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("name", "size"))
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.parametrize("name", SCENES)

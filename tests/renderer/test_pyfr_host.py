@@ -82,6 +82,7 @@ def computed(tmp_path_factory):
     return folder, run("mpiexec", "-n", "2", sys.executable, *host)
 
 
+@pytest.mark.thorough
 def test_the_last_picture_is_that_of_the_file(computed, tmp_path):
     folder, told = computed
     assert told.count("was not drawn; the solver continues") == 1

@@ -107,7 +107,10 @@ def test_every_kind_of_view(render, view):
             "elvis: error: expression 'vorticity': character 1: vorticity needs a velocity",
         ),
         (("--plane", "0,0,7:0,0,1"), "elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)"),
-        ((*PLANE, "--camera", "5,5,5:6,6,6:0,0,1:10"), "elvis: error: the picture is empty: nothing of the plane"),
+        (
+            (*PLANE, "--size", "90x60", "--camera", "5,5,5:6,6,6:0,0,1:10"),
+            "elvis: error: the picture is empty: nothing of the plane",
+        ),
         ((*PLANE, "--camera", "1,1,1:1,1,1"), "elvis: error: the view of the camera (at - eye) must be a direction"),
         ((*PLANE, "--camera", "1,1,5:1,1,1:0,0,0"), "elvis: error: up of the camera must be a direction"),
         ((*PLANE, "--colormap", "rainbowish"), "elvis: error: unknown colour map 'rainbowish'"),

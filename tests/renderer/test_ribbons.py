@@ -165,6 +165,7 @@ def test_without_vorticity_strips_are_flat(draw):
     assert 0.045 < distance.max() < 0.05 + 1e-5
 
 
+@pytest.mark.thorough
 def test_plane_data_have_strips_in_the_plane(draw):
     mesh = curved(grid(Shape.TRIANGLE, 3), ripple(0.03), 3)
     whole = data(mesh, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5)

@@ -112,6 +112,7 @@ FILMS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FILMS)
 def test_films(folder, name, tmp_path, parts_alone):
     """Frames that are there are kept by all ranks."""

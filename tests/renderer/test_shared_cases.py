@@ -48,6 +48,7 @@ def test_same_pixels(case, shared, same_on, liveliest):
         assert drawn.counts()["certain"] > 30
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SMALL)
 def test_same_pixels_without_a_graphics_driver(name, shared, same_on, liveliest):
     dataset = shared(name)

@@ -95,6 +95,7 @@ def check_equal(one, other):
             assert array.tobytes() == other[case][name].tobytes(), (case, name)
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled
 @pytest.mark.parametrize("width", WIDTHS)
 def test_records_are_those_of_128_bits(records, width):

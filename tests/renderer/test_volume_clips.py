@@ -216,6 +216,7 @@ def test_a_scene_cuts_its_volumes(draw, linear):
     assert (frame.status.ravel() == (expected > 0)).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("bent", "other", "expression"), [(False, "x", "u - 0.05"), (True, BALL, BALL)])
 def test_the_reference_shows_the_same(draw, bent, other, expression):
     """Two volumes, a glass cut and three clips, among them an expression; straight and bent elements."""
