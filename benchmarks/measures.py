@@ -276,7 +276,7 @@ def _plane(device: str, side: int, rounds: int, quick: bool) -> dict[str, Any]:
 def _drawing(first: Dataset, second: Dataset, device: str, side: int) -> dict[str, Callable[[], Any]]:
     """The pictures of A, of B and of A - B on the plane of the benchmarks."""
     scene, works = replace(cut(side), outputs=("plane.png",)), {}
-    both = first.beside(ref=second)
+    both = first.with_others(ref=second)
     for name, data, field in (("A", first, "u"), ("B", second, "u"), ("A - B", both, "u - ref:u")):
         works[name] = partial(Pictures(data, device).draw, replace(scene, field=field))
     return works

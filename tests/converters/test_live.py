@@ -208,17 +208,17 @@ class TestArrays:
     @pytest.mark.parametrize(
         ("places", "fields", "told"),
         [
-            (np.zeros((1, 4, 2)), {}, "expected places of nodes by shape"),
+            (np.zeros((1, 4, 2)), {}, "expected positions of nodes by shape"),
             ({"hexahedra": np.zeros((1, 8, 3))}, {}, "there is no shape 'hexahedra' (perhaps hexahedron)"),
             ({"Triangle": np.zeros((1, 3, 2))}, {}, "(perhaps triangle)"),
-            ({"triangle": np.zeros((3, 2))}, {}, "triangle: expected places (elements, nodes, 2), found (3, 2)"),
+            ({"triangle": np.zeros((3, 2))}, {}, "triangle: expected positions (elements, nodes, 2), found (3, 2)"),
             (
                 {"triangle": np.zeros((1, 4, 2))},
                 {},
                 "as many nodes as a complete polynomial of some order has, found 4",
             ),
-            ({"triangle": np.zeros((1, 6, 2))}, {}, "expected the argument reference, with (6, 2) places"),
-            ({"hexahedron": np.zeros((1, 8, 2))}, {}, "expected places (elements, nodes, 3), found (1, 8, 2)"),
+            ({"triangle": np.zeros((1, 6, 2))}, {}, "expected the argument reference, with (6, 2) positions"),
+            ({"hexahedron": np.zeros((1, 8, 2))}, {}, "expected positions (elements, nodes, 3), found (1, 8, 2)"),
             ({"triangle": "many"}, {}, "triangle: expected an array of real numbers, found 'many'"),
             ({"triangle": np.eye(3)[None, :, :2]}, {"u": np.zeros(3)}, "u: expected (1, 3) values, or components"),
             (

@@ -61,7 +61,7 @@ def jumping():
 @pytest.mark.parametrize("name", SURFACES)
 def test_one_function_on_two_meshes_differs_nowhere(draw, own, name):
     """Nor does its derivative; outer faces of both meshes are one, and yet certain."""
-    both = own.beside(ref=with_field(grid(Shape.HEXAHEDRON, 3), cubic, 4))
+    both = own.with_others(ref=with_field(grid(Shape.HEXAHEDRON, 3), cubic, 4))
     assert not both.shared
     frame = draw(both, field=ZERO, objects=SURFACES[name], camera="iso", size=(60, 40))
     assert np.abs(frame.field + frame.position[..., 2])[frame.seen].max() <= 1e-11
@@ -72,7 +72,9 @@ def test_one_function_on_two_meshes_differs_nowhere(draw, own, name):
 
 @pytest.mark.parametrize("name", ["plane", "sphere"])
 def test_where_the_other_has_nothing_there_is_no_value(draw, own, jumping, name):
-    frame = draw(own.beside(ref=jumping), field="ref:u + 0 * u", objects=SURFACES[name], camera="iso", size=(60, 40))
+    frame = draw(
+        own.with_others(ref=jumping), field="ref:u + 0 * u", objects=SURFACES[name], camera="iso", size=(60, 40)
+    )
     x = frame.position[..., 0]
     beyond, within = frame.seen & (x > 0.5 + 1e-9), frame.seen & (x < 0.5 - 1e-9)
     assert np.isnan(frame.field[beyond]).all()
@@ -86,7 +88,7 @@ def test_where_the_other_has_nothing_there_is_no_value(draw, own, jumping, name)
 def test_borders_of_the_others_elements_are_ambiguous(draw, own, jumping, kind):
     """Every third column of pixels lies on the border at x = 1/4, where the other field jumps."""
     cut = (CutSurface(Plane((0.5, 0.5, 0.4), (0.0, 0.0, 1.0))),) if kind == "plane" else (Faces(),)
-    frame = draw(own.beside(ref=jumping), field="u - ref:u", objects=cut, camera="-z", size=(61, 61), zoom=1.0)
+    frame = draw(own.with_others(ref=jumping), field="u - ref:u", objects=cut, camera="-z", size=(61, 61), zoom=1.0)
     x = frame.position[..., 0]
     border = frame.seen & (np.abs(x - 0.25) < 1e-11)
     if border.any():
@@ -99,7 +101,7 @@ def test_borders_of_the_others_elements_are_ambiguous(draw, own, jumping, kind):
 def test_on_one_mesh_differences_are_drawn_by_coefficients(draw, own):
     """So they have isosurfaces and contours: u - ref:u = x - 0.4 is 0 there."""
     shifted = with_field(own.mesh, lambda p: cubic(p) - p[:, 0] + 0.4, 4)
-    both = own.beside(ref=shifted)
+    both = own.with_others(ref=shifted)
     assert list(both.shared) == ["ref"]
     assert list(both) == ["u"]
     level = Isosurface((0.0,), style=Style(contours=Contours(count=3, quantity="y - ref:u + u")))
@@ -109,7 +111,7 @@ def test_on_one_mesh_differences_are_drawn_by_coefficients(draw, own):
 
 
 def test_what_is_not_drawn_is_refused(draw, own, jumping):
-    both, text = own.beside(ref=jumping), "u - ref:u"
+    both, text = own.with_others(ref=jumping), "u - ref:u"
     scenes = {
         "a quantity of one mesh for an isosurface, which this one colours": {"objects": (Isosurface((0.1,)),)},
         "a quantity of one mesh for a volume, or planes": {
@@ -133,7 +135,7 @@ def test_in_the_plane_bent_elements_of_both_have_their_own_places(draw, first, s
     """x - x^2 on other shapes and orders; beyond the border of the second, bent otherwise, there is no value."""
     own = with_field(curved(grid(first, 2), ripple(0.05), 3), lambda p: p[:, 0], 4)
     theirs = with_field(curved(grid(second, 3), ripple(-0.03), 4), lambda p: p[:, 0], 7)
-    frame = draw(own.beside(ref=theirs), field="u - ref:u^2", objects=(Faces(),), size=(90, 70))
+    frame = draw(own.with_others(ref=theirs), field="u - ref:u^2", objects=(Faces(),), size=(90, 70))
     held = frame.seen & np.isfinite(frame.field)
     x = frame.position[..., 0]
     assert np.abs(frame.field - x + x**2)[held].max() < 1e-11
@@ -147,7 +149,7 @@ def test_inverted_elements_of_the_other_have_values(draw, own, name):
     """A mirrored mesh has negative Jacobians everywhere."""
     mesh = grid(Shape.PRISM, 2)
     mirrored = replace(mesh, vertices=mesh.vertices * [-1.0, 1.0, 1.0] + [1.0, 0.0, 0.0])
-    both = own.beside(ref=with_field(mirrored, cubic, 5))
+    both = own.with_others(ref=with_field(mirrored, cubic, 5))
     frame = draw(both, field=ZERO, objects=SURFACES[name], camera="iso", size=(40, 30))
     assert np.abs(frame.field + frame.position[..., 2])[frame.seen].max() <= 1e-11
     assert frame.counts()["failed"] == 0

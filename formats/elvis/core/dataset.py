@@ -223,13 +223,13 @@ class Dataset:
 
     @property
     def solution(self) -> tuple[Field, ...]:
-        """The fields, without borrowed ones and without those of the geometry: the map, places before deformation."""
+        """The fields, except borrowed ones and those of the geometry: the map, positions before deformation."""
         places = () if self.deformation is None else self.deformation.coordinates
         apart = {*self.map_names, *self.borrowed, *places}
         return tuple(own for own in self.fields if own.name not in apart)
 
-    def beside(self, **others: Dataset) -> Dataset:
-        """The dataset with others that expressions may refer to: after ``beside(ref=other)``, p - ref:p is one."""
+    def with_others(self, **others: Dataset) -> Dataset:
+        """The dataset with others that expressions may use: after ``with_others(ref=other)``, p - ref:p is one."""
         from elvis.core.common_elements import common_elements
 
         shared = {name: own for name, own in self.shared.items() if name not in others}
@@ -304,7 +304,7 @@ class Dataset:
 
     @property
     def boundaries(self) -> tuple[str, ...]:
-        """Names of the boundaries, as ``faces=`` and ``over=`` take them; the id of one that has no name."""
+        """Names of the boundaries, as accepted by ``faces=`` and ``over=``; the id if a boundary has no name."""
         from elvis.core.distances.boundaries import names_of_boundaries
 
         return tuple(names_of_boundaries(self.mesh))

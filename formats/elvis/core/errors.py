@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class ElvisError(Exception):
-    """Anything that stops a command for a reason that a user can act on; the message is one sentence.
+    """An error that the user can act on; its message is one sentence.
 
     A message that quotes texts is one line; long ones are shortened to the beginning and the end.
 
@@ -35,7 +35,7 @@ _LONGEST_OF_ALL = 1900
 
 
 class FormatError(ElvisError):
-    """A file that does not hold what its format promises.
+    """A file that violates its format.
 
     The message reads ``file: place: expected …, found …``; unknown parts are omitted.
     """

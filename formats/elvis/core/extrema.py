@@ -42,10 +42,10 @@ _AT_ONCE, _NUMBERS = 1 << 12, 1 << 20
 class Extreme:
     """The smallest or largest value of a quantity.
 
-    value    which it has
-    bound    which it doesn't exceed anywhere; NaN if that is not known
-    place    (x, y, z) where it has the value
-    element  id of an element that holds the place
+    value    at the position
+    bound    certified bound of the quantity; NaN if unknown
+    place    position (x, y, z) of the value
+    element  id of an element that contains the position
     """
 
     value: float

@@ -59,7 +59,7 @@ class Curves:
 
     @staticmethod
     def none() -> Curves:
-        """Nothing is curved."""
+        """No curves."""
         empty = frozen_ints(np.empty(0))
         return Curves(empty, empty, frozen_ints([0]), frozen_floats(np.empty((0, 3))))
 
@@ -68,7 +68,7 @@ class Curves:
 class Composite:
     """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with ids, in file order.
 
-    label  what a comment in the file calls one that has no name; several may have the same
+    label  name from a comment in the file, for a composite without a name; not unique
     """
 
     id: int
@@ -153,7 +153,7 @@ class Mesh:
     entities    by shape; in 1D the elements are the segments, in 2D the elements are the triangles and
                 quadrilaterals, in 3D segments are edges and triangles and quadrilaterals are faces
     domains     domain id -> composite ids
-    excerpt     of a mesh that is a part of another
+    excerpt     data of a mesh that is a part of another
     """
 
     dimension: int
@@ -202,9 +202,9 @@ class Mesh:
         return next((c for c in self.composites if c.id == id), None)
 
     def named_parts(self) -> dict[str, tuple[tuple[str, Ints], ...]]:
-        """The parts of composites by every word that names them: names and ids, then labels that are neither.
+        """The parts of composites by every valid name: names and ids, then labels that equal neither.
 
-        Composites of one name, or of one label, are one.
+        Composites with the same name, or with the same label, are merged.
         """
         found: dict[str, tuple[tuple[str, Ints], ...]] = {}
         for composite in self.composites:
@@ -221,7 +221,7 @@ class Mesh:
         return describing.line_of_mesh(self)
 
     def domain_ids(self) -> Ints:
-        """(n,) sorted ids of the elements in the domain; all elements where the mesh names no domain."""
+        """(n,) sorted ids of the elements in the domain; all elements if the mesh has no domain."""
         everything = [entities.ids for entities in self.elements.values()]
         present = distinct(np.concatenate(everything)) if everything else np.empty(0, np.int64)
         if not self.domains:

@@ -31,9 +31,9 @@ class Samples:
     ``found["speed"]`` is a column of ``values``.
 
     names     of the fields, or the texts of the quantities
-    points    (k, 3)  world coordinates as asked
+    points    (k, 3)  world coordinates as requested
     location  (k,)    element, reference coordinates and status of each result
-    values    (k, f)  one column a quantity; NaN outside the domain and where the quantity hasn't the element
+    values    (k, f)  one column per quantity; NaN outside the domain and in elements without the quantity
     errors    (k, f) estimated deviation of values from the source that the data were converted from; infinite if
               unknown, zero for a lossless conversion
     """
@@ -123,9 +123,9 @@ def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any
     quantities  a text or several: fields, expressions such as ``sqrt(u^2+v^2)``, predefined quantities such as
                 ``speed``; None for all fields
     points      (n, d) or one point (d,): as many coordinates as the data have, or three
-    all         a result for every element that holds a point, both sides of a jump included, not just one a point
+    all         whether to return a result for every element that contains a point, as on both sides of a jump
 
-    Raises ElvisError for what names no quantity, and for points of another shape.
+    Raises ElvisError for unknown quantities, and for points of another shape.
     """
     from elvis.core.quantities import Expression, Names, evaluator
 

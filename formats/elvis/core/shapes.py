@@ -47,7 +47,7 @@ _CYCLE = [(0, 1), (1, 2), (2, 3), (3, 0)]
 
 
 class Shape(Enum):
-    """A reference shape; ``shape.value`` holds its facts and the properties below repeat them."""
+    """A reference shape; ``shape.value`` holds its data, and the properties below repeat them."""
 
     SEGMENT = _facts("Segment", "S", [(-1,), (1,)], [(0, 1)], [])
     TRIANGLE = _facts("Triangle", "T", [(-1, -1), (1, -1), (-1, 1)], [(0, 1), (1, 2), (2, 0)], [(0, 1, 2)])

@@ -40,16 +40,16 @@ _BOXES = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 
 
 def from_arrays(
-    places: Mapping[str, Any],
+    positions: Mapping[str, Any],
     fields: Mapping[str, Any] | None = None,
     *,
     reference: Mapping[str, Any] | None = None,
     time: float | None = None,
     **named: Any,
 ) -> Dataset:
-    """A dataset of elements with values at nodes, such as ``from_arrays({"hexahedron": places}, u=values)``.
+    """A dataset of elements with values at nodes, such as ``from_arrays({"hexahedron": nodes}, u=values)``.
 
-    places     by the name of a shape (segment, triangle, quadrilateral, tetrahedron, pyramid, prism, hexahedron):
+    positions  by the name of a shape (segment, triangle, quadrilateral, tetrahedron, pyramid, prism, hexahedron):
                (n, m, d) world coordinates of the m nodes of n elements; elements that share corners are neighbours
     fields     by name, like the keywords: (n, m) values or (n, m, c) components at the same nodes; by shape, as
                ``{"triangle": …}``, if there are several
@@ -59,15 +59,15 @@ def from_arrays(
     time       of the data
 
     The nodes must determine a polynomial of some order.  Remarks of the dataset state the error of the conversion.
-    ElvisError if arrays don't fit.
+    Raises ElvisError if arrays don't fit.
     """
-    source = Arrays(places, fields_by_name(fields, named), {} if reference is None else reference)
+    source = Arrays(positions, fields_by_name(fields, named), {} if reference is None else reference)
     source.time = checked_time(time)
     return converted_object(source, "arrays")
 
 
 class Arrays(NodalConverter):
-    """Elements by shape with values at their nodes; not made of files, so no plugin for them."""
+    """Elements by shape with values at their nodes, from memory: no plugin opens them."""
 
     format = "arrays in memory"
 
@@ -76,13 +76,15 @@ class Arrays(NodalConverter):
         """No files at all."""
         return False
 
-    def __init__(self, places: Mapping[str, Any], fields: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
-        if not isinstance(places, Mapping) or not places:
-            raise ElvisError(f"expected places of nodes by shape, as {{'hexahedron': …}}, found {short_text(places)}")
+    def __init__(self, positions: Mapping[str, Any], fields: Mapping[str, Any], reference: Mapping[str, Any]) -> None:
+        if not isinstance(positions, Mapping) or not positions:
+            raise ElvisError(
+                f"expected positions of nodes by shape, as {{'hexahedron': …}}, found {short_text(positions)}"
+            )
         if not isinstance(reference, Mapping):
             raise ElvisError(f"reference: expected coordinates of nodes by shape, found {short_text(reference)}")
-        self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in places.items()]
-        self._shapes = list(places)
+        self.blocks = [_block(name, nodes, reference.get(name)) for name, nodes in positions.items()]
+        self._shapes = list(positions)
         self.take(fields)
 
     def take(self, fields: Mapping[str, Any]) -> None:
@@ -127,19 +129,19 @@ def _block(name: str, nodes: Any, reference: Any) -> Elements:
         raise ElvisError(
             f"there is no shape {short_text(name)}{perhaps(str(name)[:60], _SHAPES)}: there are {', '.join(_SHAPES)}"
         )
-    shape, places = _SHAPES[name], host_array(name, nodes)
-    if places.ndim != 3 or not places.size or not shape.dimension <= places.shape[2] <= 3:
-        raise ElvisError(f"{name}: expected places (elements, nodes, {shape.dimension}), found {places.shape}")
-    count = places.shape[1]
+    shape, positions = _SHAPES[name], host_array(name, nodes)
+    if positions.ndim != 3 or not positions.size or not shape.dimension <= positions.shape[2] <= 3:
+        raise ElvisError(f"{name}: expected positions (elements, nodes, {shape.dimension}), found {positions.shape}")
+    count = positions.shape[1]
     order = order_of_space(shape, count, _HIGHEST)
     if not order:
         raise ElvisError(f"{name}: expected as many nodes as a complete polynomial of some order has, found {count}")
     basis = NodalBasis(shape, order, _nodes(name, shape, order, count, reference))
-    return Elements(shape, len(places), order, key=NodalBlock(NodalValues(places, basis)))
+    return Elements(shape, len(positions), order, key=NodalBlock(NodalValues(positions, basis)))
 
 
 def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> Floats:
-    """(count, d) where nodes lie in the reference element."""
+    """Positions (count, d) of the nodes in the reference element."""
     if reference is not None:
         found = host_array(f"reference of {name}", reference)
         if found.shape != (count, shape.dimension):
@@ -149,7 +151,7 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
         return tensor_nodes(shape, tuple(lobatto(order + 1)[0].tolist()))
     if order == 1:
         return np.asarray(shape.vertices, np.float64)
-    wanted = f"{(count, shape.dimension)} places of the nodes in the element"
+    wanted = f"{(count, shape.dimension)} positions of the nodes in the element"
     raise ElvisError(f"{name}: expected the argument reference, with {wanted}, found none")
 
 

@@ -29,7 +29,7 @@ _INWARDS = 1e-12
 
 
 def boundary_data(dataset: Dataset, boundary: str, quantities: Sequence[str] = ()) -> Dataset:
-    """A boundary as a dataset of its own: its faces are elements, with the fields of the volume.
+    """A boundary as a dataset: its faces are elements, with the fields of the volume.
 
     boundary    name of a boundary, or ``all`` for all outer faces; edges of 2D data become lines
     quantities  of the volume that also become fields, such as ``"shear=wall_shear(mu=2e-4)"``

@@ -34,7 +34,7 @@ def deform(
     dataset : Dataset
         Its fields keep their coefficients, and so stay with their material points.
     displacement : str
-        The components of d, one for each coordinate, with commas between them: fields, or expressions that are
+        The components of d, one for each coordinate, separated by commas: fields, or expressions that are
         polynomials of fields; or the name of a vector, such as ``displacement`` for the fields ``displacement_x`` and
         ``displacement_y``.
     scale : float
@@ -42,7 +42,7 @@ def deform(
     gradients : str
         Where derivatives of quantities are taken: ``undeformed`` (the default) or ``deformed``.
     height : str
-        In place of a displacement, for 2D data: the height u of the surface z = scale · u(x, y).
+        Instead of a displacement, for 2D data: the height u of the surface z = scale · u(x, y).
 
     Returns
     -------
@@ -82,7 +82,7 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
 
 
 def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
-    """The smallest factor S > 0 at which x + S d(x) folds an element, between two proofs.
+    """The smallest factor S > 0 at which x + S d(x) folds an element, enclosed by two proved bounds.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
     Returns
     -------
     LargestScale
-        ``valid``: no element folds at any factor up to it.  ``folded``: a factor, larger by 1e-6 at most, at which one
-        does, with the element and the place; inf if none folds.
+        ``valid``: no element folds at any factor up to it.  ``folded``: a factor, larger by at most 1e-6, at which one
+        does, with the element and the position; inf if none folds.
 
     Raises
     ------

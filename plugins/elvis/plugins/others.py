@@ -67,7 +67,7 @@ class Others:
             return dataset
         datasets = self._opened()
         remarks = [f"{name}: {remark}" for name, other in datasets.items() for remark in other.remarks]
-        found = replace(dataset.beside(**datasets), remarks=(*dataset.remarks, *remarks))
+        found = replace(dataset.with_others(**datasets), remarks=(*dataset.remarks, *remarks))
         return self._agreed(found) if self._parts else found
 
     def beside_part(self, part: Portion) -> Portion:

@@ -1,7 +1,7 @@
 """The public API of ElVis, which ``import elvis`` offers.
 
 ``NAMES`` lists every public name and the module that defines it.  A name is imported when a program first uses it.
-This slice may import every other slice, and none imports it.
+This slice may import every other slice; no other slice imports it.
 """
 
 from __future__ import annotations

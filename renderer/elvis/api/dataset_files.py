@@ -17,7 +17,7 @@ def write(
 ) -> tuple[Path, ...]:
     """Write a dataset; returns the files written.  Either all files are written completely, or none is changed.
 
-    path        ``.fld`` for the fields alone; ``.vtu`` or ``.msh`` for VTK's or Gmsh's cells; any other name is the
+    path        ``.fld`` for only the fields; ``.vtu`` or ``.msh`` for VTK's or Gmsh's cells; any other name is the
                 XML file of the mesh, next to which the fields go under the suffix ``.fld``
     field_path  another name for the file of the fields; without ``path`` only these are written
     options     ``mesh_format``, "compressed", "text" or "hdf5"; ``field_format``, "xml" or "hdf5"; ``order`` of the

@@ -1,4 +1,4 @@
-"""Pictures of what a Python session holds, in one call."""
+"""Pictures of objects in a Python session, in one call."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from elvis.scene.showing import is_notebook
 
 
 def draw(*data: Any, **keywords: Any) -> None:
-    """Show data at once: in a notebook to turn and cut, elsewhere as a picture in the system's viewer.
+    """Show data at once: interactively in a notebook, elsewhere as a picture in the system's viewer.
 
     Parameters
     ----------
     data
-        A function of NGSolve or MFEM, as of `from_ngsolve` and `from_mfem`; or what `render` takes: what `read`
-        returns, or names of files; then the quantity that colours the picture.
+        A grid function of NGSolve or MFEM (see `from_ngsolve` and `from_mfem`), a dataset, or names of files; then
+        the quantity that colours the picture.
     keywords
-        Those of `render`.
+        Options of `render`.
 
     Raises
     ------
     ElvisError
-        As `render`, and for an object that is none of these.
+        As in `render`, and for objects of other types.
 
     Examples
     --------

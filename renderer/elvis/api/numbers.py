@@ -1,4 +1,4 @@
-"""Numbers of a dataset whose arguments are texts."""
+"""Values of a dataset, with quantities given as text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def extrema(dataset: Dataset, quantity: str) -> tuple[Extreme, Extreme]:
 
     Raises ElvisError for an invalid quantity, and for data with Fourier directions.
 
-    >>> least, greatest = elvis.extrema(ds, "speed")  # doctest: +SKIP
-    >>> greatest.value, greatest.bound, greatest.place  # doctest: +SKIP
+    >>> minimum, maximum = elvis.extrema(ds, "speed")  # doctest: +SKIP
+    >>> maximum.value, maximum.bound, maximum.place  # doctest: +SKIP
     """
     return quantity_extrema(dataset, Expression.of(dataset, quantity))

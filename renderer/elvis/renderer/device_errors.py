@@ -6,7 +6,7 @@ from elvis.core.errors import ElvisError
 
 
 class DeviceError(ElvisError):
-    """No such device, or one that can't do what the kernels need."""
+    """The device does not exist, or lacks a feature that the kernels need."""
 
     keeps_lines = True
 

@@ -125,7 +125,7 @@ def _whole(part: RankPart, every: Sequence[Portion]) -> Dataset:
     for name, other in others.items():
         own = drawable(unite([portion.others[name] for portion in every]))
         others = {**others, name: replace(own, **beside(other))}
-    return replace(part.united(every), others={}, shared={}).beside(**others)
+    return replace(part.united(every), others={}, shared={}).with_others(**others)
 
 
 def _names_beside(part: Portion) -> dict[str, Any]:

@@ -23,5 +23,5 @@ class Lic(Model, of="line integral convolution"):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """The texts of the components; none where the velocity is still to be guessed."""
+        """The texts of the components; empty while the velocity is not chosen."""
         return tuple(texts_of(self.velocity) or ())

@@ -132,7 +132,7 @@ class Frame:
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
-        """(h, w) where an element is seen."""
+        """Mask (h, w) of the pixels that show an element."""
         return self.element >= 0
 
     @cached_property
@@ -155,17 +155,17 @@ class Frame:
 
     @cached_property
     def depth(self) -> Floats:
-        """(h, w) distance from the eye's plane along the view, infinite where nothing is seen."""
+        """Distances (h, w) from the eye's plane along the view, infinite where nothing is visible."""
         if self.drawing is not None:
             return self.drawing.depth
         return np.where(self.seen, self.view.depth_of(self.position), np.inf)
 
     @cached_property
     def uncertainty(self) -> Floats:
-        """(h, w) the depth of the surface is within this of ``depth``, in world units.
+        """Largest difference (h, w) between ``depth`` and the true depth, in world units.
 
-        Rounding of field and places over how steeply the ray meets the surface; infinite where nothing is proved, NaN
-        where nothing is seen.
+        The rounding of field and positions, divided by the slope at which the ray meets the surface; infinite where
+        nothing is proved, NaN where nothing is visible.
         """
         from elvis.scene.conditioning import uncertainties
 
@@ -191,7 +191,7 @@ class Frame:
 
     @cached_property
     def normal(self) -> Floats:
-        """(h, w, 3) unit normal of the surface that is seen, turned to the viewer; NaN elsewhere."""
+        """Unit normals (h, w, 3) of the visible surface, towards the viewer; NaN elsewhere."""
         if self.drawing is not None:
             return self.drawing.normal
         return np.where(self.seen[..., None], self._plane.normal(), np.nan)
@@ -230,7 +230,7 @@ class Frame:
 
     @cached_property
     def alpha(self) -> Floats:
-        """(h, w) opacity of the picture, over a background that is not opaque."""
+        """Opacities (h, w) of the picture, for backgrounds that are not opaque."""
         through: Any = ~self.seen
         if self.drawing is not None and self.drawing.through is not None:
             through = self.drawing.through
@@ -239,7 +239,7 @@ class Frame:
 
     @property
     def rgba(self) -> NDArray[np.uint8]:
-        """(h, w, 4) colours and opacities in [0, 255]; colours don't have the opacities in them."""
+        """Colours and opacities (h, w, 4) in [0, 255]; colours are not multiplied by opacities."""
         if not self.scene.is_clear:
             return np.dstack([self.rgb, np.full(self.element.shape, 255, np.uint8)])
         part = self.alpha[..., None]
@@ -300,7 +300,7 @@ class Frame:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on what the picture shows, and on how its data were come by."""
+        """Messages about the content of the picture and the origin of its data."""
         return tuple(self.stats.get("remarks", ()))
 
     def plot(self, ax: Any = None, *, colorbar: bool = True) -> Any:
@@ -346,7 +346,7 @@ class Frame:
     def save(self, path: str | Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
         """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix.
 
-        outputs  with which the file takes its place, where it is one of several
+        outputs  set of files to which this one belongs; all replace earlier files at once
         """
         from elvis.scene.saving import save
 

@@ -20,7 +20,7 @@ POSITIVE: dict[str, Any] = {"gt": 0, "expected": "a positive number"}
 
 
 def check_range(ends: tuple[float, float] | None) -> None:
-    """SceneError unless the range is None or ascends."""
+    """Raise SceneError unless the range is None or ascends."""
     good = ends is None or (-inf < ends[0] < ends[1] < inf)
     found = ends and f"{ends[0]:g} to {ends[1]:g}"
     check(good, "range", "a colour range from a smaller to a greater value", found)
@@ -40,7 +40,7 @@ class Contours(Model, of="contours"):
     labels: Annotated[bool, Setting("Whether the lines are labelled with their values.")] = False
 
     def check(self) -> None:
-        """SceneError unless there are either values or a count."""
+        """Raise SceneError unless there are either values or a count."""
         check(len(self.values) or self.count is not None, "contours", "values or a count", "neither")
         check(not len(self.values) or self.count is None, "contours", "values or a count", "both")
 
@@ -83,7 +83,7 @@ class ColorBar(Model, of="a colour bar"):
     ] = "right"
 
     def check(self) -> None:
-        """SceneError for an unknown scale or position."""
+        """Raise SceneError for an unknown scale or position."""
         check(self.scale in ("linear", "log", "symlog"), "scale of a colour bar", "linear, log or symlog", self.scale)
         places = ("right", "left", "top", "bottom", "none")
         check(self.position in places, "position of a colour bar", " or ".join(places), self.position)
@@ -150,5 +150,5 @@ class Style(Model):
         return any(part is not None for part in (self.contours, self.mesh_lines, self.lic))
 
     def check(self) -> None:
-        """SceneError where the range doesn't ascend."""
+        """Raise SceneError if the range isn't ascending."""
         check_range(self.range)

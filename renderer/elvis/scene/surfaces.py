@@ -42,7 +42,7 @@ class Plane(Model, of="a plane"):
     kind: Literal["plane"] = field(default="plane", kw_only=True)
 
     def check(self) -> None:
-        """SceneError where the normal has no direction."""
+        """Raise SceneError if the normal is zero."""
         unit(self.normal, "the normal of the plane")
 
     def basis(self) -> "tuple[Floats, Floats, Floats]":
@@ -74,7 +74,7 @@ class Cylinder(Model, of="a cylinder"):
     kind: Literal["cylinder"] = field(default="cylinder", kw_only=True)
 
     def check(self) -> None:
-        """SceneError where the axis has no direction."""
+        """Raise SceneError if the axis is zero."""
         unit(self.axis, "the axis of the cylinder")
 
 
@@ -88,7 +88,7 @@ class Cone(Model, of="a cone"):
     kind: Literal["cone"] = field(default="cone", kw_only=True)
 
     def check(self) -> None:
-        """SceneError where the axis has no direction."""
+        """Raise SceneError if the axis is zero."""
         unit(self.axis, "the axis of the cone")
 
 

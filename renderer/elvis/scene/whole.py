@@ -161,7 +161,7 @@ class Deform(Model, of="the deformation"):
     ] = False
 
     def check(self) -> None:
-        """SceneError if there is not one displacement or height, and for unknown words."""
+        """Raise SceneError unless there is one displacement or height, and for unknown settings."""
         given = [name for name in ("displacement", "height") if getattr(self, name).strip()]
         check(len(given) == 1, "the deformation", "either displacement or height", " and ".join(given) or "neither")
         check(self.gradients in GRADIENTS, "gradients", " or ".join(GRADIENTS), repr(self.gradients))
@@ -190,7 +190,7 @@ class Light(Model, of="a light"):
     intensity: Annotated[float, Setting("Intensity of the light.", ge=0)] = 0.75
 
     def check(self) -> None:
-        """SceneError where the direction is none."""
+        """Raise SceneError if the direction is zero."""
         if self.direction is not None:
             unit(self.direction, "the direction of a light")
 
@@ -205,7 +205,7 @@ class Clip(Model, of="a clip"):
     away: Annotated[Literal["inside", "outside"], Setting("Side of the surface that is hidden.")] = "inside"
 
     def check(self) -> None:
-        """SceneError where no side is named."""
+        """Raise SceneError for an unknown side."""
         check(self.away in ("inside", "outside"), "away of a clip", "inside or outside", self.away)
 
 
@@ -502,7 +502,7 @@ class Scene(Model):
         return f"use render(data, {near}=...), or a style of an object of the scene"
 
     def check(self) -> None:
-        """SceneError for a size that no picture has, an unknown view, a range that doesn't ascend."""
+        """Raise SceneError for an invalid size, an unknown view, or a range that isn't ascending."""
         size = settings(Scene)["size"]
         if self.size is not None and not size.holds(self.size):
             found = " x ".join(map(str, self.size))
@@ -540,7 +540,7 @@ class Scene(Model):
 
     @property
     def is_clear(self) -> bool:
-        """Whether one can see through the background."""
+        """Whether the background is transparent."""
         return len(self.background) == 4 and self.background[3] < 1.0
 
     @property
@@ -571,14 +571,14 @@ class Scene(Model):
 
     @property
     def only_plane(self) -> Plane | None:
-        """The plane where a cut by it is all that is shown."""
+        """The plane, if the picture shows only a cut by it."""
         objects = self.every_object
         only = objects[0] if len(objects) == 1 else None
         return only.surface if isinstance(only, CutSurface) and isinstance(only.surface, Plane) else None
 
     @property
     def is_plain(self) -> bool:
-        """Whether the colours of one unlit plane are all that is shown, one sample per pixel."""
+        """Whether the picture shows only the colours of one unlit plane, with one sample per pixel."""
         usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
         is_bare = not (self.clip or self.outline or self.undeformed)
         return self.every_object == usual and is_bare and self.samples == 1

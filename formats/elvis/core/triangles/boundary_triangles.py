@@ -38,7 +38,7 @@ def boundary_triangles(
     quantities  whose values are requested at the corners, from the elements behind the boundary
     tolerance   distance from the exact boundary, in units of the data; by default 1/1000 of the size of the data
 
-    Raises ElvisError for names of no boundary, for data of other dimensions, and for tolerances that take too many
+    Raises ElvisError for unknown boundaries, for data of other dimensions, and for tolerances that need too many
     triangles.
     """
     if dataset.mesh.dimension != 3:

@@ -47,12 +47,12 @@ class SurfaceTriangles:
 
     @property
     def area(self) -> float:
-        """Of all triangles."""
+        """Total area of the triangles."""
         return float(np.linalg.norm(self.crosses, axis=1).sum() / 2)
 
     @property
     def crosses(self) -> Floats:
-        """(m, 3) normals of triangles, of the length of twice their area."""
+        """Normals (m, 3) of the triangles, with twice their area as length."""
         a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
         return np.cross(b - a, c - a)
 

@@ -44,7 +44,7 @@ def level_triangles(
     quantities  whose values are requested at the corners
     tolerance   distance from the exact surface, in units of the data; by default 1/1000 of the size of the data
 
-    Raises ElvisError for other names, for data of other dimensions, and for tolerances that take too many triangles.
+    Raises ElvisError for other names, for data of other dimensions, and for tolerances that need too many triangles.
     """
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = _prepared(dataset, surface, quantities)

@@ -73,14 +73,14 @@ def streaklines(
     fields: Sequence[str] = (),
     random: int = 0,
 ) -> TracedLines:
-    """Streaks, as of dye: the final positions of all particles that left each seed one after another.
+    """Streaklines, like those of dye: the final positions of all particles that left each seed one after another.
 
     A line begins at its seed, with the particle that left last; ``time`` is the time of release, ``length`` the length
     of each particle's path.  Particles that have left the data are missing.
 
     start     time of the first release; None: time of the first step
     duration  up to the last release, the time of the streaks; None: to the end of the series
-    releases  of particles at even steps of time, at least 2
+    releases  number of releases, at equal time intervals, at least 2
 
     All others as in `pathlines`.
     """

@@ -59,11 +59,11 @@ def open_series(
 ) -> Series:
     """The series in files of any format, in any order: a mesh and the steps, an index of them, a file of many steps.
 
-    Names may have * in them.  ``series[3]`` is a dataset, ``series.at(0.25)`` one between steps.
+    Names may contain *.  ``series[3]`` is a dataset, ``series.at(0.25)`` one between steps.
 
     reader, cache, reference  as of `read`
 
-    Raises FormatError where there are no two steps, or the files can't be read.
+    Raises FormatError if there are fewer than two steps, or the files can't be read.
     """
     from elvis.plugins.data import Reading, check_readable, pairs
 
