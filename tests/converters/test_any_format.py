@@ -196,7 +196,7 @@ def test_what_nobody_recognises(solvers, tmp_path):
 
 
 def test_roles_and_steps(solvers, nektar, tmp_path):
-    with pytest.raises(ElvisError, match=r"found grid functions alone: give the \.mesh file"):
+    with pytest.raises(ElvisError, match=r"found only grid functions: give the \.mesh file"):
         read(solvers / "mfem" / "escher_p3.u.gf")
     steps = [solvers / "pyfr" / f"mixed3d_p3{name}" for name in (".pyfrm", "-00.pyfrs", "-01.pyfrs")]
     with pytest.raises(FormatError, match="found 1 and 2; of the steps of a series give one solution"):

@@ -193,9 +193,9 @@ def test_conditions_that_cannot_be_told_are_named(tmp_path):
     path = writing.write_hdf5(tmp_path / "a.cgns", [base(structured("Zone", grid(*SIZES), conditions(*own)))], 3.4)
     notes = Cgns([path]).warnings
     assert len(notes) == 3
-    assert "the boundary condition volume of Zone is no face, but a part of the grid, and was skipped" in notes
+    assert "the boundary condition volume of Zone is not a face but a part of the grid, and was skipped" in notes
     assert "the boundary condition inside of Zone marks no side of a cell, and was skipped" in notes
-    assert any("cells of Zone doesn't tell across which direction" in note for note in notes)
+    assert any("cells of Zone doesn't define which direction" in note for note in notes)
 
 
 def test_coordinates_of_cylinders(tmp_path):
@@ -210,4 +210,4 @@ def test_coordinates_of_cylinders(tmp_path):
     done = convert(Cgns([writing.write_hdf5(tmp_path / "a.cgns", [base(zone)], 3.4)]))
     # six chords of 15 degrees
     assert integrate(done.dataset, "1")[0].value == pytest.approx(3 * 6 * np.sin(np.pi / 12) / 2, abs=1e-12)
-    assert any("cylinders" in note for note in done.report.notes)
+    assert any("cylindrical" in note for note in done.report.notes)

@@ -166,7 +166,7 @@ def test_netcdf_that_declares_more_than_it_holds(tmp_path, counts):
     classic(tmp_path / "good.e", (10,), 80)
     assert Variables(tmp_path / "good.e")["x"].tolist() == [0.0] * 10
     classic(tmp_path / "bad.e", counts, 80)
-    with pytest.raises(FormatError, match=r"bad\.e: expected a whole netCDF file, found"):
+    with pytest.raises(FormatError, match=r"bad\.e: expected a complete netCDF file, found"):
         Variables(tmp_path / "bad.e")["x"]
 
 

@@ -138,15 +138,15 @@ def test_many_elements_in_runs(tmp_path):
 
 
 BAD = [
-    (lambda raw: raw[:-1], "expected 3 elements, found 2 whole ones"),
-    (lambda raw: raw[:300], "expected 3 elements, found 0 whole ones"),
+    (lambda raw: raw[:-1], "expected 3 elements, found 2 complete ones"),
+    (lambda raw: raw[:300], "expected 3 elements, found 0 complete ones"),
     (lambda raw: raw[:100], "expected an element, found the end"),
     (lambda raw: raw + b"0", "expected the end after 3 elements, found 1 bytes more"),
-    (lambda raw: raw[:24] + b"\0\0\0\2" + raw[28:], "expected a 1 that tells the byte order"),
+    (lambda raw: raw[:24] + b"\0\0\0\2" + raw[28:], "expected a 1 that marks the byte order"),
     (lambda raw: raw[:28] + b"\0\0\0\0" + raw[32:], "expected elements, found 0"),
     (lambda raw: raw[:32] + b"\0\0\0\2" + raw[36:], "element 0: expected type 1 or 3, found 2"),
     (lambda raw: raw[:248] + b"\0\1\0\0" + raw[252:], "expected degrees from 0 to 30, found"),
-    (lambda raw: raw[:20], "expected a 1 that tells the byte order"),
+    (lambda raw: raw[:20], "expected a 1 that marks the byte order"),
 ]
 
 

@@ -71,7 +71,7 @@ def test_faces_of_quadrilaterals_in_space_are_no_edges(tmp_path):
 def test_sides_that_fit_two_ways_of_counting_are_named(tmp_path):
     blocks = [ExodusBlock("plate", "QUAD4", SQUARES)]
     dataset = read(write_classic(tmp_path / "row.e", blocks, PLACES, {"long": [(1, 3), (2, 3)]}))
-    assert "were taken for edges that count from 1" in dataset.remarks[-1]
+    assert "were read as edges that count from 1" in dataset.remarks[-1]
 
 
 def test_faces_of_shells_on_volumes_are_sides_of_these(tmp_path):

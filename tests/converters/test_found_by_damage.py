@@ -309,5 +309,5 @@ def test_exodus_files_of_two_dimensions_without_end(tmp_path):
     count = b"num_nodes\0\0\0\0\0\0\x0c"
     assert count in raw
     path.write_bytes(raw.replace(count, count[:-1] + b"\0"))
-    with pytest.raises(FormatError, match=r"a\.e: expected a whole netCDF file, found"):
+    with pytest.raises(FormatError, match=r"a\.e: expected a complete netCDF file, found"):
         Exodus([path])

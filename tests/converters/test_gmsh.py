@@ -239,7 +239,7 @@ def test_values_of_elements_and_of_two_files(session, tmp_path):
         found = values_found(done.dataset, "part", places)
         assert np.nanmax(np.abs(found - sign * tags)) < 1e-9
     assert Gmsh.times([mesh, data]) == [0.5, 1.5]
-    with pytest.raises(FormatError, match="expected a file with a mesh too, found data alone"):
+    with pytest.raises(FormatError, match="expected also a file with a mesh, found only data"):
         Gmsh([data])
     with pytest.raises(FormatError, match="expected a step from 0 to 1, found 5"):
         Gmsh([mesh, data], step="5")

@@ -117,7 +117,7 @@ def test_without_refinement_cells_are_of_high_order(solid):
     found = to_pyvista(solid, "p", refinement=None)
     assert found.n_cells == len(solid.mesh.domain_ids())
     assert found.field_data["error of p"][0] < 1e-12
-    with pytest.raises(ElvisError, match=r"p\^2 is no field: give a refinement"):
+    with pytest.raises(ElvisError, match=r"p\^2 is not a field: give a refinement"):
         to_pyvista(solid, ["p^2"], refinement=None)
 
 

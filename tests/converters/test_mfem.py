@@ -299,7 +299,7 @@ def test_files_that_do_not_belong_together(solvers, tmp_path):
     folder = solvers / "mfem"
     with pytest.raises(FormatError, match=r"expected \d+ numbers, found"):
         Mfem([folder / "escher_p3.mesh", folder / "tinyzoo.u.gf"])
-    with pytest.raises(FormatError, match="expected a mesh too, found grid functions alone"):
+    with pytest.raises(FormatError, match="expected also a mesh, found only grid functions"):
         Mfem([folder / "tinyzoo.u.gf"])
 
 

@@ -161,7 +161,7 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         (lambda b: b[:-600], "expected .* bytes, found"),
         (lambda b: b[:132] + b"\0\0\0\0" + b[136:], "in either byte order"),
         (lambda b: b.replace(b"#std 8", b"#std 7"), "4 or 8 bytes, found 7"),
-        (lambda b: b.replace(b" 4  4  4 ", b"99 99 99 "), "2 to 64 points each way, found 99 x 99 x 99"),
+        (lambda b: b.replace(b" 4  4  4 ", b"99 99 99 "), "2 to 64 points in each direction, found 99 x 99 x 99"),
         (lambda b: b.replace(b"         2          2", b"         0          0"), "at least one element"),
         (lambda b: b.replace(b"XUPT", b"XUZT"), "expected sizes, time and contents"),
         (lambda b: b[:136] + b[140:144] * 2 + b[144:], "expected the elements 1 to 2, found 2, of which 1 differ"),

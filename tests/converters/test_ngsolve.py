@@ -252,7 +252,7 @@ def test_saved_files_hold_what_the_session_exports(tmp_path, near, name):
         ("H1:999", lambda text: text, "expected a space among H1, .*, found 'H1:999'"),
         ("Fancy:3", lambda text: text, "expected a space among H1, .*, found 'Fancy:3'"),
         ("H1:4", lambda text: text, r"u.gfu: expected \d+ numbers of H1 of order 4, found 16462"),
-        ("H1:5", lambda text: text[: len(text) // 2], "expected a whole mesh, found no endmesh"),
+        ("H1:5", lambda text: text[: len(text) // 2], "expected a complete mesh, found no endmesh"),
         ("H1:5", lambda text: text.replace("\n701\n", "\n799999999\n"), "expected a number of volumeelements"),
         ("H1:5", lambda text: text.replace("1 4 104 106", "1 4 104 999"), "expected points 1 to 200, found 999"),
         ("H1:5", lambda text: text.replace("1 4 104 106", "1 4 104 x"), "expected an element and its points"),
@@ -290,7 +290,7 @@ def test_a_compressed_mesh_is_read_like_the_plain_one(tmp_path):
     raw = (tmp_path / "case.vol.gz").read_bytes()
     for cut in (b"", b"\0" * 40):
         (tmp_path / "cut.vol.gz").write_bytes(raw[: len(raw) * 2 // 3] + cut)
-        with pytest.raises(FormatError, match=r"cut\.vol\.gz: expected a whole compressed file"):
+        with pytest.raises(FormatError, match=r"cut\.vol\.gz: expected a complete compressed file"):
             NGSolve([tmp_path / "cut.vol.gz"])
     with gzip.open(tmp_path / "bomb.vol.gz", "wb") as file:
         file.write(b"mesh3d\n" + b"\n" * (3 * 10**7))
@@ -315,7 +315,9 @@ def test_a_mesh_without_an_end_is_read_where_its_sections_are_whole(tmp_path):
         text + "curvedelements\n3\n",
     ):
         path.write_text(broken)
-        with pytest.raises(FormatError, match=r"open\.vol: (expected a whole mesh, found no endmesh|.*as many lines)"):
+        with pytest.raises(
+            FormatError, match=r"open\.vol: (expected a complete mesh, found no endmesh|.*as many lines)"
+        ):
             NGSolve([path])
 
 

@@ -120,7 +120,7 @@ def test_hexahedra_of_the_wrong_version_are_renumbered(tmp_path):
     raw = (DATA / "vtk" / "dealii_shell_p4.vtu").read_bytes()
     path = tmp_path / "relabelled.vtu"
     path.write_bytes(raw.replace(b'version="0.1"', b'version="2.2"'))
-    with pytest.raises(FormatError, match=r"two edges exchanged in 6, .*option hexahedra"):
+    with pytest.raises(FormatError, match=r"6 with the nodes of two edges exchanged, .*option hexahedra"):
         Vtk([path], hexahedra="as-read")
     truth = arrays_of(DATA / "vtk" / "dealii_shell_p4.truth.npz")
     wanted = truth["f_u"][:, 0]
@@ -305,9 +305,9 @@ def test_a_series_of_parts(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda b: b[: len(b) // 2], "expected a whole VTK file, found"),
+        (lambda b: b[: len(b) // 2], "expected a complete VTK file, found"),
         (lambda b: b.replace(b'NumberOfCells="2"', b'NumberOfCells="0"'), "expected cells, found none"),
-        (lambda b: b.replace(b'NumberOfPoints="20"', b'NumberOfPoints="999"'), "expected a whole VTK file, found"),
+        (lambda b: b.replace(b'NumberOfPoints="20"', b'NumberOfPoints="999"'), "expected a complete VTK file, found"),
     ],
 )
 def test_bad_files_are_refused_in_a_sentence(tmp_path, spoil, message, capfd):

@@ -95,11 +95,11 @@ def test_what_does_not_tell_is_refused(tmp_path):
     degrees = (3, 3, 3)
     cell, places = wedge(degrees)
     both = saved(tmp_path / "both.vtu", degrees, places, as_vtk_8(cell, places))
-    with pytest.raises(FormatError, match=r"both\.vtu: expected wedges of one numbering, found 1 as of VTK 9 and 1 as"):
+    with pytest.raises(FormatError, match=r"both\.vtu: expected wedges of one numbering, found 1 as in VTK 9 and 1 as"):
         Vtk([both])
     inside, mirrored = third_face(cell)
     folded = places.copy()
     folded[inside] = (places[inside] + places[mirrored]) / 2
-    with pytest.raises(FormatError, match=r"found 0 as of VTK 9 and 0 as of VTK 8; choose one with the option wedges"):
+    with pytest.raises(FormatError, match=r"found 0 as in VTK 9 and 0 as in VTK 8; choose one with the option wedges"):
         Vtk([saved(tmp_path / "folded.vtu", degrees, folded)])
     assert Vtk([tmp_path / "folded.vtu"], wedges="as-read").blocks

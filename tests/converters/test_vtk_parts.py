@@ -76,5 +76,5 @@ def test_copies_of_cells_in_other_parts_count_once(tmp_path, marks):
     dataset, whole = read(path), read(write(tmp_path / "one.vtu", grid(x, cells)))
     twice = 2 * integrate(whole, "volume")[0].value
     assert integrate(dataset, "volume")[0].value == pytest.approx(twice, rel=1e-12)
-    told = [remark for remark in dataset.remarks if "1 cells that are there twice, each once, were skipped" in remark]
+    told = [remark for remark in dataset.remarks if "1 cells that are listed twice, each once, were skipped" in remark]
     assert bool(told) is not marks

@@ -123,5 +123,5 @@ def test_damaged_folders_give_one_sentence(folder):
         Vtx([folder])
     (folder / "data.0").write_bytes(whole)
     (folder / "md.0").write_bytes((folder / "md.0").read_bytes()[:100])
-    with pytest.raises(FormatError, match="expected a whole ADIOS2 f"):
+    with pytest.raises(FormatError, match="expected a complete ADIOS2 f"):
         Vtx([folder])

@@ -59,7 +59,7 @@ def test_turned_and_renumbered_elements_are_found(seed, bend):
     assert found[0].linf == pytest.approx(found[0].where[0] / 4, abs=1e-12)
     assert found[0].linf <= found[0].bound < found[0].linf + 1e-11
     points = own.mesh.vertices.mean(axis=0) + 0.2 * scattered(Shape.HEXAHEDRON, 5)
-    values = sample(own.beside(ref=other), ["ref:u - u", "d(ref:u - u, x)"], points).values
+    values = sample(own.with_others(ref=other), ["ref:u - u", "d(ref:u - u, x)"], points).values
     np.testing.assert_allclose(values, [(p[0] / 4, 0.25) for p in points], atol=1e-12)
 
 
@@ -86,7 +86,6 @@ def test_maps_apart_by_rounding_are_told():
         assert common.is_whole == is_same
         if is_same:
             assert common.apart == pytest.approx(shift / 3, rel=1e-2)
-            words = (
-                "elements of both meshes are taken for the same, whose maps differ by up to 3e-13 of the coordinates"
-            )
+            apart = "their maps differ by up to 3e-13 of the coordinates"
+            words = f"elements of both meshes count as the same, although {apart}"
             assert diff(own, Dataset(mesh, own.fields)).remarks == (words,)

@@ -82,7 +82,7 @@ def test_a_shift_is_the_gradient_times_it():
         assert abs(row.l2 - SHIFT * np.sqrt(2 / 3)) < row.l2_error + SHIFT**2
         assert 2 * SHIFT + SHIFT**2 - 1e-14 < row.bound < 2.003 * SHIFT
         assert row.bound >= row.linf
-        point = sample(own.beside(ref=moved), ["ref:p - p", "d(ref:p, y) - d(p, y)"], [(0.3, 0.2, 0.1)]).values[0]
+        point = sample(own.with_others(ref=moved), ["ref:p - p", "d(ref:p, y) - d(p, y)"], [(0.3, 0.2, 0.1)]).values[0]
         assert point == pytest.approx([SHIFT * 0.4 + SHIFT**2, -SHIFT], abs=1e-12)
 
 
@@ -176,7 +176,9 @@ def test_elements_of_parallel_sides_are_bounded_as_closely():
     own, other = (with_p(grid(Shape.HEXAHEDRON, count), wave) for count in (4, 3))
     least = Extreme(1e-6, np.nan, (0.0, 0.0, 0.0), -1)
     found, _ = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), least)
-    values = sample(own.beside(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))])
+    values = sample(
+        own.with_others(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))]
+    )
     assert values.values[0, 0] == pytest.approx(found.value, abs=1e-12)
     assert values.values.max() <= found.bound <= found.value * 1.0002
 
@@ -193,7 +195,9 @@ def test_cubic_fields_on_bent_hexahedra_are_bounded_as_closely():
     )
     least = Extreme(1e-3, np.nan, (0.0, 0.0, 0.0), -1)
     found, _ = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), least)
-    values = sample(own.beside(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))])
+    values = sample(
+        own.with_others(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))]
+    )
     assert found.value - 1e-12 <= values.values[0, 0] <= found.value * 1.0001
     assert np.nanmax(values.values) <= found.bound <= found.value * 1.0002
 
@@ -229,8 +233,8 @@ def test_inverted_elements_hold_what_they_cover(shape):
     assert max(row.l1, row.l2, row.linf) < 1e-11
     top = float(shape.dimension == 3)
     points = [(0.3, 0.2, 0.1 * top), (0.5, 0.5, 0.5 * top), (0, 0, 0), (1, 1, top), (1, 0.3, 0)]
-    assert np.abs(sample(own.beside(ref=other), "p - ref:p", points).values).max() < 1e-11
-    assert np.isnan(sample(own.beside(ref=other), "p - ref:p", [(1.5, 0, 0)]).values).all()
+    assert np.abs(sample(own.with_others(ref=other), "p - ref:p", points).values).max() < 1e-11
+    assert np.isnan(sample(own.with_others(ref=other), "p - ref:p", [(1.5, 0, 0)]).values).all()
 
 
 def test_a_folded_element_of_the_second_covers_what_its_map_reaches():
@@ -263,9 +267,11 @@ def test_where_the_second_has_nothing_is_left_out_and_told():
     assert found[0].l2 == pytest.approx(np.sqrt(1 / 24), rel=1e-10)
     assert found[0].linf == pytest.approx(0.5, rel=1e-12)
     assert found.remarks[0] == "p: the second dataset does not cover 0.5 of the first, which is excluded"
-    values = sample(own.beside(ref=other), "p - ref:p", [(0.5, 0.5, 0), (0.25, 0.25, 0), (0.51, 0.5, 0)]).values[:, 0]
+    values = sample(own.with_others(ref=other), "p - ref:p", [(0.5, 0.5, 0), (0.25, 0.25, 0), (0.51, 0.5, 0)]).values[
+        :, 0
+    ]
     np.testing.assert_allclose(values, [0.5, 0.25, np.nan], atol=1e-12)
-    whole = integrate(own.beside(ref=other), "p - ref:p")
+    whole = integrate(own.with_others(ref=other), "p - ref:p")
     assert (whole.value, whole[0].measure) == pytest.approx((1 / 8, 0.5), rel=1e-12)
     assert "has no value on 0.5 of domain" in whole.remarks[0]
 
@@ -274,7 +280,7 @@ def test_data_without_a_common_place_have_no_difference():
     flat, solid = (with_p(grid(shape, 1), lambda p: p[:, 0]) for shape in (Shape.QUADRILATERAL, Shape.HEXAHEDRON))
     far = with_p(replace(flat.mesh, vertices=9 + flat.mesh.vertices), lambda p: p[:, 0])
     for other in (solid, far):
-        sentence = f"nothing of the first, of {other.mesh.dimension}D data, in the second, of 2D data"
+        sentence = f"no overlap of the first, of {other.mesh.dimension}D data, with the second, of 2D data"
         with pytest.raises(ElvisError, match=sentence):
             diff(other, flat)
 
@@ -293,7 +299,7 @@ def test_what_cannot_be_compared_or_named():
         diff(own, Dataset(own.mesh))
     with pytest.raises(ElvisError, match=r"expected a field that both datasets have \(p\), found 'u'"):
         diff(own, own, "u")
-    beside = own.beside(ref=own)
+    beside = own.with_others(ref=own)
     for text, sentence in (
         ("ref", "expected : after refand a quantity, such as ref:p"),
         ("ref:u", "character 5: there is no 'u'"),

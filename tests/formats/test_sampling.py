@@ -158,7 +158,7 @@ def test_results_become_a_pandas_table(plane):
 
 def test_a_missing_library_is_named(plane, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ElvisError, match=r"a table needs pandas, .* pip install .elvis-viz.notebook.. brings it"):
+    with pytest.raises(ElvisError, match=r"a table needs pandas, .* pip install .elvis-viz.notebook.. installs it"):
         sample(plane, "u", POINTS).to_pandas()
 
 

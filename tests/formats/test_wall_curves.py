@@ -276,7 +276,7 @@ def test_the_command(tmp_path, monkeypatch):
     products = np.array([float(row["x"]) * float(row["y"]) for row in table])
     assert np.array([float(row["p"]) for row in table]) == pytest.approx(factors * products, abs=1e-13)
     for wrong, reason in [
-        (["--along", "line:0,0,0:1,1,1"], "expected curves on boundaries alone, or none, found both"),
+        (["--along", "line:0,0,0:1,1,1"], "expected only curves on boundaries, or none of them, found both"),
         (["--layers", "p"], "expected --layers with --along normal:"),
         (["--snap", "all"], "expected --snap without --along"),
         (["--plot", "q.svg", "--x", "xc"], "there is no column 'xc'"),

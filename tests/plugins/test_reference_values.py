@@ -105,7 +105,7 @@ def test_bad_files_and_coefficients_give_one_sentence(folder):
     assert status == 1
     assert "expected rho_ref (reference density), u_ref (reference speed)" in text
     for content, reason in [
-        ("mu = 1\n", "a.elvis.toml: expected the table [reference] alone, found mu"),
+        ("mu = 1\n", "a.elvis.toml: expected only the table [reference], found mu"),
         ("[reference]\nmu = 'x'\n", "a.elvis.toml: mu (dynamic viscosity): expected a positive number, found 'x'"),
         ("[reference\n", "a.elvis.toml: expected TOML"),
     ]:

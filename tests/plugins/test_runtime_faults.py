@@ -231,7 +231,7 @@ def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(opened, monkeyp
     monkeypatch.setattr(opening, "installed_plugins", lambda: {"throwing": Throwing, "cubes": Cubes})
     said = []
     assert open_files([opened], report=said.append).name == "cubes"
-    assert said == ["plugin throwing is left out: asked for a.cubes it raises KeyError: 'magic'"]
+    assert said == ["plugin throwing is skipped: for a.cubes it raises KeyError: 'magic'"]
     assert open_files([Path("a.txt")]) is None
 
 

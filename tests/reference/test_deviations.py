@@ -69,6 +69,6 @@ def test_distances_are_those_of_a_parabola_from_a_plane():
 
 def test_a_sentence_where_open3d_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
-    words = "needs open3d, which is not installed; pip install 'elvis-viz[open3d]' brings it."
+    words = "needs open3d, which is not installed; pip install 'elvis-viz[open3d]' installs it."
     assert why_not().startswith("Distances of surfaces are skipped: ")
     assert why_not().endswith(words)

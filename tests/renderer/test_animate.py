@@ -195,7 +195,7 @@ def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
     assert steps("--zoom", "2", "--times", "0:3:2") == [None, None]
     assert len(pictures(folder)) == 2
     (folder / "film.json").unlink()
-    with pytest.raises(ElvisError, match=r"found frame-00000\.png without a whole film\.json"):
+    with pytest.raises(ElvisError, match=r"found frame-00000\.png without a complete film\.json"):
         steps()
     assert len(pictures(folder)) == 2
 

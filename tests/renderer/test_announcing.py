@@ -28,7 +28,7 @@ def test_it_is_said_at_once_where_nothing_was_ever_kept(said, tmp_path):
     announcement.expect()
     announcement.note(9 * MOMENT)
     announcement.expect()
-    assert said == ["compiling kernels, once; they are kept"]
+    assert said == ["compiling kernels once; they are cached"]
 
 
 def test_nothing_is_said_of_a_moment(said, tmp_path):
@@ -37,7 +37,7 @@ def test_nothing_is_said_of_a_moment(said, tmp_path):
     announcement.note(0.4 * MOMENT)
     assert said == []
     announcement.note(0.7 * MOMENT)
-    assert said == ["compiling kernels, once; they are kept"]
+    assert said == ["compiling kernels once; they are cached"]
 
 
 def test_it_is_not_once_where_kernels_can_not_be_kept(said):

@@ -264,9 +264,9 @@ class TestStates:
         dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0])
         with pytest.raises(ElvisError, match=r"u: quadrilateral: expected coefficients \(4, 9\), found \(4, 8\)"):
             states_of(dataset).at(0.0, {"u": np.zeros((4, 8))})
-        with pytest.raises(ElvisError, match="found a mesh alone"):
+        with pytest.raises(ElvisError, match="found a mesh without fields"):
             states_of(Dataset(dataset.mesh))
-        with pytest.raises(ElvisError, match="expected a dataset, or places of nodes by shape"):
+        with pytest.raises(ElvisError, match="expected a dataset, or positions of nodes by shape"):
             states_of(3)
 
 

@@ -246,7 +246,7 @@ def test_where_nothing_moves_colours_are_those_without_and_are_counted(flat, vel
     assert frame.counts() == plain.counts()
     note = f"streaks along {velocity.replace(',', ', ')}: line integral convolution, a texture of the picture"
     assert sentences(frame, contours=False) == [note]
-    told = f"pixels without streaks, where nothing moves along the surface: {frame.seen.sum()}"
+    told = f"pixels without streaks, because the velocity along the surface is zero: {frame.seen.sum()}"
     assert told in frame.remarks
 
 

@@ -76,7 +76,7 @@ def test_a_distance_says_what_it_needs(shared_files, tmp_path):
     data = shared_files("gen_allelem_n4")
     ((status, _, words),) = without(("igl",), [("probe", *data, *POINTS, "--field", "distance(all)")], tmp_path)
     assert status == 1
-    assert "pip install 'elvis-viz[distances]' brings it" in words
+    assert "pip install 'elvis-viz[distances]' installs it" in words
 
 
 @pytest.mark.parametrize("version", ["0.30.0", "0.41.2", "0.9"])

@@ -41,7 +41,7 @@ class Cgns(NodalConverter):
     format = "CGNS (.cgns), HDF5 or ADF"
     keeps = (
         "structured and unstructured zones, all element types up to order 4, boundary conditions and families by name, "
-        "solutions at vertices, in cells and in bases of their own (CPEX 0045), time steps"
+        "solutions at vertices, in cells and in their own bases (CPEX 0045), time steps"
     )
     loses = "values on faces, boundary data, data of other bases; files that are linked"
     reads = Reads(
@@ -81,7 +81,7 @@ class Cgns(NodalConverter):
         """All that the file holds, at a step."""
         base, left = _base(root)
         if left:
-            self.warnings = [f"the bases {', '.join(left)} were left out; {base.name} was read"]
+            self.warnings = [f"the bases {', '.join(left)} were skipped; {base.name} was read"]
         times = _times(base)
         step: int | None = None
         if times:
@@ -311,7 +311,7 @@ class _ZoneReading:
     def open_functions(self) -> Iterator[str]:
         """A note for each type of cells whose functions the standard leaves open."""
         for name in {group.kind.name for group in self.zone.cells if not group.kind.is_standard}:
-            yield f"the standard leaves open what {name} does between its nodes; hierarchical functions were assumed"
+            yield f"the standard does not define {name} between its nodes; hierarchical functions were assumed"
 
     def _conditions(self) -> list[Node]:
         return [each for holder in self.zone.node.labelled("ZoneBC_t") for each in holder.labelled("BC_t")]
@@ -323,9 +323,7 @@ class _ZoneReading:
             kind = next((node.text() for node in each.labelled("GridConnectivityType_t")), "Overset")
             self.is_abutting |= kind == "Abutting"
             if kind == "Overset":
-                self.warnings.append(
-                    f"the zone {self.zone.name} overlaps others ({each.name}); both are kept where they do"
-                )
+                self.warnings.append(f"the zone {self.zone.name} overlaps others ({each.name}); both remain there")
 
 
 def _merge(found: dict[tuple[str, bool, str], list[NodalValues | None]], values: Values, solution: str) -> None:

@@ -298,7 +298,7 @@ class Condition:
         if axis is None:
             axis = _flat_axis(faces, self.zone.cell_sizes if is_cells else self.zone.sizes)
         if axis is None or axis >= directions:
-            self._leave_out("doesn't tell across which direction its faces lie")
+            self._leave_out("doesn't define which direction is normal to its faces")
             return
         if is_cells:
             faces = self._beside_cells(faces, axis, inward)
@@ -347,7 +347,7 @@ class Condition:
             if len(flat) > 1:
                 self._is_degenerate = True
                 return
-            self._leave_out("is no face, but a part of the grid")
+            self._leave_out("is not a face but a part of the grid")
             return
         axis = int(flat[0])
         ends = points.copy()

@@ -169,7 +169,7 @@ def _cylindrical(zone: Zone, arrays: dict[str, Node], rind: Sequence[tuple[int, 
     columns = [radius * np.cos(angle), radius * np.sin(angle)]
     if "CoordinateZ" in arrays:
         columns.append(core_of(arrays["CoordinateZ"], zone.sizes, rind).astype(np.float64))
-    zone.notes.append("coordinates of cylinders are those of the vertices; elements between them are straight")
+    zone.notes.append("cylindrical coordinates were converted at the vertices; elements between them are straight")
     return np.stack(columns, axis=1)
 
 
@@ -178,7 +178,7 @@ def _structured_cells(zone: Zone) -> Group:
     kind = element_type(_CELLS[zone.dimension])
     cells = zone.cell_sizes
     if min(cells) < 1:
-        raise FormatError(f"expected two vertices or more each way, found {zone.sizes}", place=zone.node.place)
+        raise FormatError(f"expected two or more vertices in each direction, found {zone.sizes}", place=zone.node.place)
     steps = np.cumprod([1, *zone.sizes[:-1]])
     grid = np.indices(cells[::-1]).reshape(len(cells), -1)[::-1]
     first = steps @ grid

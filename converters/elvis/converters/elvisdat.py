@@ -156,7 +156,7 @@ def _read(path: Path, raw: bytes) -> dict[Kind, list[tuple[Ints, Any]]]:
     """Numbers and records of the elements by kind, in runs of one kind."""
     order = _byte_order(raw) if len(raw) >= _START else ""
     if not order:
-        raise FormatError("expected a 1 that tells the byte order, found none", file=path, place="header")
+        raise FormatError("expected a 1 that marks the byte order, found none", file=path, place="header")
     count = _count_of_elements(raw, order)
     if count <= 0:
         raise FormatError(f"expected elements, found {count}", file=path, place="header")
@@ -167,7 +167,7 @@ def _read(path: Path, raw: bytes) -> dict[Kind, list[tuple[Ints, Any]]]:
         record = _record(kind, order)
         whole = (len(raw) - at) // record.itemsize
         if whole == 0:
-            raise FormatError(f"expected {count} elements, found {number} whole ones", file=path)
+            raise FormatError(f"expected {count} elements, found {number} complete ones", file=path)
         data = np.frombuffer(raw, record, min(whole, count - number, most), at)
         other = np.flatnonzero((data["type"] != kind[0]) | (data["degrees"] != kind[1:]).any(axis=1))
         length = int(other[0]) if len(other) else len(data)

@@ -48,8 +48,8 @@ class Exodus(NodalConverter):
 
     format = "Exodus II (.e, .exo, .gen, .e.4.0, .e-s002)"
     keeps = (
-        "elements of orders 1 and 2, serendipity ones and those with bubbles too, blocks and side sets by name, "
-        "nodal and element variables"
+        "elements of orders 1 and 2, also serendipity elements and elements with bubbles, blocks and side sets by "
+        "name, nodal and element variables"
     )
     loses = "node sets, attributes, variables of sides and sets; elements of lower dimension"
     reads = Reads(
@@ -256,7 +256,7 @@ def _missing_processes(paths: Sequence[Path]) -> list[str]:
     count = max(int(_marks(path)["count"] or 1) for path in paths)
     if len(paths) == count:
         return []
-    return [f"{len(paths)} of the {count} parts of a mesh by name: give all of them to see the whole"]
+    return [f"{len(paths)} of the {count} parts of a mesh by name: give all of them for the complete mesh"]
 
 
 def _labels(file: Variables, what: str, noun: str) -> Callable[[int], str]:

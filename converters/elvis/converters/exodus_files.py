@@ -224,7 +224,7 @@ class _Classic:
             yield
         except _FAULTS as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            raise FormatError(f"expected a whole netCDF file, found: {reason}", file=self._path) from error
+            raise FormatError(f"expected a complete netCDF file, found: {reason}", file=self._path) from error
 
 
 def _mapped(path: Path) -> Any:

@@ -19,7 +19,7 @@ from elvis.core.shapes import Shape
 #: sides of a shell that are its faces, before its edges
 FACES_OF_SHELLS = 2
 _OPEN = (
-    "the sides of plane elements in side sets were taken for edges that count from 1, as by the library; they fit on "
+    "the sides of plane elements in side sets were read as edges that count from 1, as by the library; they fit on "
     "shells as well, whose edges count from 3, so boundaries may have wrong names"
 )
 

@@ -153,7 +153,7 @@ class Gmsh(NodalConverter):
         contents = [scan(path) for path in paths]
         meshes = [each for each in contents if each.has_mesh]
         if not meshes:
-            raise FormatError("expected a file with a mesh too, found data alone", file=paths[0])
+            raise FormatError("expected also a file with a mesh, found only data", file=paths[0])
         sections = [section for each in contents for section in each.sections]
         has_element_data = any(section.kind != "NodeData" for section in sections)
         self.take_mesh(joined([read_mesh(each) for each in meshes], [each.path for each in meshes], has_element_data))

@@ -85,7 +85,7 @@ class Library:
         errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
         if errors:
             reason = errors[0].replace(path, named.name)
-            raise FormatError(f"expected a whole mesh, found: {reason}", file=named)
+            raise FormatError(f"expected a complete mesh, found: {reason}", file=named)
         warnings = (line.removeprefix(_WARNING) for line in lines if line.startswith(_WARNING))
         return [f"Gmsh: {warning.replace(path, named.name)}" for warning in warnings]
 
@@ -97,7 +97,7 @@ class Library:
         try:
             lines = list(self._gmsh.logger.get())
         except UnicodeDecodeError:
-            lines = [f"{_ERROR}names that are no text"]
+            lines = [f"{_ERROR}names that are not text"]
         self._gmsh.logger.stop()
         return lines
 

@@ -166,6 +166,6 @@ def read_mesh(contents: Contents) -> Mesh:
             with Apart(_WORKER, size) as library:
                 found = library.ask("mesh", str(path), str(contents.path), size=size)
         except LibraryError as failure:
-            raise FormatError(f"expected a whole mesh, found: {failure.reason}", file=contents.path) from failure
+            raise FormatError(f"expected a complete mesh, found: {failure.reason}", file=contents.path) from failure
     kinds, groups = [Kind.from_message(plain) for plain in found.pop("kinds")], found.pop("groups")
     return Mesh(groups=[Group(kinds[kind], *own) for kind, *own in groups], **found)

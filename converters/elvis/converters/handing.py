@@ -74,7 +74,7 @@ def to_meshio(
     refinement: int = 2,
     max_error: float | None = None,
 ) -> Any:
-    """A meshio.Mesh of linear cells; arguments as of `to_pyvista`.
+    """A meshio.Mesh of linear cells; arguments as for `to_pyvista`.
 
     Its ``info["errors"]`` has for the coordinates and each quantity ``error``, ``relative`` and the worst ``element``.
     Raises ElvisError as `to_pyvista`, and without meshio.
@@ -114,7 +114,7 @@ def _fields(dataset: Dataset, quantities: str | Sequence[str]) -> list[str]:
     names = [quantities] if isinstance(quantities, str) else list(quantities)
     for name in names:
         if name not in dataset:
-            raise ElvisError(f"{name} is no field: give a refinement, as cells of high order only contain fields")
+            raise ElvisError(f"{name} is not a field: give a refinement, as cells of high order only contain fields")
     return names
 
 

@@ -51,7 +51,7 @@ def reading(path: Path) -> Iterator[h5py.File]:
         raise error.within(path) from error
     except _DAMAGES as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise FormatError(f"expected a whole HDF5 file, found: {reason[:200]}", file=path) from error
+        raise FormatError(f"expected a complete HDF5 file, found: {reason[:200]}", file=path) from error
 
 
 def holds(path: Path, *names: str) -> bool:

@@ -187,7 +187,7 @@ class Hopr(NodalConverter):
             raise FormatError(f"expected {expected}, found {kind} nodes and {len(names)}", file=file.filename)
         count = values.shape[3]
         if values.shape[1] not in (1, count) or values.shape[2] != count or not 1 <= count <= _HIGHEST + 1:
-            expected = f"as many nodes each way, up to {_HIGHEST + 1}"
+            expected = f"as many nodes in each direction, up to {_HIGHEST + 1}"
             raise FormatError(f"expected {expected}, found an array of shape {values.shape}", place="DG_Solution")
         nodes = tensor_nodes(Shape.HEXAHEDRON, tuple(_NODES[kind](count)[0].tolist()))
         basis = NodalBasis(Shape.HEXAHEDRON, count - 1, nodes)
@@ -218,7 +218,7 @@ class Hopr(NodalConverter):
         return np.asarray(data[:, column], np.float64) > 0.5
 
     def _part_subcells(self, file: h5py.File, count: int, marks: NDArray[np.bool_]) -> None:
-        """Elements that hold ``count`` sub-cells each way make a block of these."""
+        """Elements that hold ``count`` sub-cells in each direction make a block of these."""
         (block,) = self.blocks
         rows = np.flatnonzero(~marks)
         geometry = self.nodal(block).geometry
@@ -251,7 +251,7 @@ class SubCells(NodalValues):
 
     @property
     def count(self) -> int:
-        """Number of boxes each way."""
+        """Number of boxes in each direction."""
         return len(self.widths)
 
     def at(self, rows: slice | Ints, points: Floats) -> Floats:

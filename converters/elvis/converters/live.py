@@ -35,7 +35,7 @@ def from_ngsolve(
 ) -> Dataset:
     """The dataset of NGSolve's functions: ``from_ngsolve(gfu)``, or ``from_ngsolve(mesh, u=gfu, p=gfp)``.
 
-    mesh    an ngsolve.Mesh, or a grid function, which knows its mesh and its name
+    mesh    an ngsolve.Mesh, or a grid function, which has a mesh and a name
     fields  grid functions by name, like the keywords, or coefficient functions, for which ``order`` must be given; a
             vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``, a complex one ``u_re`` and ``u_im``, one on several spaces
             ``u_1`` and ``u_2``
@@ -64,7 +64,7 @@ def from_ngsolve(
 def from_mfem(mesh: Any, fields: Any = None, *, time: float | None = None, **named: Any) -> Dataset:
     """The dataset of MFEM's functions: ``from_mfem(x)``, or ``from_mfem(mesh, u=x, p=y)``.
 
-    mesh    an mfem Mesh, or a grid function, which knows its mesh and is called u here
+    mesh    an mfem Mesh, or a grid function, which has a mesh and becomes the field u
     fields  grid functions by name, like the keywords; a vector ``u`` becomes ``u_x``, ``u_y``, ``u_z``
     time    of the data
 

@@ -229,7 +229,7 @@ def _check_elements(path: Path, text: str, section: str, dimension: int, limit: 
         corners = _CORNERS[int(kind)] if is_count(kind) and int(kind) < len(_CORNERS) else 0
         own = words[at + 2 : at + 2 + corners]
         if not corners or len(own) < corners or not all(is_count(word) for word in own):
-            found = "unknown geometry " + kind if not corners else "no whole list of vertices"
+            found = "unknown geometry " + kind if not corners else "an incomplete list of vertices"
             raise FormatError(f"expected an element, found {found}", file=path, place=f"{section} {number}")
         if _DIMENSIONS[int(kind)] != dimension:
             found = f"geometry {kind}, of dimension {_DIMENSIONS[int(kind)]}"

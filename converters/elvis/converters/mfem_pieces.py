@@ -73,7 +73,7 @@ def pieces(paths: Sequence[Path]) -> list[Piece]:
         return list(_read_streams(paths, streams))
     meshes, functions = [p for p in paths if is_mesh(p)], [p for p in paths if not is_mesh(p)]
     if not meshes:
-        raise FormatError("expected a mesh too, found grid functions alone: give the .mesh file", file=paths[0])
+        raise FormatError("expected also a mesh, found only grid functions: give the .mesh file", file=paths[0])
     if all(_NUMBERED.fullmatch(path.name) for path in meshes):
         return _parallel(meshes, functions)
     if len(meshes) > 1:
@@ -156,7 +156,7 @@ def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Pi
     """The content of streams: one mesh, or the pieces of one; for several meshes in a row, the last."""
     if len(streams) != len(paths):
         other = next(path for path in paths if path not in streams)
-        raise FormatError("expected streams alone, found another file next to them", file=other)
+        raise FormatError("expected only streams, found another file next to them", file=other)
     last: dict[int, tuple[Path, str, bool]] = {}
     total = 1
     for path in streams:

@@ -81,7 +81,9 @@ class PointFunctions(ShapeFunctions):
                 # among all combinations with these values, the one with the smallest sum of squares
                 self._inverse = np.linalg.pinv(table)
                 return
-        raise FormatError(f"expected points that polynomials up to order {_HIGHEST} tell apart, found {len(points)}")
+        raise FormatError(
+            f"expected points whose values polynomials of order up to {_HIGHEST} can take, found {len(points)}"
+        )
 
     def tabulate(self, points: Floats) -> Floats:
         """The polynomials, combined."""

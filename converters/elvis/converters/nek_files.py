@@ -40,7 +40,7 @@ def other_file(path: Path) -> str:
     Empty for fields, and for other programs' files.
     """
     start = leading(path, 512)
-    advice = "give a field file (.f00001) too, which has the curved points"
+    advice = "also give a field file (.f00001), which has the curved points"
     if start.startswith(MESH_MAGIC):
         what = "partition (.ma2)" if path.suffix == ".ma2" else "mesh (.re2)"
         return f"a Nek5000 {what} without a field: {advice}"
@@ -146,7 +146,9 @@ def _check(head: Header, path: Path) -> None:
         raise FormatError(f"expected numbers of 4 or 8 bytes, found {head.size}", file=path, place="header")
     if first != second or third not in (1, first) or not 2 <= first <= _MOST_POINTS:
         found = f"{first} x {second} x {third}"
-        raise FormatError(f"expected 2 to {_MOST_POINTS} points each way, found {found}", file=path, place="header")
+        raise FormatError(
+            f"expected 2 to {_MOST_POINTS} points in each direction, found {found}", file=path, place="header"
+        )
     if not 0 < head.count <= head.total:
         found = f"{head.count} of {head.total}"
         raise FormatError(f"expected at least one element, found {found}", file=path, place="header")

@@ -58,9 +58,7 @@ class NGSolve(NodalConverter):
         "curved elements of all shapes and orders, H1 and L2 functions exactly, others with a measured error, "
         "materials, boundaries, time"
     )
-    loses = (
-        "pickled sessions, which run what they hold: export from Python; .vol and .gfu files need the package ngsolve"
-    )
+    loses = "pickled sessions, which can run any code: export from Python; .vol and .gfu files need the package ngsolve"
     reads = Reads(
         "all",
         "any",
@@ -128,7 +126,8 @@ class NGSolve(NodalConverter):
         self.notes = [str(note) for note in self._data.get("notes", ())]
         if "pyramid_verts" in self._data:
             self.notes += [
-                "NGSolve's own functions on pyramids, with an apex a little off, are met to 1e-7, not to rounding"
+                "NGSolve's functions on pyramids have a slightly displaced apex, so they are matched to 1e-7, not to "
+                "rounding"
             ]
         self.time = self._time()
         declared = int(self._data.get("declared", -1))

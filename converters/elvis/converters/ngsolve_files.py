@@ -117,7 +117,7 @@ def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], P
     if find_spec("ngsolve") is None:
         raise ElvisError(
             f"the converter ngsolve needs ngsolve for {meshes[0].name}, which is not installed; "
-            f"{installing('ngsolve')} brings it"
+            f"{installing('ngsolve')} installs it"
         )
     text = _text(meshes[0])
     notes = _check(meshes[0], text)
@@ -201,7 +201,7 @@ def _text(path: Path) -> str:
         with gzip.open(path) as file:
             raw = file.read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise FormatError(f"expected a whole compressed file, found: {error}", file=path) from None
+        raise FormatError(f"expected a complete compressed file, found: {error}", file=path) from None
     if len(raw) > limit:
         raise FormatError(f"expected at most {limit} bytes in the compressed file, found more", file=path)
     return raw.decode("ascii", "replace")
@@ -217,9 +217,9 @@ def _unended(path: Path, text: str, starts: dict[str, int]) -> str:
         lines.pop()
     last = max(starts, key=lambda section: starts[section])
     if last not in _LISTS or not text.endswith("\n"):
-        raise FormatError("expected a whole mesh, found no endmesh", file=path)
+        raise FormatError("expected a complete mesh, found no endmesh", file=path)
     if starts[last] + 2 + _count(path, lines, starts, last) != len(lines):
-        raise FormatError("expected a whole mesh, found no endmesh", file=path)
+        raise FormatError("expected a complete mesh, found no endmesh", file=path)
     return f"the mesh has no endmesh: whatever followed its section {last}, such as curved elements, is missing"
 
 

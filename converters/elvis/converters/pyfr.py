@@ -82,7 +82,7 @@ class PyFR(NodalConverter):
     """A mesh, with the solution that goes with it."""
 
     format = "PyFR mesh and solution (.pyfrm, .pyfrs)"
-    keeps = "curved elements of all shapes and orders, boundaries, all variables, time; time averages too"
+    keeps = "curved elements of all shapes and orders, boundaries, all variables, time; also time averages"
     loses = "partitionings, statistics, the configuration but for its name"
     reads = Reads(
         "all",

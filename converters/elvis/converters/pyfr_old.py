@@ -167,7 +167,7 @@ def _table(kind: str, rule: str, count: int) -> Floats:
     if spec is None or not spec.submodule_search_locations:
         raise ElvisError(
             f"the solution points {rule} of a {kind} come with the package pyfr, which is not installed; "
-            "pip install pyfr brings it"
+            "pip install pyfr installs it"
         )
     folder = Path(next(iter(spec.submodule_search_locations))) / "quadrules" / kind
     known = [path for path in folder.glob("*.txt") if re.match(rf"{re.escape(rule)}-n{count}-", path.name)]

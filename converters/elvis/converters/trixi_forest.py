@@ -127,7 +127,7 @@ class Forest:
 
 
 def morton_corners(levels: Ints, counts: Ints, dimension: int) -> Ints:
-    """(n, d) lower corners of the leaves of trees on a lattice of 2^L cells each way, L the deepest level.
+    """(n, d) lower corners of the leaves of trees on a lattice of 2^L cells in each direction, L the deepest level.
 
     Raises FormatError if the leaves of a tree don't fill it.
     """
@@ -190,7 +190,7 @@ def _trees(file: h5py.File, dimension: int) -> tuple[Floats, Floats, NDArray[Any
     places = floats(file, "tree_node_coordinates", None, *(count,) * dimension, None)
     total, space = len(places), places.shape[-1]
     if not 2 <= count <= 31 or not dimension <= space <= 3 or not total:
-        expected = f"trees of 2 to 31 nodes each way, in {dimension} to 3 dimensions"
+        expected = f"trees of 2 to 31 nodes in each direction, in {dimension} to 3 dimensions"
         raise FormatError(f"expected {expected}, found an array of shape {places.shape}", place="tree_node_coordinates")
     words = texts(file, "boundary_names", total, 2 * dimension)
     names = np.array([name if name != _NO_NAME else "" for name in words], object)

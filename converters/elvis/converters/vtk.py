@@ -165,7 +165,7 @@ class Vtk(NodalConverter):
         parts = [part for parts in result for part in parts]
         copies = _drop_copies(parts)
         total = sum(int((grid.ghosts == 0).sum()) for grid in self._grids) - repeated
-        omitted = {"cells of lower dimension": lower, "cells that are there twice, each once,": copies}
+        omitted = {"cells of lower dimension": lower, "cells that are listed twice, each once,": copies}
         self.declared = Declared(total, omitted=omitted)
         return [part for part in parts if len(part.rows)]
 
@@ -184,8 +184,8 @@ class Vtk(NodalConverter):
             is_exchanged = hexahedra == "exchanged" or (hexahedra == "auto" and other > 0)
             if own if is_exchanged else other:
                 raise FormatError(
-                    f"expected nodes of edges near their edges, found those of {own} hexahedra so, those of two edges "
-                    f"exchanged in {other}, as by a wrong version of the file; see the option hexahedra",
+                    f"expected nodes of edges near their edges, found {own} such hexahedra, and {other} with the "
+                    f"nodes of two edges exchanged, as in files with a wrong version; see the option hexahedra",
                     file=file,
                 )
             if is_exchanged:
@@ -348,7 +348,7 @@ def _missing_processes(paths: Sequence[Path]) -> list[str]:
             missing += [each.name for each in others if each.name not in {given.name for given in paths}]
     if not missing:
         return []
-    return [f"a part of a mesh by name: give {', '.join(sorted(set(missing))[:3])} too to see the whole"]
+    return [f"a part of a mesh by name: also give {', '.join(sorted(set(missing))[:3])} for the complete mesh"]
 
 
 def _edges(part: Part) -> tuple[int, int]:
@@ -420,7 +420,7 @@ def _is_mirrored(parts: Sequence[Part], file: str) -> bool:
     votes = [reversed_faces(part.places(part.nodes), part.cell) for part in asked]
     own, other = np.sum(votes, axis=0) if votes else (1, 0)
     if bool(own) == bool(other):
-        found = f"{own} as of VTK 9 and {other} as of VTK 8"
+        found = f"{own} as in VTK 9 and {other} as in VTK 8"
         raise FormatError(
             f"expected wedges of one numbering, found {found}; choose one with the option wedges", file=file
         )

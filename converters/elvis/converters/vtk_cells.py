@@ -242,7 +242,7 @@ def _instance(kind: Kind) -> Any:
     """A cell of the library with room for its nodes, of the right degrees; raises ElvisError without the library."""
     if not is_there("vtkmodules"):
         raise ElvisError(
-            f"cells of type {kind.type} need the library vtk, which is not installed; {installing('vtk')} brings it"
+            f"cells of type {kind.type} need the library vtk, which is not installed; {installing('vtk')} installs it"
         )
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
 

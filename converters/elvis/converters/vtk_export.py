@@ -82,7 +82,7 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
     writer.SetInputData(grid)
     writer.SetHeaderTypeToUInt64()
     if not writer.Write():
-        raise ElvisError(f"{path}: cannot be written: VTK fails to make the file")
+        raise ElvisError(f"{path}: cannot be written: VTK fails to create the file")
     write_text(path, writer.GetOutputString())
 
 

@@ -182,7 +182,7 @@ def _ask(library: Apart, path: Path, size: int, method: str, *given: str) -> Any
     try:
         return library.ask(method, *given, size=size)
     except LibraryError as failure:
-        raise FormatError(f"expected a whole VTK file, found {failure.reason}", file=path) from failure
+        raise FormatError(f"expected a complete VTK file, found {failure.reason}", file=path) from failure
 
 
 def _parts(path: Path) -> list[Path]:

@@ -149,7 +149,7 @@ def _refusing(path: str) -> Iterator[None]:
     found = re.search(r"(?s)ERROR: In [^\n]*\n(?:\w+ \([^)]*\): )?(.*?)(?:\n\n|$)", complaints.GetOutput())
     if found is not None:
         reason = " ".join(re.sub(r"vtk\w+ \(0x[0-9a-f]+\): ", "", found[1]).split())
-        raise FormatError(f"expected a whole VTK file, found: {reason}", file=path)
+        raise FormatError(f"expected a complete VTK file, found: {reason}", file=path)
 
 
 def _leaves(data: Any, name: str) -> Iterator[tuple[str, Any]]:

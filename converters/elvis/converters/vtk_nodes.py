@@ -104,7 +104,7 @@ def _smoothest(roughness: dict[str, float]) -> Found:
         return Found(first, {}, note=note)
     doubt = (
         "all edges are curved, so the nodes of cells can't be determined; they were assumed to be evenly spaced: if "
-        "they are not, values and places are wrong (option nodes)"
+        "they are not, values and positions are wrong (option nodes)"
     )
     return Found("equispaced", {}, doubt)
 

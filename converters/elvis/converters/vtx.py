@@ -200,4 +200,4 @@ def _ask(folder: Path, method: str, *given: int) -> Any:
         try:
             return library.ask(method, str(folder), *given, size=size)
         except LibraryError as failure:
-            raise FormatError(f"expected a whole ADIOS2 folder, found {failure.reason}", file=folder) from failure
+            raise FormatError(f"expected a complete ADIOS2 folder, found {failure.reason}", file=folder) from failure

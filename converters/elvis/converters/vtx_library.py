@@ -81,7 +81,7 @@ class Library:
             raise
         except Exception as error:
             words = " ".join(_MARKS.sub("", str(error)).split()) or type(error).__name__
-            raise FormatError(f"expected a whole ADIOS2 file, found: {words[:200]}", file=path) from error
+            raise FormatError(f"expected a complete ADIOS2 file, found: {words[:200]}", file=path) from error
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
 

@@ -39,4 +39,4 @@ def is_there(module: str) -> bool:
 def _missing(module: str, what: str, extra: str) -> MissingPackageError:
     package = module.partition(".")[0]
     command = f"pip install 'elvis-viz[{extra}]'" if extra else f"pip install {package}"
-    return MissingPackageError(f"{what} needs {package}, which is not installed; {command} brings it")
+    return MissingPackageError(f"{what} needs {package}, which is not installed; {command} installs it")

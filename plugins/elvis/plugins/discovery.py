@@ -129,7 +129,7 @@ def _usable(candidate: Candidate, paths: Sequence[Path]) -> Candidate:
         command = installing(candidate.name) if is_own else f"pip install {' '.join(missing)}"
         packages = " and ".join(missing)
         raise ElvisError(
-            f"the converter {candidate.name} needs {packages}, which is not installed; {command} brings it"
+            f"the converter {candidate.name} needs {packages}, which is not installed; {command} installs it"
         )
     return candidate
 

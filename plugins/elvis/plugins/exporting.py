@@ -88,4 +88,4 @@ def exporter(suffix: str) -> Exporter:
 def require(module: str, package: str) -> None:
     """ElvisError, naming what brings it, where a package that an export needs is missing."""
     if not is_there(module):
-        raise ElvisError(f"the export needs {package}, which is not installed; {installing(package)} brings it")
+        raise ElvisError(f"the export needs {package}, which is not installed; {installing(package)} installs it")

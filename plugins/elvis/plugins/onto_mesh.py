@@ -131,5 +131,5 @@ def _finite(value: float) -> float | None:
 
 def _sentence(own: Integral) -> str:
     return (
-        f"the integral of {own.name} is {own.after:.15g}, of the data {own.before:.15g}: {own.after - own.before:+.2g}"
+        f"the integral of {own.name} is {own.after:.15g}, in the data {own.before:.15g}: {own.after - own.before:+.2g}"
     )

@@ -102,7 +102,7 @@ def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report:
     try:
         return bool(source.opens(paths))
     except Exception as error:
-        report(f"plugin {name} is left out: asked for {paths[0]} it raises {type(error).__name__}: {error}")
+        report(f"plugin {name} is skipped: for {paths[0]} it raises {type(error).__name__}: {error}")
         return False
 
 

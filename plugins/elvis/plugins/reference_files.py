@@ -26,7 +26,7 @@ def reference_beside(paths: Sequence[Path]) -> dict[str, float]:
     for path in _files_beside(paths):
         table = _table(path)
         if table.keys() - {_TABLE} or not isinstance(table.get(_TABLE), dict):
-            raise FormatError(f"expected the table [{_TABLE}] alone, found {', '.join(table) or 'nothing'}", file=path)
+            raise FormatError(f"expected only the table [{_TABLE}], found {', '.join(table) or 'nothing'}", file=path)
         found = {**checked_reference(table[_TABLE], str(path)), **found}
     return found
 

@@ -189,8 +189,8 @@ class Report:
         if self.has_map:
             share, element = self.deviation
             said.append(
-                f"the map is written as fields: the curves of the mesh file alone are off by up to {share:.2g} of an "
-                f"element's size, in element {element}"
+                f"the map is written as fields: without them, the curves of the mesh file are off by up to {share:.2g} "
+                f"of an element's size, in element {element}"
             )
         if self.fields and not self.geometry.is_exact:
             said.append("the map is projected: errors of fields are measured at points in space and include its error")

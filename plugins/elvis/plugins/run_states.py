@@ -80,8 +80,8 @@ class ModalStates:
     def __init__(self, dataset: Dataset) -> None:
         if not dataset.solution:
             raise ElvisError(
-                "expected a dataset with a field, of whose expansions coefficients are, or places of nodes by shape; "
-                "found a mesh alone"
+                "expected a dataset with a field, whose expansions have the coefficients, or positions of nodes by "
+                "shape; found a mesh without fields"
             )
         self._dataset = dataset
 
@@ -122,7 +122,7 @@ def states_of(mesh: Any, reference: Mapping[str, Any] | None = None) -> States:
     if callable(getattr(mesh, "at", None)):
         states: States = mesh
         return states
-    raise ElvisError(f"expected a dataset, or places of nodes by shape, as {{'hexahedron': …}}, found {mesh!r:.60}")
+    raise ElvisError(f"expected a dataset, or positions of nodes by shape, as {{'hexahedron': …}}, found {mesh!r:.60}")
 
 
 def _by_block(name: str, blocks: Sequence[Block], values: Any) -> list[Any]:

@@ -20,7 +20,7 @@ class LinearPictures:
     def __init__(self, dataset: Dataset) -> None:
         """Raise ElvisError for 1D data, which have no such pictures."""
         if Kind.of(dataset) is Kind.LINE:
-            raise ElvisError("1D data are drawn as curves from points of their own: there are no linear pictures")
+            raise ElvisError("1D data are drawn as curves: there are no linear pictures")
         self._dataset = dataset
         self._mesh: tuple[object, Baseline] | None = None
 

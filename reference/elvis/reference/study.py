@@ -171,8 +171,7 @@ def compare_scene(
     """
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
-            "1D data are drawn as curves from points of their own: there are no linear pictures to compare with, and "
-            "nothing to compare"
+            "1D data are drawn as curves: there are no linear pictures to compare with, and nothing to compare"
         )
     draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()

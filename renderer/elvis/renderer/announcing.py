@@ -40,4 +40,4 @@ class Announcement:
         if Announcement._is_said:
             return
         Announcement._is_said = True
-        announce("compiling kernels, once; they are kept" if self._cache.is_kept else "compiling kernels")
+        announce("compiling kernels once; they are cached" if self._cache.is_kept else "compiling kernels")

@@ -127,7 +127,7 @@ class Canvas:
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         remarks = self.painter.remarks(self.draw_calls)
         if self.still:
-            remarks.append(f"pixels without streaks, where nothing moves along the surface: {self.still}")
+            remarks.append(f"pixels without streaks, because the velocity along the surface is zero: {self.still}")
         stats |= {"remarks": remarks, "not_a_number": self.undefined}
         if self._proves:
             stats["contours"] = {status.name.lower(): self.contours[status] for status in self.contours}

@@ -31,7 +31,7 @@ def slangpy_module() -> Any:
 def _slangpy() -> tuple[ModuleType | None, str]:
     """The module, or the reason why it can't be used."""
     needs = f"drawing needs slangpy {'.'.join(map(str, OLDEST))} or later"
-    bring = f"pip install 'elvis-viz[draw]' brings it ({_PLATFORMS}); {_WITHOUT}"
+    bring = f"pip install 'elvis-viz[draw]' installs it ({_PLATFORMS}); {_WITHOUT}"
     try:
         found = version("slangpy")
         if _numbers(found) < OLDEST:

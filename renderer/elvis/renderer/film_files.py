@@ -65,7 +65,7 @@ class FrameFolder:
         there = sorted(self.folder.glob("frame-*.png"))
         if there and known is None:
             raise ElvisError(
-                f"{self.folder}: expected frames of an animation, found {there[0].name} without a whole {RECORD}"
+                f"{self.folder}: expected frames of an animation, found {there[0].name} without a complete {RECORD}"
             )
         kept = [number for number, scene in enumerate(self.scenes) if self._is_good(number, scene, known or [])]
         names = {self.path(number) for number in kept}

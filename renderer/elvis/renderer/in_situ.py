@@ -83,7 +83,7 @@ class Session:
         return f"<Session: {self.drawn} pictures drawn, {len(self.faults)} faults>"
 
     def close(self) -> None:
-        """Give the device back; the next picture opens it again."""
+        """Release the device; the next picture opens it again."""
         pictures, self._pictures = self._pictures, None
         if pictures is not None:
             pictures.close()
@@ -93,7 +93,7 @@ class Session:
         return self._trigger.is_due(step)
 
     def show(self, step: int, time: float, fields: Mapping[str, Any] | Callable[[], Any]) -> Frame | None:
-        """The picture of a step, written to the scene's outputs; None if none is wanted or if it fails.
+        """The picture of a step, written to the scene's outputs; None if the step is skipped or drawing fails.
 
         step    number of the step, from 0
         time    of the solver

@@ -61,7 +61,7 @@ class RankPicture:
 
     def _extent(self, own: Floats) -> Floats:
         """The combined visible extent of all ranks."""
-        every = np.array(self._ranks.exchange(own, "what is seen of boxes"))
+        every = np.array(self._ranks.exchange(own, "visible parts of boxes"))
         return np.stack([every[:, 0].min(axis=0), every[:, 1].max(axis=0)])
 
     def _seen(self, small: Scene) -> Bools:

@@ -232,7 +232,9 @@ class Pictures:
         if scene.memory is None and self._bricks is None:
             return data
         if isinstance(data, PluginData):
-            raise SceneError(f"memory: data opened by the plugin {data.name} are drawn as a whole: remove this setting")
+            raise SceneError(
+                f"memory: data opened by the plugin {data.name} cannot be read in bricks: remove this setting"
+            )
         self._bricks = self._bricks or Bricks(InMemory(data), lambda: data)
         found = self._bricks.elements(scene)
         if found is not self._drawn:
@@ -274,9 +276,9 @@ class Pictures:
 class Renderer:
     """A device with a volume, for many pictures of the same data.
 
-    progress  called with how many of how many bands of a picture are done
-    ranks     as of Pictures
-    bands     the view of the next picture and who draws which rows, where ranks have found them
+    progress  called with the number of finished bands of a picture, and their total
+    ranks     as in `Pictures`
+    bands     view of the next picture and distribution of its rows, if several ranks draw it
     """
 
     def __init__(self, device: str = "auto", progress: Progress | None = None, ranks: Ranks = ALONE) -> None:
@@ -297,13 +299,13 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Give the device back, and the volume with it; nothing can be drawn any more."""
+        """Release the device and the volume; nothing can be drawn afterwards."""
         self._stages, self._fitted = None, None
         self._ghosts.clear()
         self.device.close()
 
     def load(self, dataset: Dataset, *quantities: str, ghosts: Mapping[str, Dataset] | None = None) -> None:
-        """Bring fields of a dataset, or other quantities, to the device; the first is the field of its scenes.
+        """Load fields of a dataset, or other quantities, onto the device; the first is the field of its scenes.
 
         ghosts  geometries that are drawn next to the data, by name
         """
@@ -315,9 +317,9 @@ class Renderer:
         self.seconds["load"] = perf_counter() - start
 
     def show(self, volume: Volume, made_of: Made = None, others: OtherData | None = None) -> None:
-        """Bring a volume to the device; ``made_of`` is a dataset, or what a runtime plugin has opened, where known.
+        """Load a volume onto the device; ``made_of`` is its dataset, or the data of a runtime plugin, if known.
 
-        others  what its quantities ask of data on other meshes
+        others  data on other meshes that its quantities need
         """
         # runtime plugins don't state whether maps are unchanged
         last = self._stages
@@ -329,7 +331,7 @@ class Renderer:
 
     @property
     def stages(self) -> Stages:
-        """The stages over the volume; ElvisError where there is none yet."""
+        """The stages for the volume; raises ElvisError if there is none yet."""
         if self._stages is None:
             raise ElvisError("no dataset is loaded; load one before drawing, probing or sampling")
         return self._stages
@@ -375,7 +377,7 @@ class Renderer:
         return frame
 
     def view(self, scene: Scene) -> View:
-        """The view that `render` has of a scene."""
+        """The view that `render` uses for a scene."""
         with limited(scene.timeout):
             return self._persistent(lambda most: self._view(scene))
 

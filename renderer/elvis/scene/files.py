@@ -96,7 +96,7 @@ def scene_text(scene: Scene, path: Path) -> str:
 
 
 def check_scene_suffix(path: Path) -> None:
-    """SceneError where the suffix names no language of scenes."""
+    """Raise SceneError if the suffix belongs to no scene language."""
     if not is_scene_file(path):
         raise SceneError(f"{path}: expected a scene's name that ends in {', '.join(SUFFIXES)}")
 

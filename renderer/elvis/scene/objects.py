@@ -49,7 +49,7 @@ class Faces(Model, of="faces"):
     )
 
     def check(self) -> None:
-        """SceneError where nothing is selected."""
+        """Raise SceneError if nothing is selected."""
         check(self.select, "select of faces", "all, names of boundaries or elements", "none")
 
 
@@ -72,7 +72,7 @@ class Isosurface(Model, of="an isosurface"):
     )
 
     def check(self) -> None:
-        """SceneError if there is no value."""
+        """Raise SceneError if there is no value."""
         check(len(self.values), "values of an isosurface", "at least one", "none")
 
 
@@ -92,7 +92,7 @@ class Transfer(Model, of="a transfer function"):
     ] = ()
 
     def check(self) -> None:
-        """SceneError unless values ascend and all have a density."""
+        """Raise SceneError unless values ascend and all have a density."""
         ascending = all(isfinite(value) for value in self.values) and all(a < b for a, b in pairwise(self.values))
         check(len(self.values) and ascending, f"values{self.noun}", "ascending finite numbers", self.values)
         is_complete = len(self.densities) == len(self.values)
@@ -125,8 +125,8 @@ class Streamlines(Model, of="streamlines"):
     seeds: Annotated[
         tuple[Seeds, ...],
         Setting(
-            f"Seeds of the lines: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of "
-            "points.",
+            f"Seeds of the lines: {'; '.join(FORMS.values())} (boundaries: N in each direction on every face); "
+            "or a table of points.",
             metavar="WHAT",
             repeatable=True,
             option_help="Seeds of the lines, such as line:P:Q:20, random:200, boundary:NAME:4 or a table of points "
@@ -238,7 +238,7 @@ class Streamlines(Model, of="streamlines"):
     )
 
     def check(self) -> None:
-        """SceneError if there are no seeds, for an unknown direction, and if more than one size is given."""
+        """Raise SceneError if there are no seeds, for an unknown direction, and if more than one size is given."""
         check(len(self.seeds) or self.cores or self.along, "seeds of streamlines", "at least one", "none")
         directions = ("forward", "backward", "both")
         check(self.direction in directions, "direction of streamlines", " or ".join(directions), self.direction)
@@ -260,7 +260,7 @@ class Streamlines(Model, of="streamlines"):
         check(not self.style.on_surfaces, "style of streamlines", "no contours, no mesh lines and no lic", "some")
 
     def _check_cores(self) -> None:
-        """SceneError if seeds are combined with cores, or if settings of cores are given without cores."""
+        """Raise SceneError if seeds are combined with cores, or if settings of cores are given without cores."""
         if self.cores is None:
             alone = not self.least_swirl and not self.least_length
             check(alone, "streamlines", "cores with least_swirl and least_length", "none")
@@ -272,7 +272,7 @@ class Streamlines(Model, of="streamlines"):
         self._check_no_seeds("cores")
 
     def _check_no_seeds(self, kind: str) -> None:
-        """SceneError for settings of lines from seeds that are combined with a replacement of seeds."""
+        """Raise SceneError for settings of lines from seeds that are combined with a replacement of seeds."""
         default = Streamlines(("",))
         followed = (
             "direction",
@@ -298,7 +298,8 @@ class Glyphs(Model, of="glyphs"):
     points: Annotated[
         tuple[Seeds, ...],
         Setting(
-            f"Base points: {'; '.join(FORMS.values())} (boundaries: N each way on every face); or a table of points.",
+            f"Base points: {'; '.join(FORMS.values())} (boundaries: N in each direction on every face); "
+            "or a table of points.",
             metavar="WHAT",
             repeatable=True,
         ),
@@ -346,7 +347,7 @@ class Glyphs(Model, of="glyphs"):
     )
 
     def check(self) -> None:
-        """SceneError if there are no points, and for an unknown shape or an unknown kind of lengths."""
+        """Raise SceneError if there are no points, and for an unknown shape or an unknown kind of lengths."""
         check(len(self.points), "points of glyphs", "at least one", "none")
         check(self.shape in ("arrow", "cone"), "shape of glyphs", "arrow or cone", self.shape)
         check(self.lengths in ("magnitude", "equal"), "lengths of glyphs", "magnitude or equal", self.lengths)

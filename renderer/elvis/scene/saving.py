@@ -29,7 +29,7 @@ LONGEST_JPEG = 65500
 
 
 def check_suffix(path: Path) -> None:
-    """SceneError where the file's suffix names no format that is written."""
+    """Raise SceneError if the file's suffix belongs to no output format."""
     if path.suffix.lower() not in PICTURES:
         raise SceneError(
             f"{path}: expected a name that ends in {', '.join(PICTURES)}, found {path.suffix or 'no suffix'}"
@@ -116,7 +116,7 @@ def _software() -> PngInfo:
 def arrays(frame: Frame) -> dict[str, Any]:
     """The record by name: (height, width[, 3]) arrays of float64 or int64.
 
-    Raises SceneError where the frame was drawn without reference coordinates.
+    Raises SceneError if the frame was drawn without reference coordinates.
     """
     if frame.reference is None:
         raise SceneError("an exact record needs reference coordinates: draw with references=True")

@@ -312,7 +312,9 @@ class Session:
         known = {key: how[key] for key in ("size", "samples") if key in how}
         scene = scene_of_page({**self.table, "size": self.size, **known}, self.scene)
         if scene.size is not None and max(scene.size) > MOST:
-            raise SceneError(f"size: expected at most {MOST} pixels each way, found {scene.size[0]} x {scene.size[1]}")
+            raise SceneError(
+                f"size: expected at most {MOST} pixels in each direction, found {scene.size[0]} x {scene.size[1]}"
+            )
         found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix})
         if found is None:
             raise SceneError("the scene changed while the picture was drawn; save it again")

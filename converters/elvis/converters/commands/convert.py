@@ -256,7 +256,7 @@ def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent
         stale.append(data)
     if stale and not overwrite:
         raise ElvisError(
-            f"{stale[0]}: it belongs to the {output.name} that exists, but nothing new replaces it: "
+            f"{stale[0]}: it belongs to the existing {output.name}, and this output would not replace it: "
             "remove it, or pass --overwrite"
         )
     formats: dict[str, Any] = {"mesh_format": kind, "field_format": "hdf5" if kind == "hdf5" else "xml"}

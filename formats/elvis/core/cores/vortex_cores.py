@@ -23,9 +23,9 @@ from elvis.core.terminal import Progress
 
 #: kinds of ends of lines, with their meaning; names of boundaries follow
 ENDS: Mapping[str, str] = {
-    "closed": "come back to their beginning",
-    "faded": "the flow turns less than is asked for",
-    "jump": "no core goes on beyond the border of an element near enough",
+    "closed": "return to their start",
+    "faded": "the flow turns less than requested",
+    "jump": "no core continues near enough beyond the border of an element",
     "left": "left the domain",
 }
 #: names of columns and arrays, which no quantity may have
@@ -34,10 +34,10 @@ _TAKEN = ("line", "offsets", "points", "length", "element", "velocity", "swirl",
 
 @dataclass(frozen=True, eq=False)
 class VortexCores:
-    """Lines about which a flow turns; each in the direction about which it turns right-handed.
+    """Core lines of vortices, each directed so that the flow turns right-handed about it.
 
     offsets    (n+1,)  line i has the points offsets[i] to offsets[i+1]; a closed one its first point twice
-    first, last (n,)   how lines begin and end, places in ``ends``
+    first, last (n,)   how lines begin and end, indices into ``ends``
     ends       words of `ENDS`, then the names of boundaries
     points     (m, 3)  world coordinates
     length     (m,)    along the line from its first point
@@ -46,7 +46,7 @@ class VortexCores:
     swirl      (m,)    imaginary part of the complex eigenvalues of the velocity's gradient, lambda_ci
     values     further quantities (m,) by name
     undecided  ids of elements in which it could not be decided whether there are more
-    beside     ids of elements where that is so only within 1/64 of a place at rest, as edges of walls are
+    beside     ids of elements that are undecided only within 1/64 of a point at rest, such as edges of walls
     """
 
     offsets: Ints
@@ -107,7 +107,7 @@ class VortexCores:
         return {**own, **self.values}
 
     def columns(self) -> Columns:
-        """Arrays (m,) by name, a row a point: line, x, y, z, length, element, velocity_x, …, swirl, quantities."""
+        """Arrays (m,) by name, one row per point: line, x, y, z, length, element, velocity_x, …, swirl, quantities."""
         line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
         places = dict(zip("xyz", self.points.T, strict=True))
         parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}

@@ -186,7 +186,9 @@ def diff(
     rows = [row for row, _, _ in found]
     if not any(row.covered for row in rows):
         ours, others = (f"of {dataset.mesh.dimension}D data" for dataset in (first, second))
-        raise ElvisError(f"expected overlapping datasets, found nothing of the first, {ours}, in the second, {others}")
+        raise ElvisError(
+            f"expected overlapping datasets, found no overlap of the first, {ours}, with the second, {others}"
+        )
     _, measure, held = found[0]
     elements = sum(map(len, held))
     dimension = max((patch.dimension for patch in held), default=1)

@@ -44,7 +44,7 @@ class Pair:
         """Remarks about elements that are treated as identical."""
         if self._common.apart > _ROUNDING:
             part = f"{self._common.apart:.1g} of the coordinates"
-            yield f"elements of both meshes are taken for the same, whose maps differ by up to {part}"
+            yield f"elements of both meshes count as the same, although their maps differ by up to {part}"
 
     def parts(self, name: str) -> Iterator[tuple[Dataset, bool]]:
         """The first dataset with a field on common elements, and with it on the others; which of both it is.

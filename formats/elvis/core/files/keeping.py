@@ -105,7 +105,7 @@ class Store:
         """
         about, entry = os.stat(path), None
         if not stat.S_ISREG(about.st_mode):
-            raise OSError(f"{path} is no plain file")
+            raise OSError(f"{path} is not a regular file")
         if hasattr(os, "geteuid") and about.st_uid not in (os.geteuid(), 0):
             raise OSError(f"{path} belongs to another user")
         if about.st_size <= 2 * self.most:

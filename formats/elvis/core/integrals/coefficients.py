@@ -15,7 +15,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.reference_values import REFERENCE
 
-_FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0, or AXIS alone"
+_FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0, or only AXIS"
 #: reference values for the numbers before the axis
 _BEFORE = ("rho_ref", "u_ref", "area")
 

@@ -97,5 +97,5 @@ def flow_data(data: FlowSource) -> FlowData:
     """Wrap a dataset; other data are returned unchanged.  Raises ElvisError for 1D data."""
     found = DatasetFlow(data) if isinstance(data, Dataset) else data
     if found.dimension < 2:
-        raise ElvisError("expected 2D or 3D data, found lines, along which there is but one way")
+        raise ElvisError("expected 2D or 3D data, found 1D data, in which lines have only one direction")
     return found

@@ -45,9 +45,9 @@ _MOST_POINTS = 20_000_000
 class TracedLines:
     """Lines along a velocity.
 
-    offsets   (n+1,) line i has the points offsets[i] to offsets[i+1]; none if its seed is outside
+    offsets   (n+1,) line i has the points offsets[i] to offsets[i+1]; empty if its seed is outside
     seed      (n,)    the number of its seed
-    end       (n,)    how it ends, a place in ``ends``
+    end       (n,)    how it ends, an index into ``ends``
     ends      words for ends: the words of `endings`, then the names of boundaries by which lines left
     points    (m, 3)  world coordinates; the first of a line is its seed
     time      (m,)    since the seed, negative against the stream
@@ -100,7 +100,10 @@ class TracedLines:
             yield name, meanings.get(name, "left the domain through this boundary"), count
 
     def columns(self) -> Columns:
-        """Arrays (m,) by name, a row a point: line, seed, x, y, z, time, length, element, velocity_x, …, quantities."""
+        """Arrays (m,) by name, one row per point.
+
+        Names are line, seed, x, y, z, time, length, element, velocity_x, …, then quantities.
+        """
         line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
         places = dict(zip("xyz", self.points.T, strict=True))
         parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
@@ -142,7 +145,7 @@ def trace(
     seeds      points (n, d), or texts as `seeds` describes them, such as ``line:0,0:0,1:20``
     velocity   its components, as texts or one text with commas; None for the usual names in the data: u, v, w or
                rhou/rho, …
-    direction  forward, backward, or both: lines against the stream then follow the others
+    direction  forward, backward, or both: upstream lines then come after the others
     length     maximum length of lines in the world; None: ten diagonals of the box, unless a duration is given
     duration   maximum time
     speed      lines end below this speed

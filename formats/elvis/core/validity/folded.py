@@ -53,15 +53,15 @@ class Folded:
         """Messages that every command prints."""
         if len(self.wrong):
             yield (
-                f"{_elements(self.wrong)} inverted or folded, for the Jacobian is not positive all over "
-                f"({_some(self.wrong)}): integrals take its absolute value there (elvis integrate --jacobian signed "
-                "takes the sign too), points may have several places, and rules of integration may not converge, for "
-                "|J| has a kink; elvis info --jacobian shows where"
+                f"{_elements(self.wrong)} inverted or folded, because the Jacobian is not positive everywhere "
+                f"({_some(self.wrong)}): integrals use its absolute value there (elvis integrate --jacobian signed "
+                "keeps the sign), points may have several reference positions, and quadrature may not converge, "
+                "because |J| has a kink; elvis info --jacobian shows where"
             )
         if len(self.undecided):
             yield (
-                f"{_elements(self.undecided)} perhaps folded, for it could not be decided whether the Jacobian is "
-                f"positive all over ({_some(self.undecided)}); elvis info --jacobian tells more"
+                f"{_elements(self.undecided)} perhaps folded, because it could not be decided whether the Jacobian is "
+                f"positive everywhere ({_some(self.undecided)}); elvis info --jacobian shows details"
             )
 
 

@@ -84,7 +84,7 @@ def _check_batches(source: Converter, block: Elements) -> None:
         # sums may round otherwise for fewer elements, by parts of their largest terms
         rounding = 1e-12 * float(np.abs(expected).max(initial=0.0, where=np.isfinite(expected)))
         same = expected.shape == found.shape and np.allclose(expected, found, 1e-12, rounding, equal_nan=True)
-        assert same, f"{what} of a batch of a block differ from those of the whole: is block.rows used?"
+        assert same, f"{what} of a batch of a block differ from those of the complete block: is block.rows used?"
 
 
 def _compare(source: Converter, conversion: Conversion, again: Dataset, number: int, block: Elements) -> None:

@@ -161,7 +161,7 @@ def _check_picture(volume: Volume, service: EvaluationService, path: str | Path 
         frame.save(path)
     failed, seen = (frame.status == _FAILED), frame.element >= 0
     assert seen.any(), f"expected to see elements in a cut through ({x:g}, {y:g}, {z:g}), found none"
-    assert not failed.any(), f"expected to find what is at every pixel of a cut, found {failed.sum()} that failed"
+    assert not failed.any(), f"expected a result at every pixel of a cut, found {failed.sum()} that failed"
     for part in volume.parts:
         here = seen & np.isin(frame.element, part.element_ids)
         if part.evaluate is not None and here.any() and frame.reference is not None:

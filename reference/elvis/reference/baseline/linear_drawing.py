@@ -96,7 +96,7 @@ class Baseline:
             case CutSurface() if self.flat:
                 cuts = list(self.parts)
             case CutSurface(surface=TriangleMesh()):
-                raise ElvisError("triangles from a file stay what they are: linear meshes are only looked up on them")
+                raise ElvisError("triangles from a file do not change: linear meshes are only evaluated on them")
             case CutSurface(surface=Implicit(expression=expression)):
                 cuts = [section(part, part.values[expression]) for part in self._solid()]
             case CutSurface(surface=surface):

@@ -88,7 +88,9 @@ class VtkBaseline:
                 made.SetNonlinearSubdivisionLevel(_SUBDIVISION)
                 return self._triangles_of(made, self._merge())
             case _:
-                raise ElvisError("VTK is asked for planes, spheres, cylinders, isosurfaces and all outer faces only")
+                raise ElvisError(
+                    "the VTK baseline only draws planes, spheres, cylinders, isosurfaces and all outer faces"
+                )
         return self._triangles_of(made, self.grid)
 
     def _merge(self) -> Any:
@@ -149,5 +151,5 @@ def _function(surface: Surface) -> Any:
             made.SetAxis(axis)
             made.SetRadius(radius)
         case _:
-            raise ElvisError(f"VTK is asked for no {type(surface).__name__}")
+            raise ElvisError(f"the VTK baseline does not draw a {type(surface).__name__}")
     return made

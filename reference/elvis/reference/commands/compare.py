@@ -183,7 +183,7 @@ def _made_by(crew: Workers, tasks: list[Task]) -> list[Made]:
 
     crew.prepare("elvis.reference.commands.compare")
     with crew.client() as client:
-        return results(client, begun(client, made, ((task,) for task in tasks)), "reports that are whole stay")
+        return results(client, begun(client, made, ((task,) for task in tasks)), "finished reports are kept")
 
 
 def made(task: Task) -> Made:

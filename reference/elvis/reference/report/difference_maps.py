@@ -45,8 +45,8 @@ def difference_maps(
     Raises ElvisError if nothing can be drawn.
     """
     if Kind.LINE in map(Kind.of, (first, second)):
-        raise ElvisError("1D data are drawn as curves of their own")
-    draw, both = drawing_device(), first.beside(**{REFERENCE: second})
+        raise ElvisError("expected 2D or 3D data, found 1D data, which are drawn as curves")
+    draw, both = drawing_device(), first.with_others(**{REFERENCE: second})
     asked = replace(scene, outputs=(), stats=None, range=None, size=scene.size or SIZE)
     for field in fields:
         ours = draw(first, replace(asked, field=field), device=scene.device)
@@ -77,4 +77,4 @@ def _ends(frame: Frame) -> str:
 def _words(frame: Frame) -> str:
     """The ends of the colours, given by the largest visible difference, and the number of undefined pixels."""
     lost = frame.counts()["not_a_number"]
-    return _ends(frame) + (f"; magenta are {lost} pixels where the reference has nothing" if lost else "")
+    return _ends(frame) + (f"; {lost} pixels, in magenta, where the reference has no value" if lost else "")

@@ -21,10 +21,10 @@ Files = dict[str, Any]
 MEANING = (
     "Errors are measured at every pixel that both pictures show, relative to the colour range.",
     "A colour step is 1/256 of it.",
-    "A pixel counts as off where its value is wrong by more than a step, or where nothing is shown although there is "
+    "A pixel counts as off if its value is wrong by more than a step, or if it shows nothing although there is "
     "something.",
-    "A contour's displacement is the greatest distance between the contours of two pictures, in pixels, either way "
-    "(Hausdorff).",
+    "A contour's displacement is the greatest distance between the contours of two pictures, in pixels, in either "
+    "direction (Hausdorff).",
     "A linear picture is called right where no contour is off by more than a pixel or lost, and at most 0.1 % of the "
     "pixels are off, or spurious.",
     "Refinement n cuts every edge of every element into 2 to the power n parts; corners have the exact place and "
@@ -140,7 +140,7 @@ def _position_maps(study: Study, files: Files) -> dict[str, Any]:
         pixel = _pixel(rival)
         files[name], legend = drawn.position_map(study.exact, rival.record, pixel)
         pictures.append({"file": name, "name": rival.name, "words": f"up to {some(rival.errors.pixel_max)} pixels"})
-    words = "How far the point that a pixel shows lies from the exact one, in pixels."
+    words = "Distance of the point that a pixel shows from the exact one, in pixels."
     return {"title": "Where surfaces are misplaced", "words": words, "legend": legend, "pictures": pictures}
 
 

@@ -137,10 +137,11 @@ def _lines(study: LineStudy) -> Table:
         rows.append([own.name, own.skipped or some(own.greatest), some(own.median)])
     words = (
         f"{count_of(study.lines, 'line')}, the longest of length {study.length:.4g}: distances of their ends from those"
-        " of lines that are followed with a tenth of the tolerance, in parts of the diagonal of the box. VTK's are "
-        "those of its stream tracer, of order 4 and 5 with errors of 1e-9 of the box a step, after the time that the "
-        "true line lasts. In linear elements, whose corners have the exact place and velocity, the mesh errs, in VTK's "
-        "own cells the way in which places are found in them. VTK keeps places in single precision, some 1e-7."
+        " of lines that are followed with a tenth of the tolerance, relative to the diagonal of the box. VTK's lines "
+        "come from its stream tracer, of order 4 and 5 with errors of 1e-9 of the box per step, and have the duration "
+        "of the true line. In linear elements, whose corners have the exact position and velocity, the error comes "
+        "from the mesh; in VTK's own cells, from the search for positions. VTK stores positions in single precision, "
+        "about 1e-7."
     )
     return _table(f"Where streamlines end: {study.name}", ["elements", "greatest", "median"], rows, words)
 
@@ -149,7 +150,7 @@ def _costs(study: Study) -> Table:
     """Elements and memory, also of pictures that were not drawn."""
     rows = [[rival.name, *_cost(rival), rival.skipped or "drawn"] for rival in study.rivals if rival.counts]
     if study.next and rows:
-        rows.append([count_of(study.next[0], "refinement"), "", "", "", size(study.next[1]), "not asked for"])
+        rows.append([count_of(study.next[0], "refinement"), "", "", "", size(study.next[1]), "not requested"])
     if rows:
         rows.insert(0, ["exact", "", "", size(study.stored), "", "drawn"])
     heads = ["picture", "simplices", "points", "memory of the mesh", "memory while it is made and drawn", ""]
@@ -200,7 +201,7 @@ def _deviations(study: Study) -> Table:
             if own is None:
                 rows.append([name, rival.name, *["–"] * 5, "lost or invented"])
                 continue
-            points.setdefault(name, f"{name}: {own.points:,} points, {own.density:.3g} for a unit of area")
+            points.setdefault(name, f"{name}: {own.points:,} points, {own.density:.3g} per unit of area")
             spreads = [own.away, *([] if own.back is None else [own.back])]
             cells = [some(value) for one in spreads for value in (one.mean, one.most)]
             rows.append([name, rival.name, *cells, *["–"] * (4 - len(cells)), some(own.hausdorff)])

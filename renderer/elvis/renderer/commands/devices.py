@@ -48,7 +48,7 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
         print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return
     said = [(*row[:3], "auto" if row[3] else row[4] and f"skipped: it {row[4]}") for row in rows]
-    print_table(("device", "kind", "what it is", ""), said)
+    print_table(("device", "kind", "description", ""), said)
     for sentence in advice:
         warn(sentence)
 

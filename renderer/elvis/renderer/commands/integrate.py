@@ -126,9 +126,7 @@ def integrate(
     they are per unit of span.
     """
     if not quantities and coefficients is None:
-        raise click.UsageError(
-            "expected --field, what is to be integrated, or --coefficients", click.get_current_context()
-        )
+        raise click.UsageError("expected --field, the integrand, or --coefficients", click.get_current_context())
     if not 0 < error < 1:
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
     if without_top_modes and (bins is not None or plot is not None):

@@ -45,7 +45,9 @@ class ProbeCurves:
 
         several = {is_wall_curve(name) or is_wall_curve(name.partition(":")[2]) for name in self.names}
         if len(several) > 1:
-            raise ElvisError("--along: expected curves on boundaries alone, or none, found both; use two commands")
+            raise ElvisError(
+                "--along: expected only curves on boundaries, or none of them, found both; use two commands"
+            )
         return several == {True}
 
     def check(self, is_plotted: bool) -> None:

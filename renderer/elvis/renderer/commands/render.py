@@ -35,7 +35,7 @@ SHARE = 0.01
 UNSURE = {
     "failed": "an element may cover them, but its map could not be inverted",
     "ambiguous": "they lie within rounding of an element border, an edge or another surface, or it is not proved "
-    "that nothing hides what they show; -o record.npz stores the status of each pixel",
+    "that their surface is the nearest one; -o record.npz stores the status of each pixel",
 }
 #: part of a plane cut that is ambiguous where the plane runs along borders, and what to make of it
 ALONG = 0.5

@@ -70,7 +70,7 @@ def outside(surface: Solid, points: Floats) -> Floats:
     Inside is behind a plane, within a sphere, cylinder or cone, or where closed triangles wind around.
     """
     if isinstance(surface, TriangleMesh):
-        igl = require_module("igl", "what lies within a triangle file", "distances")
+        igl = require_module("igl", "the inside of a triangle file", "distances")
 
         corners = triangles(surface.file).reshape(-1, 3)
         faces = np.arange(len(corners)).reshape(-1, 3)
