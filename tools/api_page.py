@@ -30,9 +30,9 @@ def _chapters() -> Iterator[str]:
     for name, each in sorted(classes.items()):
         yield from _class(name, each)
     if models:
-        yield "## What a scene is made of\n"
-        yield "Dataclasses; their fields are the keys of [scene files](scene.md), which say more.\n"
-        yield "| class | what it is | fields |\n|---|---|---|"
+        yield "## Classes of scenes\n"
+        yield "These dataclasses have the keys of [scene files](scene.md) as fields; that page describes them.\n"
+        yield "| class | description | fields |\n|---|---|---|"
         yield from (f"| `{name}` | {_sentence(each)} | {_keys(each)} |" for name, each in sorted(models.items()))
         yield ""
 
@@ -48,7 +48,7 @@ def _class(name: str, each: type) -> Iterator[str]:
         shown = f"`{member}`" if isinstance(call, property) else f"`{_call(member, call)}`".replace("|", "\\|")
         rows.append(f"| {shown} | {_sentence(call)} |")
     if rows:
-        yield "| member | what it is |\n|---|---|"
+        yield "| member | description |\n|---|---|"
         yield from rows
         yield ""
 
