@@ -25,7 +25,7 @@ State: TypeAlias = tuple[ComplexChoice, Deform | None]
 class DeformedData:
     """Data, and their last state.
 
-    is_whole  whether the data were read whole, not in parts
+    is_whole  whether the data were read completely, not in parts
     """
 
     data: Dataset | PluginData
@@ -40,11 +40,11 @@ class DeformedData:
             return self.data
         if not isinstance(self.data, Dataset):
             key = "phase" if scene.deform is None else "deform"
-            raise SceneError(f"{key}: expected fields of files, found data of plugin {self.data.name}: leave {key} out")
+            raise SceneError(f"{key}: expected fields of files, found data of plugin {self.data.name}: remove {key}")
         if self._is_in(self.data, scene):
             return self.data
         if not self.is_whole:
-            raise SceneError("deform, phase: data read in parts keep what they were opened with")
+            raise SceneError("deform, phase: data read in parts cannot change these: open the data with them")
         state = scene.complexes, scene.deform
         if self._last is None or self._last[0] != state:
             self._last = state, self._in_state(self.data, *state)
