@@ -30,6 +30,7 @@ FRAMES = {
 SHAPES = {"tet": Shape.TETRAHEDRON, "hex": Shape.HEXAHEDRON, "prism": Shape.PRISM, "pyr": Shape.PYRAMID}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "count"), [("gmsh_ball_tet_o3", 679), ("gmsh_mixed_o2", 142)])
 def test_places_agree_with_the_library(solvers, truth, near, tmp_path, name, count):
     path = solvers / "cgns" / f"{name}.cgns"

@@ -74,6 +74,7 @@ def collapsed_rule(shape, count):
     return np.stack([x, y, z], axis=1), share
 
 
+@pytest.mark.thorough
 def test_integrals_of_pyfr(nektar):
     """Curved elements of all four shapes: PyFR's bases and maps at Gauss points; its own rules agree on the shapes."""
     inifile, shapes = pytest.importorskip("pyfr.inifile"), pytest.importorskip("pyfr.shapes")

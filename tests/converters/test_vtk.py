@@ -266,6 +266,7 @@ def test_every_container(tmp_path, suffix):
         assert done.dataset.mesh.composites[0].name == "steel"
 
 
+@pytest.mark.thorough
 def test_a_series_of_parts(tmp_path):
     for step in range(2):
         for part in range(2):

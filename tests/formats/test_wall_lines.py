@@ -29,6 +29,7 @@ def bent(shape, bend):
     return Dataset(curved(grid(shape, 2), ripple(bend), 3) if bend else grid(shape, 2))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", SOLIDS)
 @pytest.mark.parametrize("bend", [0.0, 0.04])
 @pytest.mark.sampled(least=2, free=("shape", "bend"))

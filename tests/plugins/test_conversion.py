@@ -290,6 +290,7 @@ def test_the_announced_error_is_that_of_the_written_file(tmp_path):
     assert np.abs(found - wave(places))[inside].max() <= 1.5 * measure.max + 5 * geometry.max
 
 
+@pytest.mark.thorough
 def test_converting_twice_gives_the_same_bytes(tmp_path):
     fields = {"u": AnalyticField(wave, 3, True, False), "w": AnalyticField(polynomial(2), 2, False)}
     for name in ("one", "two"):

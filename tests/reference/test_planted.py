@@ -69,6 +69,7 @@ def test_a_wrong_coefficient(size):
     assert set(exact.element[off]) == {element}
 
 
+@pytest.mark.thorough
 def test_a_shifted_node():
     right = data(shape=Shape.TETRAHEDRON)
     vertices = right.mesh.vertices.copy()

@@ -168,6 +168,7 @@ def test_remarks_are_in_the_statistics_of_a_picture(process, renderer, linear):
     assert "compiled kernels can't be cached in a test" in frame.stats["remarks"]
 
 
+@pytest.mark.thorough
 def test_processes_that_run_at_the_same_time(process, compose, tmp_path):
     settings = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
     started = [

@@ -271,6 +271,7 @@ def test_the_record_knows_nothing_of_streaks(solid):
 # one picture, however it is made
 
 
+@pytest.mark.thorough
 def test_bands_make_the_same_picture(draw, solid, monkeypatch):
     style = replace(grey(length=20.0), mesh_lines=MeshLines())
     cut = CutSurface(Plane((0.5, 0.5, 0.4), (0, 0.2, 1)), style)
@@ -320,6 +321,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", PICTURES)
 def test_the_reference_draws_the_same_of_other_scenes(draw, solid, name):

@@ -149,6 +149,7 @@ def test_facets_of_reference_shapes(renderer, shape):
     assert np.abs((points @ facets[:, :3].T + facets[:, 3]).min(axis=1) - expected).max() < 1e-12
 
 
+@pytest.mark.thorough
 def test_both_devices_draw_the_same(cut):
     field = with_field(grid(Shape.HEXAHEDRON, 3), square_distance((0.47, 0.52)))
     found = [cut(field, size=(60, 50), device=device) for device in ("vulkan", "cpu")]

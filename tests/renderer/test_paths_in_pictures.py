@@ -91,6 +91,7 @@ def test_what_has_no_paths(files):
     assert len(open_series(*files)) == 4
 
 
+@pytest.mark.thorough
 def test_films_read_the_fields_of_velocities_that_nothing_names(files, tmp_path):
     """Of native files only fields that are needed are read: u is drawn, lines, arrows and streaks need v as well."""
     lines = Streamlines(("point:0.3,0.5",), radius=RADIUS)
