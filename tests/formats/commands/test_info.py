@@ -249,7 +249,7 @@ def test_resolution_of_fields_is_told(elvis_json, pipe):
     text = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution"]).output
     assert "u: resolved: the estimated error is" in text
     row = next(line for line in text.splitlines() if line.startswith("u "))
-    assert float(row.split()[-3]) >= facts["fields"][0]["removed"]["bound"]
-    assert row.split()[-3].startswith("0.004")
+    assert float(row.split()[-4]) >= facts["fields"][0]["removed"]["bound"]
+    assert row.split()[-4].startswith("0.004")
     wrong = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution", "--field", "u*v"])
     assert str(wrong.exception) == "--resolution: expected a field of the data (u, v), found u*v"

@@ -15,6 +15,7 @@ face_height      height of the element above them; NaN elsewhere (see `element_s
 jump(f)          largest jump of the field f across the element's faces (see `jumps`)
 decay(f)         rate at which the modes of the field f fall with the order (see `resolution.element_resolution`)
 tail(f)          share of the energy of f in the highest modes
+recovered_error(f)  estimated error of the gradient of f on the element (see `resolution.gradient_errors`)
 distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
 ref:p            the value of p in the dataset named ref, at the same position (see `elsewhere`)
 """
@@ -142,6 +143,10 @@ class Attributes:
         function, field = found
         if function == "jump":
             return jumps(self._dataset, field)
+        if function == "recovered_error":
+            from elvis.core.resolution.gradient_errors import gradient_errors
+
+            return gradient_errors(self._dataset, field)
         from elvis.core.resolution.element_resolution import element_resolution
 
         measures = element_resolution(self._dataset, field)

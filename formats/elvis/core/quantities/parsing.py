@@ -7,6 +7,7 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - laplacian(f)
 - jump(u), the largest jump of a field across an element's faces
 - decay(u) and tail(u), the decay rate of a field's modes on an element, and the share of the highest ones
+- recovered_error(u), the estimated error of a field's gradient on an element
 - truncated(f), which replaces each field of f by the field without its highest modes
 - recovered(f), which replaces each field and each derivative in f by a continuous field fitted to it
 - abs(E), arg(E), real(E), imag(E) and real(E, degrees) of a complex field, amplitude(E) also of a complex vector

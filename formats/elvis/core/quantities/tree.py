@@ -20,7 +20,7 @@ AXES = ("x", "y", "z")
 #: derivatives of fields that can be evaluated
 HIGHEST = 2
 #: functions of a field that are one number throughout each element
-MEASURES = ("jump", "decay", "tail")
+MEASURES = ("jump", "decay", "tail", "recovered_error")
 #: parts of an expression, its derivatives included
 MOST = 20000
 

@@ -17,6 +17,7 @@ from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import AXES
 from elvis.core.ranges import field_range
 from elvis.core.resolution.element_resolution import ElementResolution, element_resolution
+from elvis.core.resolution.gradient_errors import gradient_errors, work_of
 from elvis.core.resolution.truncation import difference
 
 Facts = dict[str, Any]
@@ -25,6 +26,8 @@ Facts = dict[str, Any]
 WORST = 10
 #: estimated error, in parts of the norm of the field, below which a field counts as resolved
 RESOLVED = 1e-4
+#: work from which the error of the gradient is left out of a table (`gradient_errors.work_of`): a few seconds
+_MOST_WORK = 1 << 28
 #: share of the squared error that the worst elements hold, for which advice is given
 _MAIN_SHARE = 0.9
 #: decay rate from which a higher order pays more than smaller elements: amplitudes fall by e per order (Mavriplis 1990)
@@ -93,10 +96,21 @@ def _field_facts(dataset: Dataset, name: str, own: ElementResolution, centres: _
         },
         "jump": _greatest(jumps(dataset, name)[1]),
         "error": {"L2": error, "relative": _share(error, norm)},
+        "gradient_error": _gradient_error(dataset, name),
         "growing": own.element_ids[own.grows].tolist(),
         "not_finite": own.element_ids[~is_known].tolist(),
         "advice": _advice(own, _share(error, norm), centres),
     }
+
+
+def _gradient_error(dataset: Dataset, name: str) -> Facts:
+    """Estimated L2 norm of the error of the gradient, or the reason why it is missing."""
+    mesh = dataset.mesh
+    if mesh.dimension < mesh.space:
+        return {"L2": None, "reason": "the elements are surfaces or curves in space"}
+    if work_of(dataset, name) > _MOST_WORK:
+        return {"L2": None, "reason": f"it takes long here; the quantity recovered_error({name}) has it"}
+    return {"L2": _norm(gradient_errors(dataset, name)[1]), "reason": None}
 
 
 def _norm(values: Floats) -> float:

@@ -16,7 +16,8 @@ Facts = dict[str, Any]
 _NAMED = 8
 _LEGEND = """
 tail: largest share of the energy in the highest modes; decay: median rate per order; one order less: L2 norm of the
-difference to the projection; at most: certified bound of its magnitude; error: estimated L2 norm"""
+difference to the projection; at most: certified bound of its magnitude; error: estimated L2 norm; of gradient:
+estimated L2 norm of the error of the gradient, by a recovered gradient"""
 
 
 def print_resolution(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
@@ -46,13 +47,26 @@ def _print_tables(facts: Facts) -> None:
 
     from elvis.core.terminal import print_table, say, warn
 
-    headers = ("field", "order", "tail", "decay", "by direction", "one order less", "at most", "jump", "error")
+    headers = (
+        "field",
+        "order",
+        "tail",
+        "decay",
+        "by direction",
+        "one order less",
+        "at most",
+        "jump",
+        "error",
+        "of gradient",
+    )
     print_table(headers, [_field_row(field) for field in facts["fields"]])
     click.echo()
     for field in facts["fields"]:
         say(f"{field['name']}: {field['advice']}")
         if field["growing"]:
             say(f"{field['name']}: energy grows at the highest mode of {_first(field['growing'])}")
+        if field["gradient_error"]["reason"]:
+            say(f"{field['name']}: no error of the gradient: {field['gradient_error']['reason']}")
         if field["not_finite"]:
             warn(f"{field['name']}: coefficients are not finite in {_first(field['not_finite'])}, which do not count")
     click.echo()
@@ -75,6 +89,7 @@ def _field_row(field: Facts) -> tuple[object, ...]:
         _text_above(removed["bound"]),
         _text(field["jump"]),
         _text(field["error"]["L2"]),
+        _text(field["gradient_error"]["L2"]),
     )
 
 
@@ -95,7 +110,7 @@ def _text_above(number: float) -> str:
     if not isfinite(number):
         return "-"
     above = Context(prec=4, rounding=ROUND_CEILING).create_decimal_from_float(number)
-    return f"{float(above):.4g}"
+    return f"{abs(float(above)):.4g}"
 
 
 def _first(ids: Sequence[int]) -> str:
