@@ -52,8 +52,6 @@ _TOGETHER = 1 << 9
 _CAPTURED = 0.15
 #: what is added to scalar products, relative to their sum, so that rounding leaves them positive
 _REGULAR = 1e-15
-#: rings of elements by which the surroundings of a vertex grow while they do not determine all polynomials
-_RINGS = 2
 #: points in each direction beyond those that make a projection exact for polynomials of its degree
 EXTRA = 1
 #: rounding that the jumps of a continuous field may add up to
@@ -244,14 +242,30 @@ class _VertexFits:
         return sparse.csr_matrix((ones, (ends, np.concatenate(numbers))), (count, len(self._low)))
 
     def _fit(self, around: sparse.csr_matrix) -> None:
-        """Fit all polynomials, those of vertices with too few elements on more and more rings of elements."""
-        waiting, near = np.flatnonzero(np.diff(around.indptr)), around
-        for _ in range(_RINGS + 1):
-            own = near[waiting]
-            parts = chunks(len(waiting), _TOGETHER)
-            is_open = [self._fitted(waiting[part], own[part]) for part in parts]
-            waiting = waiting[np.concatenate([np.empty(0, bool), *is_open])]
-            near = near @ (around.T @ around)
+        """Fit all polynomials; vertices with too few elements, as on boundaries, take that of the nearest other one."""
+        vertices = np.flatnonzero(np.diff(around.indptr))
+        is_open = [self._fitted(vertices[part], around[vertices[part]]) for part in chunks(len(vertices), _TOGETHER)]
+        is_known = np.zeros(around.shape[0], bool)
+        is_known[vertices] = ~np.concatenate(is_open)
+        neighbours = (around @ around.T).tocsr()
+        places = self.centres.copy()
+        waiting = np.flatnonzero(~is_known)
+        while len(waiting):
+            waiting = self._take_nearest(waiting, neighbours, is_known, places)
+
+    def _take_nearest(self, waiting: Ints, neighbours: sparse.csr_matrix, is_known: Bools, places: Floats) -> Ints:
+        """Give vertices the polynomial of their nearest neighbour that has one; return those that may have one next."""
+        near = neighbours[waiting]
+        owner, other = np.repeat(np.arange(len(waiting)), np.diff(near.indptr)), near.indices
+        owner, other = owner[is_known[other]], other[is_known[other]]
+        distance = np.linalg.norm(places[other] - places[waiting[owner]], axis=1)
+        order = np.lexsort([distance, owner])
+        owners, first = np.unique(owner[order], return_index=True)
+        taking, source = waiting[owners], other[order][first]
+        for own in (self.coefficients, self.centres, self.sizes):
+            own[taking] = own[source]
+        is_known[taking] = True
+        return np.setdiff1d(waiting, taking) if len(taking) else waiting[:0]
 
     def _fitted(self, vertices: Ints, near: sparse.csr_matrix) -> Bools:
         """(n,) whether elements ``near`` vertices leave polynomials undetermined; these have the least coefficients."""
