@@ -222,17 +222,19 @@ class _VertexFits:
         found = np.zeros(places.shape[:2])
         for corner, vertices in enumerate(own.vertices[rows].T):
             table = self._table(vertices, places)
-            found += hats[:, corner] * np.matmul(table, self.coefficients[vertices][:, :, None])[..., 0]
+            found += hats[:, corner] * np.einsum("knq,nk->nq", table, self.coefficients[vertices])
         return found
 
     def _table(self, vertices: Ints, places: Floats) -> Floats:
-        """(n, q, k) products of Legendre polynomials of vertices (n,) at positions (n, q, d)."""
+        """(k, n, q) products of Legendre polynomials of vertices (n,) at positions (n, q, d)."""
         local = (places - self.centres[vertices, None]) / self.sizes[vertices, None]
-        table = np.ones((*local.shape[:2], self.size))
-        for axis, degrees in enumerate(self._degrees.T):
-            line = jacobi(int(degrees.max(initial=0)), 0, 0, local[..., axis].reshape(-1))
-            table *= line[degrees].T.reshape(table.shape)
-        return table
+        lines = [
+            jacobi(int(self._degrees.max(initial=0)), 0, 0, axis.reshape(-1)) for axis in np.moveaxis(local, -1, 0)
+        ]
+        table = lines[0][self._degrees[:, 0]]
+        for line, degrees in zip(lines[1:], self._degrees.T[1:], strict=True):
+            table *= line[degrees]
+        return table.reshape(self.size, *local.shape[:2])
 
     def _around(self, count: int) -> sparse.csr_matrix:
         """(v, e) 1 for the elements that share a vertex."""
@@ -305,14 +307,19 @@ class _VertexFits:
         """
         restriction, (expansion, coefficients) = self._restriction(own), own.field
         table = self._table(vertices, own.positions(rows, restriction.points))
-        modes = np.matmul((restriction.matrix @ restriction.compared).T, table)
+        modes = table @ (restriction.matrix @ restriction.compared)
         points, weights = exact_rule(raised(expansion))
         functions = values(expansion, points) @ restriction.functions.T
-        lacking = self._table(vertices, own.positions(rows, points)) - np.matmul(functions, modes)
-        lacking *= np.sqrt(weights)[:, None]
-        transposed = modes.transpose(0, 2, 1)
-        right = np.matmul(transposed, (coefficients[rows] @ restriction.compared)[:, :, None])[..., 0]
-        return np.matmul(transposed, modes), np.matmul(lacking.transpose(0, 2, 1), lacking), right
+        lacking = self._table(vertices, own.positions(rows, points)) - modes @ functions.T
+        lacking *= np.sqrt(weights)
+        right = np.einsum("knr,nr->nk", modes, coefficients[rows] @ restriction.compared)
+        return _squares(modes), _squares(lacking), right
+
+
+def _squares(table: Floats) -> Floats:
+    """(n, k, k) scalar products of rows: of tables (k, n, q)."""
+    own = table.transpose(1, 0, 2)
+    return np.matmul(own, own.transpose(0, 2, 1))
 
 
 def _least_fits(captured: Floats, lacking: Floats, right: Floats) -> tuple[Floats, Bools]:

@@ -27,7 +27,7 @@ WORST = 10
 #: estimated error, in parts of the norm of the field, below which a field counts as resolved
 RESOLVED = 1e-4
 #: work from which the error of the gradient is left out of a table (`gradient_errors.work_of`): a few seconds
-_MOST_WORK = 1 << 28
+_MOST_WORK = 1 << 22
 #: share of the squared error that the worst elements hold, for which advice is given
 _MAIN_SHARE = 0.9
 #: decay rate from which a higher order pays more than smaller elements: amplitudes fall by e per order (Mavriplis 1990)
