@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import click
 import numpy as np
@@ -8,7 +9,7 @@ from click.testing import CliRunner
 from elvis import Dataset, ElvisError, read, write
 from elvis.core.shapes import Shape
 from elvis.core.summary import summary
-from elvis.core.testing import curved, one_element
+from elvis.core.testing import curved, grid, one_element, with_field
 from elvis.plugins.command import elvis as group
 
 
@@ -253,3 +254,20 @@ def test_resolution_of_fields_is_told(elvis_json, pipe):
     assert row.split()[-4].startswith("0.004")
     wrong = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution", "--field", "u*v"])
     assert str(wrong.exception) == "--resolution: expected a field of the data (u, v), found u*v"
+
+
+def test_resolution_of_a_series_is_told_for_each_step(elvis, elvis_json, tmp_path):
+    """sin(k x) for k = 1 and 4: the error of the second step is larger."""
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    write(Dataset(mesh), tmp_path / "m.xml")
+    for step, wave in enumerate((1, 4)):
+        state = replace(with_field(mesh, lambda p, k=wave: np.sin(k * p[:, 0]), 4), time=float(step))
+        write(state, tmp_path / "other.xml", tmp_path / f"m_{step}.chk")
+    files = (tmp_path / "m.xml", *(tmp_path / f"m_{step}.chk" for step in range(2)))
+    steps = elvis_json("info", *files, "--resolution")["steps"]
+    assert [step["time"] for step in steps] == [0, 1]
+    first, second = (step["fields"][0]["error"]["L2"] for step in steps)
+    assert second > 10 * first > 0
+    rows = elvis("info", *files, "--resolution").splitlines()[1:3]
+    assert [row.split()[:2] for row in rows] == [["0", "u"], ["1", "u"]]
+    assert "worst element" in elvis("info", *files, "--resolution", "--step", "0")

@@ -319,7 +319,7 @@ class _VertexFits:
 def _squares(table: Floats) -> Floats:
     """(n, k, k) scalar products of rows: of tables (k, n, q)."""
     own = table.transpose(1, 0, 2)
-    return np.matmul(own, own.transpose(0, 2, 1))
+    return np.asarray(np.matmul(own, own.transpose(0, 2, 1)))
 
 
 def _least_fits(captured: Floats, lacking: Floats, right: Floats) -> tuple[Floats, Bools]:

@@ -14,7 +14,7 @@ from elvis.core.arguments import field_option, json_option, top_modes_option
 from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.info_extrema import print_extrema
-from elvis.renderer.commands.info_resolution import print_resolution
+from elvis.renderer.commands.info_resolution import print_resolution, print_resolution_over_time
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
 from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source
 
@@ -129,6 +129,10 @@ def info(
         return
     data = replace(data, is_of_map=jacobian)
     series = data.series(ranks=ranks)
+    if resolution and series is not None:
+        if not is_idle(ranks):
+            print_resolution_over_time(data, quantities, as_json)
+        return
     comes_apart = partial(_is_in_parts, quantities, resolution)
     if critical:
         comes_apart = partial(_have_all_sides, quantities, wall, ranks)

@@ -8,12 +8,18 @@ from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elvis.renderer.commands.sources import NativeSource
+    from elvis.core.dataset import Dataset
+    from elvis.renderer.commands.sources import Data, NativeSource
 
 Facts = dict[str, Any]
 
 #: ids of elements that a sentence holds
 _NAMED = 8
+#: headers of the table of fields
+_HEADERS = (
+    *("field", "order", "tail", "decay", "by direction", "one order less", "at most", "jump", "error"),
+    "of gradient",
+)
 _LEGEND = """
 tail: largest share of the energy in the highest modes; decay: median rate per order; one order less: L2 norm of the
 difference to the projection; at most: certified bound of its magnitude; error: estimated L2 norm; of gradient:
@@ -22,23 +28,43 @@ estimated L2 norm of the error of the gradient, by a recovered gradient"""
 
 def print_resolution(source: NativeSource, names: Sequence[str], as_json: bool) -> None:
     """Print a row for each field, the worst elements, and advice; ElvisError for names that are not fields."""
-    from elvis.core.errors import ElvisError
-    from elvis.core.resolution.resolution_facts import resolution_facts
     from elvis.core.terminal import print_json, stage
 
-    dataset = source.dataset
+    with stage("measuring"):
+        facts = _facts(source.dataset, names)
+    if as_json:
+        print_json(facts)
+    else:
+        _print_tables(facts)
+
+
+def print_resolution_over_time(data: Data, names: Sequence[str], as_json: bool) -> None:
+    """Print a row for each step of a series and each field; ElvisError for names that are not fields."""
+    from elvis.core.terminal import print_json, print_table, say
+
+    series, moments = data.moments("all", "measuring")
+    steps = [{"time": time, **_facts(source.dataset, names)} for time, source in moments]
+    data.tell_of(series, [own["time"] for own in steps])
+    if as_json:
+        print_json({"steps": steps})
+        return
+    rows = [(f"{step['time']:.10g}", *_field_row(own)) for step in steps for own in step["fields"]]
+    print_table(("time", *_HEADERS), rows)
+    say(_LEGEND)
+
+
+def _facts(dataset: Dataset, names: Sequence[str]) -> Facts:
+    """The facts on some fields of a dataset, or on all of them."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.resolution.resolution_facts import resolution_facts
+
     fields = [field.name for field in dataset.solution]
     wrong = [name for name in names if name not in fields]
     if wrong or not fields:
         known = ", ".join(fields) or "none"
         found = wrong[0] if wrong else "none"
         raise ElvisError(f"--resolution: expected a field of the data ({known}), found {found}")
-    with stage("measuring"):
-        facts = resolution_facts(dataset, list(dict.fromkeys(names)) or fields)
-    if as_json:
-        print_json(facts)
-    else:
-        _print_tables(facts)
+    return resolution_facts(dataset, list(dict.fromkeys(names)) or fields)
 
 
 def _print_tables(facts: Facts) -> None:
