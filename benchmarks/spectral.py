@@ -43,7 +43,8 @@ from elvis import (
 )
 from elvis.core.arrays import Floats
 from elvis.core.testing import approximated, curved, grid
-from elvis.reference import compare_scene
+from elvis.reference.study import compare_scene
+from elvis.scene.frame import Frame
 
 #: of a row, in seconds of the clock
 LIMIT = 300.0
@@ -90,6 +91,11 @@ class Spectral:
     order: int
     bend: Callable[[Floats], Floats]
 
+    @property
+    def elements(self) -> int:
+        """Their number."""
+        return int(grid(self.shape, self.cells).count)
+
     def files(self, folder: Path) -> list[str]:
         """The native files, written into a folder."""
         mesh = curved(grid(self.shape, self.cells), self.bend, self.order + 1)
@@ -127,7 +133,7 @@ COMMANDS = {
     "integrate u^2": ("integrate", "--field", "u^2"),
     "integrate p over all": ("integrate", "--over", "all", "--field", "p"),
     "info --jacobian": ("info", "--jacobian"),
-    "probe 100,000 points": ("probe", "points.csv", "-o", "values.csv"),
+    "probe 100,000 points": ("probe", "--points", "points.csv", "-o", "values.csv"),
 }
 
 
@@ -141,14 +147,23 @@ def picture(files: Sequence[str], kind: str, device: str, side: int, rounds: int
     pixels = max(8, round(share * side))
     scene = Scene("u", camera=camera, objects=(make(centre),), size=(pixels, pixels))
     with Renderer(device) as renderer:
-        frame, first = once(lambda: (renderer.load(dataset, "u"), renderer.render(scene))[1])
+        frame, first = once(partial(_first, renderer, dataset, scene))
         timing = Timing()
         for _ in range(rounds):
             timing.run(partial(renderer.render, scene))
-    hits = frame.seen
-    certain = float((frame.status[hits] == Status.CERTAIN).mean()) if hits.any() else float("nan")
+    # volumes have no depth: all their pixels count
+    hits = frame.seen if frame.seen.any() else np.ones_like(frame.seen)
+    certain = float((frame.status[hits] == Status.CERTAIN).mean())
     found = {"first": first.effort, **timing.record(), "pixels": pixels, "hits": int(hits.sum()), "certain": certain}
     return {**found, "linear": linear(dataset, scene) if kind in LINEAR else []}
+
+
+def _first(renderer: Renderer, dataset: Dataset, scene: Scene) -> Frame:
+    """The first picture, loading included."""
+    (drawn,) = scene.objects
+    quantity = getattr(drawn, "quantity", None)
+    renderer.load(dataset, "u", *filter(None, [quantity]))
+    return renderer.render(scene)
 
 
 def linear(dataset: Dataset, scene: Scene) -> list[dict[str, float]]:
@@ -171,13 +186,8 @@ def measure(device: str, side: int, rounds: int, quick: bool) -> dict[str, Any]:
             _write_points(files, Path(folder) / "points.csv", 100 if quick else 100_000)
             rows = {kind: _picture_apart(files, kind, device, side, rounds) for kind in PICTURES}
             rows |= {name: _command(files, words, Path(folder)) for name, words in COMMANDS.items()}
-        found["cases"][case.name] = {"elements": len(_cells(case)), "order": case.order, "rows": rows}
+        found["cases"][case.name] = {"elements": case.elements, "order": case.order, "rows": rows}
     return found
-
-
-def _cells(case: Spectral) -> range:
-    """Numbers of the elements of some data."""
-    return range(len(grid(case.shape, case.cells).elements))
 
 
 def _write_points(files: Sequence[str], path: Path, count: int) -> None:
