@@ -121,6 +121,18 @@ def test_lines_of_the_undeformed_mesh_are_those_of_the_data():
     assert shown.legends == alone.legends or shown.range == alone.range
 
 
+@pytest.mark.parametrize("how", ["mesh", "outline"])
+def test_bands_of_rows_show_the_undeformed_mesh_alike(monkeypatch, how):
+    whole = both(how)
+    # bands of five rows, whose borders are those of the square
+    monkeypatch.setattr("elvis.renderer.rendering.BAND", 200)
+    bands = both(how)
+    assert np.array_equal(bands.color, whole.color)
+    assert np.array_equal(bands.element, whole.element)
+    ours, theirs = ([np.concatenate(stroke.lines) for stroke in own.drawing.strokes] for own in (bands, whole))
+    assert [len(own) for own in ours] == [len(own) for own in theirs]
+
+
 def test_undeformed_faces_are_grey_and_an_outline_surrounds_them():
     alone, shown, outlined = both(None), both("faces"), both("outline")
     height, width = alone.element.shape

@@ -22,6 +22,7 @@ from elvis.renderer.passes.lines.lines import Lines, levels
 from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Stages
+from elvis.renderer.undeformed import STYLES
 from elvis.scene import ColorBar, Implicit, Scene, Style, Transfer, Vector, VolumeRendering
 from elvis.scene.conditioning import uncertainties
 from elvis.scene.frame import Legend, Status
@@ -103,6 +104,7 @@ def _uncertain(hits: HitBuffer, view: View, pixel: Ints, extent: float) -> Float
 def radius_of_lines(scene: Scene, is_far: bool) -> int:
     """Pixels around one that its lines and streaks depend on, in each direction; see DeviceVolume.is_far."""
     styles = [item.style for item in scene.every_object if not isinstance(item, VolumeRendering)]
+    styles += [STYLES[scene.undeformed]] if scene.undeformed else []
     lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
     reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
     # far from the origin pixels next to visible ones are in doubt (see `passes.plane.cut`)
