@@ -95,6 +95,10 @@ def test_a_deformation_keeps_all_but_its_scale():
     assert scene_of_page(table, own) == replace(own, deform=replace(own.deform, scale=3.0), phase=30.0)
     foreign = {"deform": {"displacement": "p,q", "scale": 5.0}}
     assert scene_of_page(foreign, own).deform == replace(own.deform, scale=5.0)
+    # a link or a program changes the whole table
+    assert patched(table, {"deform": {"displacement": "u,v", "scale": 4.0}})["deform"]["scale"] == 4.0
+    with pytest.raises(SceneError, match="cannot be changed"):
+        patched(table, {"deform": {"displacement": "u,w", "scale": 4.0}})
     for key, before in (("deform.displacement", table), ("deform", table), ("deform.scale", {})):
         with pytest.raises(SceneError, match="cannot be changed"):
-            patched(before, {key: 2.0})
+            patched(before, {key: 2.0 if "." in key else None})

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driving import PATIENCE, picture, settled
+from test_page import as_rendered
 
-from elvis import Dataset, Deform, Scene, Shape
+from elvis import Dataset, Deform, Scene, Shape, write
 from elvis.core.testing import approximated, grid
 from elvis.viewer.drawing_process import _Drawing
 from elvis.viewer.moments import source_of
@@ -35,3 +37,27 @@ def test_lines_of_values_belong_to_the_scale_and_the_phase(drawing):
         found = process.answer("line", 0, content)
         assert np.allclose(found["values"][0], 0.25, atol=1e-12)
         assert np.allclose(found["values"][1], (moved - 0.25) / scale, atol=1e-12)
+
+
+def test_sliders_change_the_scale_and_the_phase(start, browser, tmp_path):
+    data = Dataset(grid(Shape.QUADRILATERAL, 1))
+    data = replace(data, fields=tuple(approximated(data, name, own, 3) for name, own in FUNCTIONS.items()))
+    files = tuple(map(str, write(data, tmp_path / "wave.xml")))
+    deform = Deform("E,0", 1.0)
+    viewer = start(Scene("E_re", data=files, deform=deform, phase=0.0, size=(200, 160)))
+    page = browser.new_page()
+    page.set_default_timeout(1000 * PATIENCE)
+    faults = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto(viewer.address)
+    settled(page, viewer)
+    for label, value in (("scale", "1.5"), ("phase", "90")):
+        before = picture(viewer)
+        page.get_by_label(label, exact=True).fill(value)
+        settled(page, viewer)
+        assert picture(viewer) != before
+    shown = viewer.session.current
+    assert (shown.deform, shown.phase) == (replace(deform, scale=1.5), 90.0)
+    assert picture(viewer) == as_rendered(viewer, tmp_path)
+    assert not faults
+    page.close()

@@ -31,13 +31,24 @@ def patched(table: Table, changes: Mapping[str, Any]) -> Table:
     result = deepcopy(table)
     for key, value in changes.items():
         steps = steps_of(key)
-        if steps[0] in FIXED or (steps[0] == SCALE[0] and (steps != SCALE or SCALE[0] not in table)):
+        if steps[0] in FIXED or (steps[0] == SCALE[0] and not _is_scale(table, steps, value)):
             raise SceneError(f"{key}: cannot be changed while the viewer runs; restart elvis view with another value")
         try:
             _set(result, steps, value)
         except (IndexError, KeyError, TypeError, AttributeError, ValueError) as error:
             raise SceneError(f"{key[:80]}: the scene has no such place") from error
     return result
+
+
+def _is_scale(table: Table, steps: list[int | str], value: Any) -> bool:
+    """Whether a change of a deformation is one of its scale: of that key, or of a table that is otherwise the same."""
+    known = table.get(SCALE[0])
+    if not isinstance(known, Mapping):
+        return False
+    if steps != SCALE[:1]:
+        return steps == SCALE
+    own, other = ({key: each for key, each in dict(some).items() if key != SCALE[1]} for some in (known, value or {}))
+    return own == other
 
 
 def _set(table: Any, steps: list[int | str], value: Any) -> None:
