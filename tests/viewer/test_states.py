@@ -39,6 +39,7 @@ def test_lines_of_values_belong_to_the_scale_and_the_phase(drawing):
         assert np.allclose(found["values"][1], (moved - 0.25) / scale, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_sliders_change_the_scale_and_the_phase(start, browser, tmp_path):
     data = Dataset(grid(Shape.QUADRILATERAL, 1))
     data = replace(data, fields=tuple(approximated(data, name, own, 3) for name, own in FUNCTIONS.items()))
@@ -51,9 +52,10 @@ def test_sliders_change_the_scale_and_the_phase(start, browser, tmp_path):
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.goto(viewer.address)
     settled(page, viewer)
-    for label, value in (("scale", "1.5"), ("phase", "90")):
+    for label, value in (("scale", "0"), ("scale value", "1.5"), ("phase", "90")):
         before = picture(viewer)
         page.get_by_label(label, exact=True).fill(value)
+        page.get_by_label(label, exact=True).press("Tab")
         settled(page, viewer)
         assert picture(viewer) != before
     shown = viewer.session.current

@@ -1775,10 +1775,10 @@ class Viewer {
       const scale = deform.scale ?? 1, most = Math.max(this.mostScale ?? 0, 2 * Math.abs(scale)) || 1;
       // the ends stay while the slider moves between them
       this.mostScale = most;
-      rows.push(this.slider("scale", -most, most, scale, (e, moving) => this.change({ "deform.scale": Number(e.target.value) }, moving)));
+      rows.push(this.sliderWithField("scale", -most, most, scale, (value, moving) => this.change({ "deform.scale": value }, moving)));
     }
     if (phase !== undefined || this.facts.complex?.length) {
-      rows.push(this.slider("phase", 0, 360, phase ?? 0, (e, moving) => this.change({ phase: Number(e.target.value) }, moving)));
+      rows.push(this.sliderWithField("phase", 0, 360, phase ?? 0, (value, moving) => this.change({ phase: value }, moving)));
     }
     return rows.length ? [make("h2", {}, deform ? "Deformation" : "Phase"), ...rows] : [];
   }
@@ -1912,6 +1912,19 @@ class Viewer {
       (e, moving) => put({ center: center.map((old, i) => (i === axis ? Number(e.target.value) : old)) }, moving)));
     const size = this.slider("radius", extent / 500, Math.max(extent, radius), radius, (e, moving) => put({ radius: Number(e.target.value) }, moving));
     return [...places, size];
+  }
+
+  // a slider, and a field for any number
+  sliderWithField(name, low, high, value, set) {
+    const field = make("input", { type: "number", step: "any", value, "aria-label": `${name} value`,
+      onchange: (e) => e.target.value !== "" && set(Number(e.target.value), false) });
+    const move = (e, moving) => {
+      field.value = e.target.value;
+      set(Number(e.target.value), moving);
+    };
+    const row = this.slider(name, low, high, value, move);
+    row.append(make("div", { className: "elvis-several" }, row.lastChild, field));
+    return row;
   }
 
   slider(name, low, high, value, move) {
