@@ -360,7 +360,8 @@ def test_names_come_in_chapters_and_are_found_by_what_is_typed(page):
         .locator("optgroup")
         .evaluate_all("groups => groups.map((own) => [own.label, ...[...own.children].map((one) => one.textContent)])")
     )
-    assert [own[0] for own in chapters] == ["fields", "mesh"]
+    assert [own[0] for own in chapters] == ["fields", "mesh", "resolution"]
+    assert {"decay(u)", "recovered_error(u)", "truncated(u)"} <= set(chapters[2])
     assert {"element", "order", "x"} <= set(chapters[1])
     for _, *names in chapters:
         assert names == sorted(names, key=str.lower)

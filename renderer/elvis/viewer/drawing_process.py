@@ -10,7 +10,7 @@ import os
 import re
 import signal
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -183,7 +183,7 @@ class _Drawing:
         names = names_of(data)
         facts: Table = {
             "fields": list(names.fields),
-            "quantities": _grouped(names, names.of_elements if isinstance(data, Dataset) else ()),
+            "quantities": _grouped(names, isinstance(data, Dataset)),
             "boundaries": [],
             "bodies": [],
             "body_size": 0.0,
@@ -433,15 +433,16 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
     }
 
 
-def _grouped(names: Names, of_elements: Sequence[str]) -> dict[str, list[str]]:
+def _grouped(names: Names, has_elements: bool) -> dict[str, list[str]]:
     """Quantities that can colour a picture, by chapter; each sorted alphabetically, with numbers by their value.
 
-    of_elements  quantities of elements
+    has_elements  whether the data have elements with properties, and fields with modes
     """
     chapters = {
         "fields": names.fields,
         "derived": names.flow.available,
-        "mesh": [*"xyz"[: names.dimension], *of_elements],
+        "mesh": [*"xyz"[: names.dimension], *(names.of_elements if has_elements else ())],
+        "resolution": names.of_resolution if has_elements else (),
     }
     taken = set[str]()
     found = {}

@@ -17,11 +17,11 @@ from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
 from elvis.core.quantities.complex_functions import is_complex
 from elvis.core.quantities.configurations import derivative_before
-from elvis.core.quantities.derived import derived_rate
+from elvis.core.quantities.derived import DERIVED, derived_rate
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
-from elvis.core.quantities.tree import AXES, TIME, Node, attribute, coordinate, field, number
+from elvis.core.quantities.tree import AXES, MEASURES, TIME, Node, attribute, coordinate, field, number
 
 CONSTANTS = {"pi": math.pi, "e": math.e}
 #: attributes of elements (see `attributes`), defined in every dataset, with their meaning
@@ -187,6 +187,12 @@ class Names:
     def of_elements(self) -> tuple[str, ...]:
         """Names of the quantities that every point of an element has, without fields."""
         return tuple(name for name in ATTRIBUTES if name not in (*self.fields, *SIDES))
+
+    @property
+    def of_resolution(self) -> tuple[str, ...]:
+        """Functions of single fields that show how well these are resolved."""
+        plain = [name for name in self.fields if name.isidentifier()]
+        return tuple(f"{function}({name})" for name in plain for function in (*MEASURES, *DERIVED))
 
     @property
     def _in_words(self) -> str:
