@@ -5,6 +5,7 @@
 wing       all volume shapes, curved, with p, u, v, w
 cylinder   2D: potential flow past a cylinder (generate.py)
 wave       2D: wave_0.chk to wave_8.chk, a standing wave that loses strength, at times 0 to 2
+resolved   2D: 64 squares of order 4 with a smooth field, a layer, a shock and a corner
 bend       3D: flow through a bent duct (generate.py)
 delta      3D: vortex over a half delta wing (cases.py, where Gmsh is installed)
 SOURCES    files that solvers wrote
@@ -60,6 +61,7 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
 
     write(wing(3 if quick else 5), folder / "wing.xml")
     _write_waves(folder)
+    write(resolved(), folder / "resolved.xml")
     generate.main(folder)
     if find_spec("gmsh"):
         import cases
@@ -89,6 +91,19 @@ def _wave(time: float, x: Floats) -> Floats:
     moving = np.sin(3 * np.pi * x[:, 0]) * np.sin(2 * np.pi * x[:, 1])
     waves: Floats = np.exp(-time / 4) * (np.cos(np.pi * time) * shape + np.sin(np.pi * time) * moving)
     return waves
+
+
+def resolved() -> Dataset:
+    """A square with fields that are resolved well and badly: smooth, layer, shock, corner (r^(2/3) sin(2 θ / 3))."""
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 8))
+    functions = {
+        "smooth": lambda x: np.sin(2 * x[:, 0]) * np.cos(3 * x[:, 1]),
+        "layer": lambda x: np.tanh((x[:, 0] - 0.55) / 0.05),
+        "shock": lambda x: np.tanh((x[:, 0] + x[:, 1] / 2 - 0.61) / 0.002),
+        "corner": lambda x: np.hypot(x[:, 0], x[:, 1]) ** (2 / 3) * np.sin(2 / 3 * np.arctan2(x[:, 1], x[:, 0])),
+    }
+    fields = (approximated(dataset, name, function, modes=5) for name, function in functions.items())
+    return replace(dataset, fields=tuple(fields))
 
 
 def wing(modes: int = 5) -> Dataset:
