@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.differences import compositions, prepared
+from elvis.core.differences import compositions, overlaps, prepared
 from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
 from elvis.core.mapping.margins import heights
 from elvis.core.patch import patches
@@ -303,14 +303,41 @@ def test_rounding_of_places_from_the_origin_is_counted(coarse):
     assert np.array_equal(whole.places, outer.places - 3.0)
 
 
-def test_nets_of_a_lower_degree_have_the_rounding_of_their_values(coarse):
-    """These are compared at the lattice, where both are rounded."""
+def test_nets_of_a_lower_degree_have_the_rounding_of_their_values(monkeypatch):
+    """These are compared at the lattice, where both are rounded, here so little that squares don't count."""
+    unit = 2.0**-24
+    monkeypatch.setattr(compositions, "gamma", lambda roundings: roundings * unit)
     composition, _ = pair(np.random.default_rng(2), Shape.QUADRILATERAL, 0.0, 3)
-    values = np.ones((COUNT, composition.count))
-    nets, apart = composition._fitted(values, composition.degree)
-    own = (1 + COARSE) ** (value_roundings(nets.shape[1:]) + 1) - 1
-    assert (apart >= own).all()
-    assert (apart <= 1.2 * own).all()
+    nets, apart = composition._fitted(np.ones((COUNT, composition.count)), composition.degree)
+    counted = (value_roundings(nets.shape[1:]) + 1) * unit
+    assert (apart >= counted).all()
+    assert (apart <= 1.02 * counted).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
+def test_boxes_are_cut_down_to_what_may_meet_elements(shape):
+    """Of linear maps: no point in the element is left out; what is left reaches an eighth of a box beyond it."""
+    rng = np.random.default_rng(3)
+    composition, boxes = pair(rng, shape, 0.0, 1)
+    composition._inner.affine.matrix = np.tile(np.eye(2), (COUNT, 1, 1))
+    ends = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], indexing="ij"))
+    size, middle = rng.uniform(1.5, 4, (COUNT, 2, 1, 1)), rng.uniform(-2, 2, (COUNT, 2, 1, 1))
+    boxes = replace(boxes, places=middle + size * ends)
+    found = composition.clipped(boxes)
+    low, high = np.full((2, COUNT, 2), np.nan)
+    low[found.rows], high[found.rows] = found.places.min(axis=(2, 3)), found.places.max(axis=(2, 3))
+    points = rng.uniform(-1, 1, (400, 2))
+    points = np.concatenate([points[heights(shape, points).min(axis=1) >= 0], shape.vertices])
+    is_met = np.zeros(COUNT, bool)
+    for point in points:
+        own = (np.abs(point - middle[..., 0, 0]) <= size[..., 0, 0]).all(axis=1)
+        assert ((low[own] <= point + 1e-12) & (point <= high[own] + 1e-12)).all()
+        is_met |= own
+    assert is_met.sum() > 10
+    if shape is Shape.QUADRILATERAL:
+        room = size[..., 0, 0][is_met] / 4 + 1e-9
+        assert (np.maximum(low, -1)[is_met] - low[is_met] <= room).all()
+        assert (high[is_met] - np.minimum(high, 1)[is_met] <= room).all()
 
 
 def test_nets_of_a_lower_degree_are_taken_up_to_what_is_allowed():
@@ -345,3 +372,14 @@ def test_elements_are_prepared_with_all_roundings(monkeypatch, shape):
     low, high = side.ranges()
     assert np.array_equal(low, side.net.min(axis=1) - 0.5)
     assert np.array_equal(high, side.net.max(axis=1) + 0.5)
+
+
+@pytest.mark.parametrize(("greatest", "expected"), [(0.9, 0.0), (1.0, 0.0), (1.1, 7.0)])
+def test_patches_are_compared_if_any_pair_may_exceed_the_difference_found(monkeypatch, greatest, expected):
+    upper = np.array([0.5, greatest])
+    monkeypatch.setattr(overlaps, "_apart", lambda *_: upper)
+    monkeypatch.setattr(overlaps, "_roles", lambda one, two, rows, others: [(one, two, rows, others, [0, 1])])
+    monkeypatch.setattr(overlaps, "_Pairs", lambda *_: SimpleNamespace(bound=lambda a, b, upper: 7.0))
+    tree = SimpleNamespace(overlaps=lambda low, high: (np.arange(2), np.arange(2)))
+    side = SimpleNamespace(boxes=np.zeros((2, 6)), tree=tree)
+    assert overlaps._between(side, side, SimpleNamespace(best=SimpleNamespace(value=1.0))) == expected

@@ -12,6 +12,7 @@ from elvis.core.integrals import (
     analytic_error,
     box_discs,
     disc_algebra,
+    graph_discs,
     graph_orders,
     graphs,
     groups,
@@ -185,14 +186,18 @@ OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "
 OPERATIONS |= {"sqrt": np.sqrt, "log": np.log, "min": np.minimum, "max": np.maximum}
 
 
-def ball_of(text, balls, cofactor=lambda node: None, factors=((0.0,), (0.0,))):
+def tree_of(text, balls, cofactor=lambda node: None, factors=((0.0,), (0.0,))):
     """The ball of an expression of leaves x and y on COUNT boxes."""
 
     def leaf(node):
         return balls[node.axes[0]] if node.op == "coordinate" else Ball.around(discs.number(node.value))
 
-    found = TreeDiscs(COUNT, np.array(factors), leaf, cofactor).of(Expression.of(DATASET, text).root)
-    return Ball(*(np.broadcast_to(own, (COUNT, 1))[:, 0] for own in found))
+    return TreeDiscs(COUNT, np.array(factors), leaf, cofactor).of(Expression.of(DATASET, text).root)
+
+
+def ball_of(*arguments):
+    """The same of balls with one column, without it."""
+    return Ball(*(np.broadcast_to(own, (COUNT, 1))[:, 0] for own in tree_of(*arguments)))
 
 
 def of_leaves(cofactors):
@@ -418,6 +423,7 @@ def test_graphs_run_along_the_direction_in_which_g_grows_most():
     order, is_graph = graph_orders.orders(nets, are_ends_free=True)
     assert is_graph.all()
     assert (order[:, 2] == slopes.argmax(axis=1)).all()
+    assert graph_orders._steepness(np.ones((1, 2, 2, 2)))[0] == 0.0
     # a tenth of the greatest slope is too little
     for slope, is_one in ((0.099, False), (0.101, True)):
         flat = np.array([[[[0.0, slope], [1.0, 1.0 + slope]]]])
@@ -681,3 +687,58 @@ def test_splines_pass_their_points_with_one_slope_and_one_bend():
     for end, way in ((0.0, 1), (3.0, -1)):
         near = curve.at(end + way * step * np.array([0.5, 1.5]))[1]
         assert np.abs(near[1] - near[0]).max() / step < 1e-2
+
+
+def test_slacks_and_zeros_count_at_real_points_alone():
+    """The first column; other columns are those of ellipses."""
+    middle, radius, slack = np.full((2, COUNT, 1), 2.0), np.full((2, COUNT, 1), 0.5), np.full((2, COUNT, 1), 0.1)
+    wider = np.concatenate([radius, 3 * radius], axis=2)
+    for text in ("x*y", "x^2", "x/y", "x+y", "sqrt(x)", "abs(x)"):
+        exact = text == "x/y"
+        found = []
+        for own in (radius, wider):
+            given = zip(middle, own, [slack[0], 0 * slack[1] if exact else slack[1]], strict=True)
+            balls = [Ball(m, r, m - r, r, s, np.sqrt(s)) for m, r, s in given]
+            found.append(tree_of(text, balls))
+        assert np.array_equal(np.broadcast_to(found[0].slack, (COUNT, 1)), np.broadcast_to(found[1].slack, (COUNT, 1)))
+        assert np.abs(balls[0].size - 2.6).max() < 1e-12
+    nothing = np.zeros((COUNT, 1))
+    for column in (0, 1):
+        radius = np.zeros((COUNT, 2))
+        radius[:, column] = 0.1
+        assert not Ball.around((nothing, radius)).is_zero.any()
+    assert Ball.around((nothing, np.zeros((COUNT, 2)))).is_zero.all()
+
+
+def test_rules_and_integrals_differ_by_four_radii_of_real_points():
+    """Where nothing is known of ellipses: values at the nodes at the one end, elsewhere at the other."""
+    for d in (1, 2, 3):
+        radius = np.full((1, 2 + d * len(level_error.RHOS)), np.inf)
+        radius[:, 0] = 0.5
+        assert level_error._analytic(radius, (3,) * d, None)[0, :, 0].tolist() == [2.0 * 2 ** (d - 1)] * d
+
+
+def test_circles_have_the_tangents_of_their_places():
+    curve, t, step = Curve.parse(DATASET, "circle:0.1,0.2,0.3:1,2,2:0.7"), np.array([0.1, 0.45, 0.8]), 1e-5
+    place, tangent = curve.at(t)
+    slopes = (curve.at(t + step)[0] - curve.at(t - step)[0]) / (2 * step)
+    assert np.abs(slopes - tangent).max() < 1e-8
+    assert np.abs(np.linalg.norm(place - [0.1, 0.2, 0.3], axis=1) - 0.7).max() < 1e-12
+    assert np.abs((place - [0.1, 0.2, 0.3]) @ [1, 2, 2]).max() < 1e-12
+
+
+def test_surfaces_are_expanded_to_the_second_order():
+    """P has the values of the root of g up to terms of the third order."""
+    rng = np.random.default_rng(9)
+    coefficients = rng.uniform(-1, 1, (COUNT, 3, 3, 3))
+    coefficients[:, 0, 0, 0], coefficients[:, 0, 0, 1] = 0.0, 2.0
+    bends = graph_discs._bends(coefficients)
+    a, b = 1e-3 * rng.choice([-1.0, 1.0], (2, COUNT))
+    powers = [own[:, None] ** np.arange(3) for own in (a, b)]
+    line = np.einsum("nabc,na,nb->nc", coefficients, *powers)
+    k = np.zeros(COUNT)
+    for _ in range(6):
+        k -= (line[:, 0] + line[:, 1] * k + line[:, 2] * k * k) / (line[:, 1] + 2 * line[:, 2] * k)
+    expanded = sum(bends[:, column] * term for column, term in enumerate((a, b, a * a, a * b, b * b)))
+    assert np.abs(k - expanded).max() < 5e-8
+    assert np.abs(k).min() < 1e-3 < 100 * np.abs(k).max()
