@@ -409,11 +409,12 @@ def test_cores_are_graphs_up_to_a_slope_and_a_distance_from_the_unit_matrix(part
         changes = np.zeros((2, 3))
         changes[:, :2] = np.eye(2)
         errors = np.zeros((1, 2, 3))
-        changes[which, 0] += off / 2 * (part if kind == "across" else 1)
         errors[0, which, 0] = off / 2 * (part if kind == "across" else 1)
         changes[which, 2], errors[0, which, 2] = along / 2 * part, along / 2 * part
         places = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"))
         nets = np.einsum("fk,kabc->fabc", changes, places)[None]
+        # the derivative across deviates at one end of the core alone
+        nets[0, which] += off / 2 * (part * places[2] if kind == "across" else 1) * places[0]
         # directions of nets run backwards or not: the third is the last coordinate
         graphs = Graphs(np.ones(1, bool), None, None, nets, None, errors, None)
         assert graphs.is_graph()[0] == (part < 1), kind

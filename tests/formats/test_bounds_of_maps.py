@@ -390,6 +390,9 @@ def test_halves_of_boxes_have_their_ends_and_the_values_there(axis):
     for name in ("above", "gradient", "crossed", "turned", "square", "cubic"):
         found, own = values_of(getattr(halves, name), places), values_of(getattr(boxes, name)[halves.rows], there)
         assert np.abs(found - own).max() < 1e-10 * np.abs(own).max()
+    for name in ("crossed", "turned"):
+        greatest = np.abs(getattr(boxes, name)).max(axis=(2, 3, 4))
+        assert np.allclose(getattr(halves, f"{name}_error"), 1e-13 * greatest[halves.rows], rtol=1e-12)
     assert np.bincount(halves.rows).tolist() == [4] * COUNT
     assert np.allclose(halves.high - halves.low, np.where(np.arange(3) == axis, 0.25, 1.0))
     assert sorted(halves.low[halves.rows == 0, axis].tolist()) == [0.0, 0.25, 0.5, 0.75]
@@ -428,3 +431,15 @@ def test_all_roundings_of_quick_determinants_are_counted(monkeypatch):
     monkeypatch.setattr(enclosed_determinants, "value_roundings", lambda sizes: 0)
     (found,) = enclosed_determinants._error(ones)
     assert 6 * ((1 + COARSE) ** 5 - 1) <= found <= 2 * 6 * 5 * COARSE
+
+
+@pytest.mark.parametrize(("part", "is_known"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize("trace", [-1.9, 1.9])
+def test_eigenvalues_are_known_while_no_other_may_be_in_their_range(trace, part, is_known):
+    """One entry up to x and a constant 1: D = |P| x, and Q is at least 1 - x, so that 8 P^2 x <= (1 - x)^2."""
+    ratio = 8 * trace**2 / part
+    x = 1 + ratio / 2 - np.sqrt((1 + ratio / 2) ** 2 - 1)
+    middle, radius = np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, trace]]]), np.zeros((1, 3, 3))
+    radius[0, 1, 0] = x
+    nothing = [MatrixRange(0 * middle, 0 * radius)] * 3
+    assert Eigenvalue.of(MatrixRange(middle, radius), nothing).is_known[0] == is_known
