@@ -155,7 +155,8 @@ def determinants_at_factors(rng):
 def quantities_on_whole_elements(rng):
     """Gradients and determinants on bent elements, and distances to their boundary, at corners and in between."""
     for shape in [shape for shape in Shape if shape.dimension > 1]:
-        mesh = curved(grid(shape, 1), ripple(0.06, seed=int(rng.integers(99))), 3)
+        bent, middle = ripple(0.06, seed=int(rng.integers(99))), 0.5 * (np.arange(3) < shape.dimension)
+        mesh = curved(grid(shape, 1), lambda p, bent=bent, middle=middle: bent(p) - middle, 3)
         dataset = with_field(mesh, lambda p: np.sin(2 * p[:, 0] + p[:, 1]) + p[:, 2] ** 2, 3)
         texts = ["d(u,x)", "d(u,y)", "jacobian", "x*u"]
         texts += ["distance(all)"] if shape is Shape.TRIANGLE or shape is Shape.PRISM else []

@@ -187,12 +187,12 @@ def test_few_numbers_stand_for_many(numbers):
 @pytest.mark.thorough
 def test_integrals_differ_by_their_errors(bent):
     fields = ("u", "sin(3*u)", "average(u*u)")
-    alone = integrate(bent, fields, TARGETS, 1e-5)
-    found = shared(3, lambda ranks: integrate(bent, fields, TARGETS, 1e-5, ranks=ranks))
+    alone = integrate(bent, fields, TARGETS, 1e-3)
+    found = shared(3, lambda ranks: integrate(bent, fields, TARGETS, 1e-3, ranks=ranks))
     for one, other in zip(alone, found, strict=True):
         assert (one.over, one.integrand, one.exact) == (other.over, other.integrand, other.exact)
         assert abs(one.value - other.value) <= one.error + other.error + 1e-14 * abs(one.value)
-        assert other.measure == pytest.approx(one.measure, rel=1e-12 if one.exact else 1e-7)
+        assert other.measure == pytest.approx(one.measure, rel=1e-12 if one.exact else 1e-5)
 
 
 @pytest.fixture(scope="module")
