@@ -54,7 +54,7 @@ def test_polynomials_of_one_degree_more_are_recovered(shape, make):
 
 
 @pytest.mark.parametrize("make", [approximated, interpolated])
-@pytest.mark.parametrize("mesh", [mixed_plane, mixed_volume, lambda: one_element(Shape.QUADRILATERAL, 2)])
+@pytest.mark.parametrize("mesh", [mixed_plane, lambda: one_element(Shape.QUADRILATERAL, 2)])
 def test_meshes_that_are_one_element_thick_lose_nothing(mesh, make):
     bare = Dataset(mesh())
     dataset = Dataset(bare.mesh, (make(bare, "u", lambda p: np.exp(p[:, 0] / 2 - p[:, 1]), 4),))
@@ -129,7 +129,7 @@ def gradient_error(dataset, slopes):
 
 @pytest.mark.parametrize(
     ("shape", "order", "make"),
-    [(shape, 2, approximated) for shape in Shape] + [(shape, 3, interpolated) for shape in SHAPES],
+    [*((shape, 2, approximated) for shape in Shape), (Shape.TRIANGLE, 3, interpolated)],
 )
 def test_error_of_the_gradient_is_estimated_on_smooth_elements(shape, order, make):
     """Between half and twice the true error on nine of ten elements; it is an attribute of elements too."""
