@@ -150,7 +150,7 @@ class IntegralsOfTwoOrders(Integrals):
     """
 
     def __init__(self, whole: Integrals, less: Integrals, label: str) -> None:
-        super().__init__(whole, dict.fromkeys((*whole.remarks, *less.remarks)))
+        super().__init__(whole, tuple(dict.fromkeys((*whole.remarks, *less.remarks))))
         self.less, self.label = less, label
 
     @property
