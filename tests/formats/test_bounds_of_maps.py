@@ -392,7 +392,7 @@ def test_halves_of_boxes_have_their_ends_and_the_values_there(axis):
         assert np.abs(found - own).max() < 1e-10 * np.abs(own).max()
     for name in ("crossed", "turned"):
         greatest = np.abs(getattr(boxes, name)).max(axis=(2, 3, 4))
-        assert np.allclose(getattr(halves, f"{name}_error"), 1e-13 * greatest[halves.rows], rtol=1e-12)
+        assert np.allclose(1e13 * getattr(halves, f"{name}_error"), greatest[halves.rows], rtol=1e-12)
     assert np.bincount(halves.rows).tolist() == [4] * COUNT
     assert np.allclose(halves.high - halves.low, np.where(np.arange(3) == axis, 0.25, 1.0))
     assert sorted(halves.low[halves.rows == 0, axis].tolist()) == [0.0, 0.25, 0.5, 0.75]
