@@ -34,11 +34,11 @@ FILES = {
     "a.vtpc": (xml_of("vtkPartitionedDataSetCollection"), "VTK data of the kind vtkPartitionedDataSetCollection"),
     "a.rea": (
         b"****** PARAMETERS *****\n 2.610000 NEKTON VERSION\n",
-        r"a Nek5000 case \(\.rea\) without a field: give a",
+        r"a Nek5000 case \(\.rea\) without a field: also give a",
     ),
     "a.re2": (
         b"#v003       32  3       32 this is the hdr",
-        r"a Nek5000 mesh \(\.re2\) without a field: give a field",
+        r"a Nek5000 mesh \(\.re2\) without a field: also give a field",
     ),
     "a.ma2": (b"#v001       32        5", r"a Nek5000 partition \(\.ma2\) without a field"),
     "u.gfu": (

@@ -91,7 +91,7 @@ def arrays(paths):
     triangle = np.array([[[1.0, 0], [2, 0], [1, 1]]])
     values = {"quadrilateral": np.arange(4.0)[None], "triangle": np.arange(3.0)[None]}
     call = {
-        "places": {"quadrilateral": corners, "triangle": triangle},
+        "positions": {"quadrilateral": corners, "triangle": triangle},
         "fields": {"u": values, "v": {name: np.stack([own, own], axis=-1) for name, own in values.items()}},
         "reference": {"quadrilateral": np.array([[-1.0, -1], [1, -1], [-1, 1], [1, 1]])},
         "time": 0.5,
