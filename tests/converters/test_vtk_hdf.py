@@ -280,7 +280,7 @@ def test_parts_in_files_of_their_own(tmp_path):
     parts = [path for path in every if path.name != "a.vtkhdf"]
     for paths in (["a.vtkhdf"], every, parts):
         assert integrate(read(*[tmp_path / path for path in paths]), "1")[0].value == pytest.approx(6)
-    assert "a part of a mesh by name: give a_part0.vtkhdf, a_part2.vtkhdf too" in read(parts[1]).remarks[1]
+    assert "a part of a mesh by name: also give a_part0.vtkhdf, a_part2.vtkhdf" in read(parts[1]).remarks[1]
     named = [path.rename(tmp_path / f"{number}.vtkhdf") for number, path in enumerate(parts)]
     assert integrate(read(*named), "1")[0].value == pytest.approx(6)
     named = [path.rename(parts[number]) for number, path in enumerate(named)]
