@@ -99,7 +99,7 @@ def test_every_converter_has_a_case():
     assert {case[0] for case in CASES} == {candidate.name for candidate in installed_converters()}
 
 
-@pytest.mark.sampled(least=16, free=("case",))
+@pytest.mark.sampled(least=10, free=("case",))
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case[1])
 def test_converted_files_keep_all_rules_and_are_the_same_again(conversion, tmp_path, case, form):

@@ -94,6 +94,7 @@ def test_every_command_shows_its_help(environment, tmp_path):
     assert re.findall(r"Usage: elvis ([\w-]+)", helped) == names
 
 
+@pytest.mark.thorough
 def test_a_picture_is_drawn(environment, page_folder):
     drawn = ["--field", "p", "--plane", "0,0,0.4:0,0,1", "--size", "80x60", "-o", "wing.png"]
     run([environment / "elvis", "render", "wing.xml", "wing.fld", *drawn], cwd=page_folder)

@@ -175,6 +175,10 @@ CUT = Plane((0, 0, 10), (1, 1, 0.2))
 
 def test_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
     agree(pipe, plane=CUT)
+
+
+@pytest.mark.thorough
+def test_faces_of_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
     agree(pipe, objects=(Faces(),), camera="iso")
     agree(pipe, objects=(Faces(("element:2",)),), camera="iso")
 

@@ -77,7 +77,7 @@ def data(mesh, functions=ROTATION, modes=5):
 
 @pytest.mark.parametrize("unit", [False, True])
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
-@pytest.mark.sampled(free=("shape", "unit"))
+@pytest.mark.thorough
 def test_a_turn_in_bent_elements_of_every_shape(shape, unit):
     d = shape.dimension
     dataset = data(curved(grid(shape, 2 if d == 2 else 1), ripple(0.05), 3))

@@ -255,6 +255,7 @@ CHANNEL = (NEKTAR / "chan3dh1d" / "chan3DH1D.xml", NEKTAR / "chan3dh1d" / "chan3
 SQUARE = (NEKTAR / "triquad_h1d" / "square_mix.xml", NEKTAR / "triquad_h1d" / "zero-homo-plane_pre.fld")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("files", "field"), [(CHANNEL, "u"), (SQUARE, "u")])
 def test_quasi_3d_data_are_cut_like_solid_ones(renderer, files, field):
     if not NEKTAR.is_dir():

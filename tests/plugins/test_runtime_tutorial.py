@@ -66,6 +66,7 @@ def check_picture(path):
     return len(points)
 
 
+@pytest.mark.thorough
 def test_the_command_that_the_page_shows_draws_the_case(folder):
     line = next(line for line in PAGE.read_text(encoding="utf-8").splitlines() if "--plugin rings.py" in line)
     arguments = re.split(r"\s{2,}", line.strip())[0].replace("-o p.png", "-o p.png -o p.npz").split()[1:]

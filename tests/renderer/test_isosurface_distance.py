@@ -171,6 +171,7 @@ def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_sampl
     assert not crossed[sure].any()
 
 
+@pytest.mark.thorough
 def test_distances_to_a_plane_are_polynomials(expressed, tmp_path):
     """Hits and misses are those of the polynomial that the expression is, to a bracket of the search."""
     corners = np.array([[-9.0, -9.0, -1.0], [9.0, -9.0, -1.0], [0.0, 15.0, -1.0]])

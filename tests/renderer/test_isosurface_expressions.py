@@ -150,6 +150,7 @@ def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity,
     refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share)
 
 
+@pytest.mark.thorough
 def test_zeros_of_products_are_shown_where_they_count(iso):
     """Levels of eigenvalues and of the greater of two are zeros of products, which have others.
 

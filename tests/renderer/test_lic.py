@@ -116,6 +116,7 @@ def test_the_noise_belongs_to_cells_and_has_the_variance_that_is_said():
     assert _covariance()[0] == pytest.approx(1 / 27, rel=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("angle", [0.0, 0.3])
 def test_means_along_lines_have_the_same_contrast_however_long_they_are(angle):
     view = View.through(CAMERAS["parallel"], (1500, 1500))

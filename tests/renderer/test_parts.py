@@ -434,6 +434,7 @@ def test_ranks_with_pictures_of_their_own_are_told(files, started):
     assert not [path for path in files.iterdir() if "none" in path.name]
 
 
+@pytest.mark.thorough
 def test_what_a_rank_starts_draws_its_own_picture(files, started):
     shown = ["--faces", "all", "--size", "96x72", "--camera", VIEW]
     render = [*started.elvis, "render", "bent.xml", "bent.fld", *shown, "-o", "own.png"]

@@ -225,6 +225,7 @@ SCENES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scene", SCENES)
 def test_pictures_are_those_of_the_reference(draw, screws, scene):
     frame, other = (draw(screws, device, **VIEW, **SCENES[scene]) for device in ("vulkan", "reference"))

@@ -161,6 +161,7 @@ TABLES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", TABLES)
 def test_tables_over_times(folder, name, tmp_path, parts_alone):
     """What doesn't come apart the first rank does alone."""
