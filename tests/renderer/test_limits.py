@@ -247,11 +247,12 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from dataclasses import fields
 
     from elvis.scene.commandline.options import OBJECTS, STYLES, scene_options
+    from elvis.scene.whole import Deform
 
     # files are arguments: those of the data, and scenes where there are several; --set takes reference values
     keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference"}
     names = [option.name for option in scene_options(())]
-    of_deform = ["deform_gradients", "deform_height", "deform_scale"]
+    of_deform = [f"deform_{field.name}" for field in fields(Deform) if field.name != "displacement"]
     assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES, *of_deform])
 
 
