@@ -9,8 +9,8 @@ from numpy.polynomial import chebyshev
 from elvis.core.arrays import Floats
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
-from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, ShapeFacets
-from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, to_half
+from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, ShapeFacets, half_along
+from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, shells_of, to_half
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, fold
@@ -198,3 +198,10 @@ def test_elements_without_numbers_or_with_a_flat_map_have_no_model() -> None:
 def test_only_sums_products_and_quotients_have_models() -> None:
     assert all(has_models(root_of(text)) for text in EXPRESSIONS)
     assert not any(has_models(root_of(text)) for text in ("sqrt(u)", "u^0.5", "max(u,v)", "d(d(u,x),x)"))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_no_box_has_no_halves(axis: int) -> None:
+    """A search halves boxes of which none may hold the level."""
+    assert half_along(np.zeros((0, 3, 4, 4, 4)), axis, 1).shape == (0, 3, 4, 4, 4)
+    assert shells_of(np.zeros((0, 4, 4, 4))).shape == (0, 4)

@@ -166,7 +166,8 @@ def half_along(series: Floats, axis: int, side: int) -> Floats:
         return np.asarray(np.matmul(series, matrix.T))
     if axis == 1:
         return np.asarray(np.matmul(matrix, series))
-    flat = np.matmul(matrix, series.reshape(*series.shape[:-2], -1))
+    # sizes in full, as there may be no series
+    flat = np.matmul(matrix, series.reshape(*series.shape[:-2], series.shape[-2] * series.shape[-1]))
     return np.asarray(flat.reshape(series.shape))
 
 

@@ -108,7 +108,7 @@ def shells_of(coefficients: Floats) -> Floats:
     count = coefficients.shape[-1]
     order, shell = _shell_order(count)
     starts = np.searchsorted(shell[order], np.arange(count))
-    flat = np.abs(coefficients).reshape(len(coefficients), -1)[:, order]
+    flat = np.abs(coefficients).reshape(len(coefficients), count**3)[:, order]
     return np.asarray(np.add.reduceat(flat, starts, axis=1))
 
 
