@@ -107,8 +107,13 @@ def resolved() -> Dataset:
 
 
 def wing(modes: int = 5) -> Dataset:
-    """Tetrahedra, pyramids, prisms and a hexahedron, all of them bent, with four fields of so many modes each way."""
-    dataset = Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=min(modes, 4)))
+    """Tetrahedra, pyramids, prisms and a hexahedron, all of them bent, with four fields of so many modes each way.
+
+    The boundary has the name of that of the wing of ``elvis sample``.
+    """
+    mesh = curved(mixed_volume(seed=1), ripple(0.02), n=min(modes, 4))
+    named = (replace(own, name="wing" if own.name == "boundary" else own.name) for own in mesh.composites)
+    dataset = Dataset(replace(mesh, composites=tuple(named)))
     functions = {
         "p": lambda x: np.sin(2 * x[:, 0]) * np.cos(x[:, 1]) + x[:, 2] ** 2,
         "u": lambda x: 1 - x[:, 2] ** 2,
