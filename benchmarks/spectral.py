@@ -1,4 +1,4 @@
-"""Elements of high order, as production runs have them: pictures and numbers in CPU seconds, VTK's linear ones beside.
+"""Elements of high order, as production runs use them: CPU seconds of pictures and numbers, next to linear pictures.
 
 python benchmarks/spectral.py FILES PICTURE [--side N] [--rounds N] [--quick]   one picture, as a line of JSON
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from measuring import ENVIRONMENT, Timing, once
+from starting import children
 from tables import Table, percent, seconds
 
 from elvis import (
@@ -138,7 +138,7 @@ COMMANDS = {
 
 
 def picture(files: Sequence[str], kind: str, device: str, side: int, rounds: int) -> dict[str, Any]:
-    """One picture: CPU seconds of the first one and of later ones, statuses, and the linear pictures beside it."""
+    """One picture: CPU seconds of the first and of later frames, statuses, and linear pictures of the same scene."""
     dataset = read(*files)
     corners = dataset.mesh.vertices
     centre, size = corners.mean(axis=0), float(np.linalg.norm(np.ptp(corners, axis=0)))
@@ -212,19 +212,17 @@ def _command(files: Sequence[str], words: Sequence[str], folder: Path) -> dict[s
 
 
 def _run(words: Sequence[str], folder: Path) -> tuple[str, float | None]:
-    """What a process printed and its CPU seconds; the reason and None where it has none."""
-    before = os.times()
+    """The output of a process and its CPU seconds; for a process that fails, the reason and None."""
+    before = children()
     try:
         done = subprocess.run(
             words, cwd=folder, env=ENVIRONMENT, timeout=LIMIT, capture_output=True, text=True, check=False
         )
     except subprocess.TimeoutExpired:
         return f"not done in {LIMIT:.0f} s", None
-    after = os.times()
     if done.returncode:
         return done.stderr.strip().splitlines()[-1][:60], None
-    spent = after.children_user + after.children_system - before.children_user - before.children_system
-    return done.stdout, spent
+    return done.stdout, children() - before
 
 
 def tables(numbers: dict[str, Any]) -> list[Table]:

@@ -42,7 +42,7 @@ Pairs = Mapping[str, tuple[str, str]]
 
 @dataclass(frozen=True)
 class ComplexChoice:
-    """What a user says of complex fields.
+    """User settings of complex fields.
 
     named  texts ``E=Er,Ei``
     phase  in degrees, None if only the parts are wanted

@@ -222,6 +222,12 @@ class Dataset:
         return tuple(name.strip() for name in self.metadata[MAP_KEY].split(",") if name.strip()) or MAP_FIELDS
 
     @property
+    def map_fields(self) -> tuple[Field, ...]:
+        """The fields that define the map of the elements, see `map_names`."""
+        names = self.map_names
+        return tuple(own for own in self.fields if own.name in names)
+
+    @property
     def solution(self) -> tuple[Field, ...]:
         """The fields, except borrowed ones and those of the geometry: the map, positions before deformation."""
         places = () if self.deformation is None else self.deformation.coordinates

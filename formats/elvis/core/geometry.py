@@ -122,7 +122,7 @@ def _known(dataset: Dataset) -> dict[Hashable, Any] | None:
     known = _SHARED.get(dataset.mesh)
     if known is None or not dataset.map_names:
         return known
-    maps = tuple(field for field in dataset.fields if field.name in dataset.map_names)
+    maps = dataset.map_fields
     last, of_maps = known.get(_MAPPED, ((), {}))
     if last != maps:
         known[_MAPPED] = maps, (of_maps := {})

@@ -143,7 +143,7 @@ class _Tally:
 
     @staticmethod
     def of(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> _Tally:
-        given = [field.blocks for field in dataset.fields if field.name in dataset.map_names]
+        given = [field.blocks for field in dataset.map_fields]
         mapped = np.concatenate([np.empty(0, np.int64), *(block.element_ids for own in given for block in own)])
         # see `elvis.core.geometry`: by shape and orders, then what fields give by the first element
         maps = [

@@ -177,7 +177,7 @@ class IntegralsOfTwoOrders(Integrals):
         return (*super().headers, self.label, "difference")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """The cells of a table: those of the fields, the value without the highest modes, and the difference."""
+        """Cells of a table: the row of the fields, the value without the highest modes, and the difference."""
         rows = zip(super().cells(), self, self.less, strict=True)
         return [(*cells, f"{less.value:.15g}", f"{own.value - less.value:.4g}") for cells, own, less in rows]
 

@@ -55,7 +55,7 @@ def amplitude(name: str, pairs: Pairs) -> Node:
     """
     if name in pairs:
         return modulus(name, pairs)
-    names = components_of(name, tuple(pairs), 3) or components_of(name, tuple(pairs), 2)
+    names = _components(name, pairs)
     parts = [_parts(each, pairs) for each in names]
     reals, imaginaries = [real for real, _ in parts], [imaginary for _, imaginary in parts]
     a, b, c = _dot(reals, reals), _dot(imaginaries, imaginaries), _dot(reals, imaginaries)
@@ -77,12 +77,17 @@ OF_ONE: Mapping[str, Callable[[str, Pairs], Node]] = {
 
 def is_complex(name: str, pairs: Pairs) -> bool:
     """Whether a name is a complex field or vector."""
-    return name in pairs or bool(components_of(name, tuple(pairs), 2))
+    return name in pairs or bool(_components(name, pairs))
+
+
+def _components(name: str, pairs: Pairs) -> list[str]:
+    """Names of the components of a complex vector, three or two; none for other names."""
+    return components_of(name, tuple(pairs), 3) or components_of(name, tuple(pairs), 2)
 
 
 def _parts(name: str, pairs: Pairs) -> tuple[Node, Node]:
     if name not in pairs:
-        names = ", ".join(components_of(name, tuple(pairs), 3) or components_of(name, tuple(pairs), 2))
+        names = ", ".join(_components(name, pairs))
         raise ElvisError(f"{name} is a vector: use one of its components {names}, or amplitude({name})")
     real, imaginary = pairs[name]
     return field(real), field(imaginary)

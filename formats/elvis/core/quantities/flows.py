@@ -281,7 +281,7 @@ class Flow:
 
     @cached_property
     def _missing_by_name(self) -> dict[str, Missing]:
-        """What `_missing` has found: formulas of many quantities share their steps."""
+        """The results of `_missing`, because formulas of many quantities share their steps."""
         return {}
 
     def _missing_now(self, name: str) -> Missing:

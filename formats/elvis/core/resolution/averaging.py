@@ -29,11 +29,11 @@ _SAME = 1e-8
 
 
 def averaged(dataset: Dataset, field: Field, name: str, axis: int | None = None) -> Field:
-    """A continuous field, or that of a derivative of a field, in Modified expansions of its highest order.
+    """A field, or its derivative along an axis, made continuous, in Modified expansions of the highest order.
 
     It is continuous across sides that elements share as a whole.
     """
-    own = Dataset(dataset.mesh, (*_maps(dataset), field), metadata=dataset.metadata)
+    own = Dataset(dataset.mesh, (*dataset.map_fields, field), metadata=dataset.metadata)
     held = [patch for patch in patches(own, [field.name]) if patch.fields[0] is not None and len(patch)]
     modes = max(max(block.expansion.modes) for block in field.blocks)
     outer = [_Outer.of(own, patch, modes, axis) for patch in held]
@@ -48,7 +48,7 @@ def averaged(dataset: Dataset, field: Field, name: str, axis: int | None = None)
 
 @dataclass(frozen=True, eq=False)
 class _Outer:
-    """What elements of a patch have at the points of projection-based interpolation.
+    """The values of a patch at the points of projection-based interpolation.
 
     target  expansion of the result
     values  (n, q) at points of vertices, edges and faces; for lines at the ends
@@ -77,11 +77,6 @@ class _Outer:
         for local, part in stages:
             entity[:, part, : len(local)] = np.sort(vertices[:, list(local)], axis=1)[:, None]
         return _Outer(patch, target, values[:, :count], values[:, count:], places[:, :count], entity)
-
-
-def _maps(dataset: Dataset) -> tuple[Field, ...]:
-    """The fields that hold the map."""
-    return tuple(own for own in dataset.fields if own.name in dataset.map_names)
 
 
 def _sampled(patch: Patch, points: Floats, axis: int | None) -> tuple[Floats, Floats]:

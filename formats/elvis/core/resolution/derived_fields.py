@@ -28,7 +28,7 @@ class _Derived:
     def is_of(self, dataset: Dataset) -> bool:
         """Whether it belongs to a dataset with the same map."""
         maps = [own() for own in self.maps]
-        return self.mesh() is dataset.mesh and list(map(id, maps)) == list(map(id, _maps(dataset)))
+        return self.mesh() is dataset.mesh and list(map(id, maps)) == list(map(id, dataset.map_fields))
 
 
 #: derived fields by their field and name
@@ -63,10 +63,5 @@ def _once(dataset: Dataset, original: str, name: str, make: Callable[[Field], Fi
     own = dataset.field(original)
     known = _KNOWN.setdefault(own, {})
     if name not in known or not known[name].is_of(dataset):
-        known[name] = _Derived(make(own), ref(dataset.mesh), tuple(map(ref, _maps(dataset))))
+        known[name] = _Derived(make(own), ref(dataset.mesh), tuple(map(ref, dataset.map_fields)))
     return known[name].field
-
-
-def _maps(dataset: Dataset) -> list[Field]:
-    """The fields that hold the map."""
-    return [own for own in dataset.fields if own.name in dataset.map_names]

@@ -17,7 +17,7 @@ _KNOWN: WeakKeyDictionary[Field, str] = WeakKeyDictionary()
 
 
 def remarks_on_recovered(dataset: Dataset, expressions: Sequence[Expression]) -> list[str]:
-    """A sentence on each recovered field in quantities, with a certified bound of its difference to the data."""
+    """Remarks on recovered fields in quantities, each with a certified bound of its difference to the data."""
     names = [name for each in expressions for leaf in each.fields for name in _recovered_in(leaf)]
     return [_remark(dataset, name) for name in dict.fromkeys(names)]
 
