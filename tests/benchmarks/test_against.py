@@ -42,7 +42,7 @@ def test_ratios_are_of_the_cheapest_and_the_usual_runs_after_the_first(against):
     assert cells == ["a scene", "2", "1", "2.000", "2.000", "1.000", "1.500"]
 
 
-def test_another_one_begins_each_round(against):
+def test_each_round_begins_with_a_different_tree(against):
     order = []
     against.in_turns([lambda k=k: order.append(k) or (1.0,) for k in range(3)], rounds=2)
     assert order == [0, 1, 2, 1, 2, 0, 2, 0, 1]
@@ -52,7 +52,7 @@ def test_another_one_begins_each_round(against):
     ("arguments", "message"),
     [((BENCHMARKS.parent, "--only", "nonsense"), "unknown part"), ((BENCHMARKS,), "is no tree of this repository")],
 )
-def test_what_is_wrong_is_said(arguments, message):
+def test_bad_input_gives_a_one_line_error(arguments, message):
     process = run(*arguments)
     assert process.returncode == 2
     assert message in process.stderr

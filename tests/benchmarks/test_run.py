@@ -56,7 +56,7 @@ def test_a_part_prints_its_tables(part, tmp_path):
     smoke(tmp_path / "part.json", part)
 
 
-def test_these_are_all_parts():
+def test_all_parts_are_listed():
     process = run("--only", "nonsense")
     assert process.returncode == 2
     told = process.stderr.rpartition("unknown part 'nonsense': expected some of ")[2]
@@ -93,7 +93,7 @@ def test_frames_of_all_orders_are_exact_and_above_the_floor(further):
 
 
 @pytest.mark.thorough
-def test_the_device_holds_little_more_than_coefficients_and_vertices(further):
+def test_device_memory_is_little_more_than_coefficients_and_vertices(further):
     numbers = further[1]["million"]
     assert numbers["device"]["loaded"] < 1.3 * numbers["raw"]
     assert numbers["probe error"] < 1e-11

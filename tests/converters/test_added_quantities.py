@@ -65,7 +65,7 @@ def test_on_curved_elements_products_are_exact_and_derivatives_within_the_tolera
     assert off > 1e-12
 
 
-def test_an_order_that_is_given_is_taken_and_its_error_measured():
+def test_a_requested_order_is_used_and_its_error_measured():
     data = flow(grid(Shape.TRIANGLE, 2))
     found = add_quantities(data, ["s=sqrt(p)"], order=2)
     points = np.random.default_rng(5).uniform(0.02, 0.98, (400, 3)) * [1, 1, 0]
@@ -80,7 +80,7 @@ def test_an_order_that_is_given_is_taken_and_its_error_measured():
     assert not add_quantities(data, ["s=sqrt(p)"]).dataset.remarks
 
 
-def test_coefficients_that_are_there_stay_and_one_section_holds_all(tmp_path):
+def test_existing_coefficients_are_unchanged_and_one_section_contains_all(tmp_path):
     data = flow(grid(Shape.QUADRILATERAL, 2))
     write(data, tmp_path / "a.xml")
     write(with_quantity(read(tmp_path / "a.xml", tmp_path / "a.fld"), "square=u^2"), tmp_path / "b.fld")
@@ -106,7 +106,7 @@ def files(tmp_path):
     return write(flow(grid(Shape.QUADRILATERAL, 1)), tmp_path / "a.xml")
 
 
-def test_the_command_writes_the_fields_alone_where_the_mesh_stays(files, tmp_path, elvis_json):
+def test_the_command_writes_only_the_fields_if_the_mesh_is_unchanged(files, tmp_path, elvis_json):
     out = tmp_path / "out.fld"
     added = ("--add", "Cp=2*(p-1)", "--add", "vorticity", "--add", "s=sqrt(p)")
     report = elvis_json("convert", *files, *added, "--fields", "p", "--rename", "p=pressure", "-o", out)
@@ -150,7 +150,7 @@ def test_sums_with_another_solution_are_fields(files, tmp_path, elvis):
         (["--order", "3"], "expected quantities that --add names, found none"),
     ],
 )
-def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, options, message):
+def test_bad_input_gives_a_one_line_error_and_no_file(files, tmp_path, elvis, options, message):
     with pytest.raises(ElvisError) as raised:
         elvis("convert", *files, *options, "-o", tmp_path / "out.fld")
     assert message in str(raised.value)

@@ -40,7 +40,7 @@ def files(request, solvers):
 
 
 @pytest.mark.sampled(least=5, free=("files",))
-def test_read_and_commands_tell_the_same(files, elvis, elvis_json, capsys, tmp_path):
+def test_read_and_commands_report_the_same(files, elvis, elvis_json, capsys, tmp_path):
     dataset = read(*files)
     (remark,) = dataset.remarks
     assert remark.startswith(", ".join(file.name for file in files) + ": " + NOTE)
@@ -95,12 +95,12 @@ def test_a_picture_has_one_note(solvers, elvis, tmp_path):
 
 
 @pytest.mark.thorough
-def test_compare_takes_them_too(solvers, elvis, capsys):
+def test_compare_accepts_any_format(solvers, elvis, capsys):
     elvis("compare", solvers / FORMATS["vtk"][0], "--faces", "all", "--camera", "iso", "--size", "16x12",
           "--refinements", "0", "--judge", "0")  # fmt: skip
 
 
-def test_export_takes_them_too(solvers, elvis, tmp_path):
+def test_export_accepts_any_format(solvers, elvis, tmp_path):
     pytest.importorskip("gmsh")
     elvis("export", solvers / FORMATS["vtk"][0], "-o", tmp_path / "a.msh")
     assert [field.name for field in read(tmp_path / "a.msh").fields] == ["u", "w"]
@@ -154,13 +154,13 @@ def test_the_report_of_a_conversion_is_a_table(solvers, elvis, elvis_json):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100000, '{"geometry": 1}', '{"geometry": {"order": 1e999}}'])
-def test_a_report_that_is_none_is_shown_as_it_is(text):
+def test_a_text_that_is_not_a_report_is_printed_unchanged(text):
     from elvis.plugins.report import RecordedReport
 
     assert RecordedReport.of({"ConversionReport": text}) is None
 
 
-def test_native_files_stay_as_they_are(solvers, elvis, tmp_path):
+def test_native_files_are_unchanged(solvers, elvis, tmp_path):
     elvis("convert", solvers / FORMATS["vtk"][0], "-o", tmp_path / "a.xml")
     native = read(tmp_path / "a.xml", tmp_path / "a.fld")
     assert native.remarks == ()
@@ -182,7 +182,7 @@ def test_a_converter_in_a_file(elvis_json, tmp_path):
     assert facts["mesh"]["elements"] == {"tetrahedron": 1}
 
 
-def test_what_nobody_recognises(solvers, tmp_path):
+def test_unrecognised_files(solvers, tmp_path):
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(ElvisError, match=r"a\.txt: expected a file of a known format \(cgns, .*vtx\), found a text"):
         read(tmp_path / "a.txt")
@@ -213,7 +213,7 @@ def test_roles_and_steps(solvers, nektar, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["vtk/dealii_shell_p4.vtu", "pyfr/mixed3d_p3-01.pyfrs", "gmsh/mixed_o3.msh"])
-def test_damaged_files_are_refused_in_a_sentence(solvers, tmp_path, name):
+def test_damaged_files_give_a_one_line_error(solvers, tmp_path, name):
     whole = (solvers / name).read_bytes()
     for end in (len(whole) // 7, len(whole) // 2):
         path = tmp_path / name.rpartition("/")[2]

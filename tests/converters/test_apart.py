@@ -88,7 +88,7 @@ def test_a_failure_has_a_reason(worker, monkeypatch, how, reason):
     assert caught.value.reason == reason
 
 
-def test_a_library_that_waits_for_ever_is_given_up(worker, monkeypatch):
+def test_a_library_that_hangs_is_stopped(worker, monkeypatch):
     monkeypatch.setattr(apart, "SECONDS", 1)
     monkeypatch.setattr(apart, "_PATIENCE", 0.5)
     monkeypatch.setattr(apart, "_LOADING", 20)
@@ -99,7 +99,7 @@ def test_a_library_that_waits_for_ever_is_given_up(worker, monkeypatch):
     assert caught.value.is_out_of_time
 
 
-def test_errors_of_ours_come_back(worker):
+def test_errors_of_elvis_are_passed_back(worker):
     with Apart(worker, 0) as process:
         with pytest.raises(FormatError) as caught:
             process.ask("fail", "raise FormatError('expected x', file='a.b', place='c')", size=0)
@@ -159,7 +159,7 @@ def test_a_library_is_loaded_once_and_files_are_read_by_copies(worker):
 
 
 @pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
-def test_an_origin_that_has_ended_is_made_again(worker):
+def test_an_origin_that_has_ended_is_restarted(worker):
     with Apart(worker, 0) as process:
         origin = process.ask("origin", size=0)
     os.kill(origin, signal.SIGKILL)
@@ -168,7 +168,7 @@ def test_an_origin_that_has_ended_is_made_again(worker):
 
 
 @pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
-def test_an_origin_ends_when_nobody_asks(worker, tmp_path):
+def test_an_idle_origin_ends(worker, tmp_path):
     """Not while it has copies; and with the process that asks, however that ends."""
     code = f"""
 import os, signal, sys, time
@@ -194,7 +194,7 @@ with Apart({worker!r}, 0) as process:
 
 
 @pytest.mark.skipif(not copies.IS_POSSIBLE, reason="this system makes no copies of processes")
-def test_relative_names_are_those_of_the_process_that_asks(worker, tmp_path, monkeypatch):
+def test_relative_paths_refer_to_the_requesting_process(worker, tmp_path, monkeypatch):
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
@@ -202,7 +202,7 @@ def test_relative_names_are_those_of_the_process_that_asks(worker, tmp_path, mon
             assert process.ask("folder", size=0) == str(tmp_path / name)
 
 
-def test_processes_are_asked_where_no_copies_can_be_made(worker, monkeypatch):
+def test_processes_are_used_if_forking_is_impossible(worker, monkeypatch):
     monkeypatch.setattr(apart, "IS_POSSIBLE", False)
     with Apart(worker, 0) as process:
         assert process.ask("origin", size=0) == os.getpid()
@@ -211,7 +211,7 @@ def test_processes_are_asked_where_no_copies_can_be_made(worker, monkeypatch):
     assert not caught.value.is_out_of_time
 
 
-def test_a_library_that_cannot_be_loaded_is_told(tmp_path, monkeypatch):
+def test_a_library_that_cannot_be_loaded_is_reported(tmp_path, monkeypatch):
     (tmp_path / "not_loaded.py").write_text("raise ImportError")
     monkeypatch.syspath_prepend(tmp_path)
     with Apart("not_loaded:Worker", 0) as process, pytest.raises(LibraryError):
@@ -228,7 +228,7 @@ def test_a_library_that_cannot_be_loaded_is_told(tmp_path, monkeypatch):
         ("x", "Expecting value"),
     ],
 )
-def test_messages_that_hold_other_things_are_refused(text, sentence):
+def test_messages_of_other_types_are_rejected(text, sentence):
     raw = len(text).to_bytes(8, "little") + text.encode() + bytes(100)
     with pytest.raises(ValueError, match=sentence):
         receive(io.BytesIO(raw), 1 << 20)
@@ -269,7 +269,7 @@ def test_no_library_reads_a_file_in_this_process(solvers, monkeypatch, converter
             assert np.isfinite(source.sample(first, field, points)).all()
 
 
-def test_a_library_that_dies_of_a_question_later_is_told(solvers):
+def test_a_library_that_crashes_later_is_reported(solvers):
     pytest.importorskip("mfem.ser")
     source = Mfem([solvers / "mfem" / "pipe_nurbs.mesh"])
     block = source.blocks[0]
@@ -290,13 +290,13 @@ def test_nothing_in_the_working_folder_is_run(tmp_path, monkeypatch, name):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_time_limit_is_told_from_other_signals():
+def test_a_time_limit_is_distinguished_from_other_signals():
     assert apart._OUT_OF_TIME == -signal.SIGPROF
     assert "too long" in LibraryError(True).reason
     assert "too long" not in LibraryError().reason
 
 
-def test_closed_pipes_are_exceptions_though_gmsh_has_begun():
+def test_closed_pipes_raise_exceptions_even_after_gmsh_has_started():
     """Gmsh's library makes them end the process: a question to a library that has died would have ended ours."""
     pytest.importorskip("gmsh")
     code = """

@@ -121,7 +121,7 @@ def blueprint_of(shape, mesh, p, u):
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.sampled(least=4, free=("shape",))
-def test_meshes_are_what_mfem_hands_over_itself(shape, order):
+def test_meshes_match_those_that_mfem_exports(shape, order):
     mesh, p, u = made(shape, order)
     d = mesh.Dimension()
     points = POINTS * (1, 1, d == 3)
@@ -184,7 +184,7 @@ def test_linear_meshes_of_mixed_shapes():
         ("fields/main_attribute/values", [1], "main_attribute: expected 4 numbers, one an element, found 1"),
     ],
 )
-def test_what_is_not_a_mesh_is_one_sentence(path, value, sentence):
+def test_input_without_a_mesh_gives_a_one_line_error(path, value, sentence):
     mesh, p, u = made("quad", 1)
     whole = blueprint_of("quad", mesh, p, u)
     *folders, name = path.split("/")
@@ -197,7 +197,7 @@ def test_what_is_not_a_mesh_is_one_sentence(path, value, sentence):
     assert "\n" not in str(raised.value)
 
 
-def test_a_running_solver_shows_such_meshes(tmp_path):
+def test_a_running_solver_shows_blueprint_meshes(tmp_path):
     mesh, p, u = made("tri", 2)
     first = from_blueprint(blueprint_of("tri", mesh, p, u))
     with Session(first, field="p", size=(16, 12), device="reference", output=str(tmp_path / "{step}.npz")) as session:
@@ -212,7 +212,7 @@ def test_a_running_solver_shows_such_meshes(tmp_path):
     assert (tmp_path / "1.npz").exists()
 
 
-def test_what_has_no_topologies():
+def test_input_without_topologies():
     for given, found in (({"a": 1}, "a"), (3, "int")):
         with pytest.raises(ElvisError, match=f"expected a mesh of Conduit's Blueprint .* found {found}"):
             from_blueprint(given)
@@ -266,7 +266,7 @@ def bad_node(number):
 
 @pytest.mark.sampled(least=2, free=("start",))
 @pytest.mark.parametrize("start", range(4))
-def test_damaged_meshes_are_read_or_refused_with_a_sentence(start):
+def test_damaged_meshes_are_read_or_give_a_one_line_error(start):
     sentences = []
     for number in range(start, 29 * (len(ODD) + 2), 23):
         try:
@@ -277,7 +277,7 @@ def test_damaged_meshes_are_read_or_refused_with_a_sentence(start):
     assert not [text for text in sentences if "\n" in text or len(text) > 1000]
 
 
-def test_domains_with_other_fields_are_refused():
+def test_domains_with_other_fields_are_rejected():
     node = bad_node(0)
     node["state"] = {"time": 0.0}
     other = bad_node(0)
@@ -286,7 +286,7 @@ def test_domains_with_other_fields_are_refused():
         from_blueprint({"domain_000000": node, "domain_000001": other})
 
 
-def test_numbers_beyond_those_of_the_machine_are_refused():
+def test_numbers_beyond_machine_integers_are_rejected():
     node = bad_node(0)
     node["state"] = {"time": 0.0}
     node["fields"]["u"]["values"][3] = 10**400

@@ -123,7 +123,7 @@ KINDS = {"tet": (4, 3), "hex": (5, 3), "prism": (6, 3), "pyr": (7, 3), "tri": (2
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("is_edges", [False, True])
 @pytest.mark.parametrize("name", KINDS)
-def test_nodes_come_in_the_order_in_which_another_program_writes_them(tmp_path, name, order, is_edges):
+def test_nodes_have_the_order_of_another_writer(tmp_path, name, order, is_edges):
     """Gmsh places the nodes of one element evenly, and writes them with a type of CGNS."""
     import gmsh
 
@@ -169,7 +169,7 @@ def at_centroids(number, rows):
         assert np.abs(nodes[node - 1] - nodes[np.array(others) - 1].mean(axis=0)).max() < 1e-12
 
 
-def test_nodes_that_the_standard_describes():
+def test_nodes_of_the_standard():
     """SIDS, notes below the figures of TETRA_35, PENTA_40, PENTA_75 and PYRA_55."""
     tetrahedron = [(1, 12, 6), (2, 6, 9), (3, 9, 12), (1, 6, 15), (2, 18, 6), (4, 15, 18), (2, 9, 18), (3, 21, 9),
                    (4, 18, 21), (3, 12, 21), (1, 15, 12), (4, 21, 15), (1, 2, 3, 4)]  # fmt: skip
@@ -189,7 +189,7 @@ def test_nodes_that_the_standard_describes():
         assert np.abs(nodes[node - 1] - (1 - share) * nodes[base - 1] - share * nodes[4]).max() < 1e-12
 
 
-def test_what_it_does_not_take(solvers, tmp_path):
+def test_unsupported_input_is_rejected(solvers, tmp_path):
     assert not Cgns.opens([solvers / "gmsh" / "mixed_o3.msh"])
     assert not Cgns.opens([tmp_path / "missing.cgns"])
     whole = (solvers / "cgns" / "gmsh_ball_tet_o3.cgns").read_bytes()

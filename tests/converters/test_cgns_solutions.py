@@ -173,7 +173,7 @@ def test_degrees_of_each_cell(tmp_path):
     assert source.sample(source.blocks[1], part, np.zeros((1, 3))).tolist() == [[7]]
 
 
-def test_nodes_that_lie_elsewhere(tmp_path):
+def test_nodes_at_nonstandard_positions(tmp_path):
     """A family that gives HEXA_27 its nodes row by row, at other places than the standard."""
     line = np.array([-1, 0.2, 1])
     points = tensor_nodes(Shape.HEXAHEDRON, tuple(line.tolist()))
@@ -195,7 +195,7 @@ def test_nodes_that_lie_elsewhere(tmp_path):
     assert np.abs(values_found(done.dataset, "u", inside)).max() > 0
 
 
-def test_solutions_that_cannot_be_kept_are_named(tmp_path):
+def test_unsupported_solutions_are_named(tmp_path):
     block, zone = filled(
         HEXA_8,
         solution("Faces", "FaceCenter", {"f": np.zeros(3)}),
@@ -274,7 +274,7 @@ def test_counts_are_checked(tmp_path):
     assert source.warnings == ["the zone Zone has no cells of dimension 3, but of 2"]
 
 
-def test_elements_beyond_the_zone_are_left_out(tmp_path):
+def test_elements_beyond_the_zone_are_skipped(tmp_path):
     """Rind elements and points of unstructured zones."""
     block = Block(HEXA_8)
     cells = section("Cells", HEXA_8, 1, block.table[[1, 0, 1]])
@@ -353,7 +353,7 @@ def test_damaged_files_of_the_older_container(tmp_path, is_text):
             Cgns([tmp_path / "b.cgns"])
 
 
-def test_nodes_that_hold_themselves(tmp_path):
+def test_nodes_that_contain_themselves(tmp_path):
     """A table of children that names a node above: nodes below are only read where they are asked for."""
     path = writing.write_adf(tmp_path / "a.cgns", [base(filled(HEXA_8)[1])], 3.4, False)
     raw = bytearray(path.read_bytes())
@@ -365,7 +365,7 @@ def test_nodes_that_hold_themselves(tmp_path):
 
 
 @pytest.mark.parametrize("version", [np.nan, np.inf, -1.0])
-def test_versions_that_are_none(tmp_path, version):
+def test_invalid_versions(tmp_path, version):
     path = written(tmp_path, filled(HEXA_8)[1], version=version)
     with pytest.raises(FormatError, match="CGNSLibraryVersion: expected a version from 1 to 100, found"):
         Cgns([path])

@@ -161,7 +161,7 @@ def test_grids_that_close_on_themselves(tmp_path):
 
 
 @pytest.mark.parametrize("is_adf", [False, True])
-def test_planes_beyond_the_zone_are_left_out(tmp_path, is_adf):
+def test_planes_beyond_the_zone_are_skipped(tmp_path, is_adf):
     """Two planes before and one behind along i, one behind along k; cells have one on each side of j."""
     points = grid(4, 3, 3)
     wide = grid(7, 3, 4, low=(-2 / 3, 0, 0), high=(4 / 3, 1, 1.5))
@@ -184,7 +184,7 @@ def test_planes_beyond_the_zone_are_left_out(tmp_path, is_adf):
         assert np.abs(values_found(done.dataset, name, places) - inner.reshape(-1)).max() < 1e-12
 
 
-def test_conditions_that_cannot_be_told_are_named(tmp_path):
+def test_ambiguous_conditions_are_named(tmp_path):
     own = [
         condition("volume", "PointRange", [(1, 1, 1), (3, 4, 5)]),
         condition("cells", "PointRange", [(1, 1, 1), (2, 3, 4)], "CellCenter"),

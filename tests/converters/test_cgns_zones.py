@@ -113,7 +113,7 @@ def measures(dataset):
 
 
 @pytest.mark.parametrize("number", sorted(AMBIGUOUS))
-def test_inner_nodes_where_notes_in_the_standard_place_them(tmp_path, number):
+def test_inner_nodes_lie_where_the_standard_places_them(tmp_path, number):
     """They are told from evenly spaced ones by the edges; the map is the same."""
     block = Block(number, by_notes=True)
     count = len(block.table)

@@ -79,7 +79,7 @@ def test_a_converter_is_used_from_a_file(elvis, plugin, case, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["compressed", "text", "hdf5"])
-def test_every_format_holds_the_same(elvis, pyfr, tmp_path, truth, near, kind):
+def test_every_format_contains_the_same(elvis, pyfr, tmp_path, truth, near, kind):
     elvis("convert", pyfr, "-o", tmp_path / "out.xml", "--format", kind)
     assert (tmp_path / "out.nekg").exists() is (kind == "hdf5")
     dataset = read(tmp_path / "out.xml", tmp_path / "out.fld")
@@ -98,7 +98,7 @@ def test_the_report_is_json(elvis_json, pyfr, tmp_path):
     assert stored["fields"] == facts["fields"]
 
 
-def test_an_error_beyond_bounds_fails_and_writes_nothing(elvis, pyfr, tmp_path):
+def test_an_error_beyond_the_tolerance_fails_and_writes_nothing(elvis, pyfr, tmp_path):
     with pytest.raises(ElvisError, match="expected errors up to 1e-06, found"):
         elvis("convert", pyfr, "-o", tmp_path / "out.xml", "--order", 1, "--max-error", 1e-6)
     assert not list(tmp_path.iterdir())
@@ -120,7 +120,7 @@ def test_options_of_converters_are_options_of_the_command(elvis_json, elvis, pyf
         elvis("convert", state, "-o", tmp_path / "out.xml", "--primitive")
 
 
-def test_the_list_tells_what_there_is(elvis):
+def test_the_list_contains_all_converters(elvis):
     said = elvis("convert", "--list")
     for candidate in installed_converters():
         assert candidate.converter, candidate.fault
@@ -141,7 +141,7 @@ def test_the_list_tells_what_there_is(elvis):
         (["{text}", "-o", "{out}.xml", "--plugin", "{text}"], "expected a Python file, found none"),
     ],
 )
-def test_refusals_are_sentences(elvis, tmp_path, arguments, sentence):
+def test_failures_give_one_line_errors(elvis, tmp_path, arguments, sentence):
     (tmp_path / "notes.txt").write_text("nothing\n")
     given = [a.format(text=tmp_path / "notes.txt", out=tmp_path / "out") for a in arguments]
     with pytest.raises((ElvisError, click.UsageError)) as caught:
@@ -161,7 +161,7 @@ def test_names_of_outputs(solvers, elvis, tmp_path, monkeypatch, given, written)
             elvis("convert", "dealii_shell_p4.xml", "dealii_shell_p4.fld")
 
 
-def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
+def test_a_missing_library_is_named_with_the_package_that_provides_it(case, plugin):
     (candidate,) = in_file(plugin)
     candidate.converter.needs = ("no_such_library",)
     assert candidate.missing == ("no_such_library",)
@@ -172,14 +172,14 @@ def test_a_library_that_is_missing_is_named_with_what_brings_it(case, plugin):
         choose_converter([Candidate("mfem", own)], [case])
 
 
-def test_every_library_comes_with_an_extra_of_its_converter():
+def test_every_library_belongs_to_the_extra_of_its_converter():
     text = (ROOT / "pyproject.toml").read_text()
     for candidate in installed_converters():
         for need in candidate.converter.needs:
             assert re.search(rf'^{candidate.name} = \[.*"{need}[>=]', text, re.M)
 
 
-def test_several_claims_ask_for_a_choice(case, plugin):
+def test_several_matching_converters_require_a_choice(case, plugin):
     (candidate,) = in_file(plugin)
     both = [Candidate("one", candidate.converter), Candidate("two", candidate.converter)]
     with pytest.raises(ElvisError, match="one and two can open them; choose one with --from"):
@@ -191,7 +191,7 @@ def test_several_claims_ask_for_a_choice(case, plugin):
     ("source", "sentence"),
     [("import nothing_like_this", "does not load: ModuleNotFoundError"), ("x = 1", "expected a subclass of")],
 )
-def test_files_without_a_converter_are_told(tmp_path, source, sentence):
+def test_files_without_a_converter_are_reported(tmp_path, source, sentence):
     path = tmp_path / "broken.py"
     path.write_text(source)
     with pytest.raises(PluginError, match=sentence):
@@ -209,7 +209,7 @@ def test_the_kit_finds_a_converter_that_ignores_pieces(plugin, case):
         check(Careless, [case])
 
 
-def test_mismatched_nodes_are_told(plugin, case):
+def test_mismatched_nodes_are_reported(plugin, case):
     (candidate,) = in_file(plugin)
     np.savez(case, nodes=np.zeros((2, 7, 3)), corners=np.zeros((2, 8), int), wall=np.zeros((0, 4), int), time=0.0)
     with pytest.raises(FormatError, match=r"expected nodes \(n, \(p\+1\)\^3, 3\), found \(2, 7, 3\)"):
@@ -238,21 +238,21 @@ def contents(folder):
 
 
 @pytest.mark.parametrize("name", ["m.xml", "soft.xml", "hard.xml", "../native/m.xml"])
-def test_inputs_are_not_written_over(elvis, native, name):
+def test_inputs_are_not_overwritten(elvis, native, name):
     before = contents(native)
     with pytest.raises(ElvisError, match=r"not written: it is (an|the) input.*--overwrite"):
         elvis("convert", native / "m.xml", native / "m.fld", "-o", native / name)
     assert contents(native) == before
 
 
-def test_inputs_are_written_over_on_request(elvis, native):
+def test_inputs_are_overwritten_on_request(elvis, native):
     elvis("convert", native / "m.xml", native / "m.fld", "-o", native / "m.xml", "--format", "text", "--overwrite")
     assert not (native / "m.nekg").exists()
     assert [field.name for field in read(native / "m.xml", native / "m.fld").fields] == ["u"]
 
 
 @pytest.mark.parametrize("name", ["m.xml", "m.xml.gz"])
-def test_the_hdf5_file_of_a_mesh_is_an_input_too(elvis, native, tmp_path, monkeypatch, name):
+def test_the_hdf5_file_of_a_mesh_is_also_an_input(elvis, native, tmp_path, monkeypatch, name):
     """It may lie in the working folder, where a new file of that name would go."""
     (native / "m.xml.gz").write_bytes(gzip.compress((native / "m.xml").read_bytes()))
     (native / "m.nekg").rename(tmp_path / "m.nekg")
@@ -264,7 +264,7 @@ def test_the_hdf5_file_of_a_mesh_is_an_input_too(elvis, native, tmp_path, monkey
     assert (tmp_path / "m.nekg").read_bytes() == before
 
 
-def test_fields_of_an_earlier_mesh_do_not_stay_beside_a_new_one(elvis, native, tmp_path):
+def test_fields_of_an_earlier_mesh_are_removed_with_it(elvis, native, tmp_path):
     elvis("convert", native / "m.xml", native / "m.fld", "-o", tmp_path / "out.xml")
     before = {name: (tmp_path / name).read_bytes() for name in ("out.xml", "out.fld")}
     with pytest.raises(ElvisError, match=r"out\.fld: it belongs to the existing out\.xml, .*--overwrite"):
@@ -276,7 +276,7 @@ def test_fields_of_an_earlier_mesh_do_not_stay_beside_a_new_one(elvis, native, t
 
 
 @pytest.mark.parametrize("kind", ["compressed", "hdf5"])
-def test_files_that_are_not_named_are_not_written_over(elvis, native, tmp_path, kind):
+def test_unnamed_files_are_not_overwritten(elvis, native, tmp_path, kind):
     """A file of fields, or of HDF5 data, of which the mesh isn't there belongs to something else."""
     (tmp_path / "out.fld").write_text("a restart")
     (tmp_path / "out.nekg").write_text("data")
@@ -292,7 +292,7 @@ def test_files_that_are_not_named_are_not_written_over(elvis, native, tmp_path, 
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "msh"])
-def test_an_export_does_not_write_over_its_input(elvis, native, suffix):
+def test_an_export_does_not_overwrite_its_input(elvis, native, suffix):
     link = native / f"out.{suffix}"
     link.symlink_to("m.xml")
     before = contents(native)

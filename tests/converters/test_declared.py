@@ -26,7 +26,7 @@ def source(name, folder):
 
 
 @pytest.mark.parametrize("name", ELEMENTS)
-def test_elements_that_do_not_arrive_are_an_error(name, tmp_path):
+def test_missing_elements_are_an_error(name, tmp_path):
     """A block that a converter would drop is missed, as it is in a file without it."""
     found = source(name, tmp_path)
     assert found.declared.check(found) == []
@@ -37,7 +37,7 @@ def test_elements_that_do_not_arrive_are_an_error(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", SIDES)
-def test_sides_that_do_not_arrive_are_named(name, tmp_path):
+def test_missing_sides_are_named(name, tmp_path):
     found = source(name, tmp_path)
     assert found.declared.sides
     lost = found.boundaries[0].name
@@ -59,7 +59,7 @@ def test_hopr_declares_its_elements_and_conditions(tmp_path):
         read(path, cache=False)
 
 
-def test_conditions_of_cgns_name_what_no_section_or_grid_holds(tmp_path):
+def test_cgns_conditions_that_refer_to_missing_entities_are_reported(tmp_path):
     places = grid(3, 2, 2) * [2, 1, 1]
     own = condition("left", "PointList", [(1, 1, 1), (1, 1, 7)], "IFaceCenter")
     path = write_hdf5(tmp_path / "a.cgns", [base(structured("zone", places, conditions(own)))], 4.2)
@@ -71,7 +71,7 @@ def test_conditions_of_cgns_name_what_no_section_or_grid_holds(tmp_path):
     assert any("1 elements of the boundary condition left are in no section" in r for r in read(path).remarks)
 
 
-def test_composites_name_entities_that_exist(tmp_path):
+def test_composites_refer_to_existing_entities(tmp_path):
     (tmp_path / "a.xml").write_text(re.sub(r"E\[0-3\]", "E[0-3,6-9]", NATIVE))
     remarks = read(tmp_path / "a.xml").remarks
     assert "3 of the 8 entities of composite 2, which the mesh lacks, were skipped" in remarks

@@ -51,7 +51,7 @@ def declared(path, name, **options):
     ],
 )
 @pytest.mark.parametrize("packed", [False, True])
-def test_hdf5_that_declares_more_than_it_holds(solvers, tmp_path, converter, folder, files, name, packed):
+def test_hdf5_that_declares_more_than_it_contains(solvers, tmp_path, converter, folder, files, name, packed):
     for file in files:
         shutil.copyfile(solvers / folder / file, tmp_path / file)
     options = {"chunks": True, "compression": "gzip"} if packed else {}
@@ -62,7 +62,7 @@ def test_hdf5_that_declares_more_than_it_holds(solvers, tmp_path, converter, fol
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
 
 
-def test_chunks_that_were_never_written_hold_nothing(tmp_path):
+def test_unwritten_chunks_are_empty(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         values = file.create_dataset("u", (1000, 100), "f8", chunks=(10, 100), compression="gzip")
         values[:10] = np.random.default_rng(1).random((10, 100))
@@ -93,7 +93,7 @@ def test_data_of_other_files_are_not_read(tmp_path, place):
         require(file, "u")
 
 
-def test_filters_that_are_not_there_are_named(tmp_path):
+def test_missing_filters_are_named(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         properties.set_chunk((10,))
@@ -162,7 +162,7 @@ def classic(path, counts, size):
 
 
 @pytest.mark.parametrize("counts", [(2**31 - 1,), (2**30, 2**30), (0, 2**28), (11,)])
-def test_netcdf_that_declares_more_than_it_holds(tmp_path, counts):
+def test_netcdf_that_declares_more_than_it_contains(tmp_path, counts):
     classic(tmp_path / "good.e", (10,), 80)
     assert Variables(tmp_path / "good.e")["x"].tolist() == [0.0] * 10
     classic(tmp_path / "bad.e", counts, 80)
@@ -170,7 +170,7 @@ def test_netcdf_that_declares_more_than_it_holds(tmp_path, counts):
         Variables(tmp_path / "bad.e")["x"]
 
 
-def test_variables_that_are_not_asked_for_are_not_read(tmp_path):
+def test_variables_that_are_not_requested_are_not_read(tmp_path):
     with h5py.File(tmp_path / "a.e", "w") as file:
         file["x"] = np.arange(10.0)
         file["vals"] = np.arange(20.0).reshape(2, 10)
@@ -183,7 +183,7 @@ def test_variables_that_are_not_asked_for_are_not_read(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
 
 
-def test_archives_are_read_member_by_member_and_only_what_is_known(solvers, tmp_path, monkeypatch):
+def test_only_known_members_of_archives_are_read(solvers, tmp_path, monkeypatch):
     known = solvers / "ngsolve" / "hexprism_p3_hex.elems.npz"
     asked = []
     read = Archive.__getitem__
@@ -196,7 +196,7 @@ def test_archives_are_read_member_by_member_and_only_what_is_known(solvers, tmp_
     assert set(asked) == set(arrays)
 
 
-def test_a_member_that_says_too_much_is_refused(solvers, tmp_path):
+def test_a_member_with_an_excessive_size_is_rejected(solvers, tmp_path):
     source = zipfile.ZipFile(solvers / "ngsolve" / "hexprism_p3_hex.elems.npz")
     with source as old, zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as new:
         for name in old.namelist():
@@ -209,7 +209,7 @@ def test_a_member_that_says_too_much_is_refused(solvers, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["NumberOfComponents", "NumberOfPoints", "NumberOfTuples"])
-def test_xml_that_declares_more_than_it_holds(tmp_path, name):
+def test_xml_that_declares_more_than_it_contains(tmp_path, name):
     inside = f'<PUnstructuredGrid {name}="99999999999999999999"></PUnstructuredGrid>'
     (tmp_path / "a.pvtu").write_text(f'<VTKFile type="PUnstructuredGrid">{inside}</VTKFile>')
     with pytest.raises(FormatError, match=rf"a\.pvtu: {name}: expected at most \d+, as \d+ bytes hold, found 9{{20}}"):

@@ -59,7 +59,7 @@ def test_an_elastic_disk_is_that_of_ngsolve(ngsolve, disk):
     assert [own.value for own in integrate(bent, ["1", "p"])] == pytest.approx([area, integral], rel=1e-12)
 
 
-def test_complex_vectors_at_a_phase_are_those_of_ngsolve(ngsolve, disk):
+def test_complex_vectors_at_a_phase_match_those_of_ngsolve(ngsolve, disk):
     field = ngsolve.GridFunction(ngsolve.VectorH1(disk, order=3, complex=True))
     field.Set((ngsolve.x + 2j * ngsolve.y, 1j * ngsolve.x * ngsolve.y - 0.3))
     shown = at_phase(from_ngsolve(disk, E=field), 40.0)

@@ -84,7 +84,7 @@ KINDS = [
 
 
 @pytest.mark.parametrize("order", [">", "<"])
-def test_values_are_those_of_the_description(tmp_path, order):
+def test_values_match_those_of_the_description(tmp_path, order):
     path, elements = tmp_path / "volume.dat", row(KINDS)
     path.write_bytes(volume(elements, order))
     conversion = check(ElVisDat, [path])
@@ -151,7 +151,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("change", "message"), BAD)
-def test_bad_files_are_refused_in_a_sentence(tmp_path, change, message):
+def test_bad_files_give_a_one_line_error(tmp_path, change, message):
     path = tmp_path / "volume.dat"
     path.write_bytes(change(volume(row(KINDS[:3]))))
     with pytest.raises(FormatError, match=message) as caught:
@@ -159,7 +159,7 @@ def test_bad_files_are_refused_in_a_sentence(tmp_path, change, message):
     assert str(path) in str(caught.value)
 
 
-def test_uneven_degrees_of_prisms_are_refused(tmp_path):
+def test_uneven_degrees_of_prisms_are_rejected(tmp_path):
     path = tmp_path / "volume.dat"
     path.write_bytes(volume([(Shape.PRISM, (1, 1, 3), np.zeros(10), Shape.PRISM.vertices)]))
     with pytest.raises(FormatError, match="expected the same first and third degree"):

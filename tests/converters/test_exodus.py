@@ -56,7 +56,7 @@ TYPES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_meshes_are_exact_and_keep_all_rules(solvers, tmp_path, name):
+def test_meshes_are_exact_and_pass_the_strict_checks(solvers, tmp_path, name):
     conversion = check(Exodus, [solvers / "exodus" / name])
     assert conversion.report.geometry.state == "exact"
     assert conversion.report.elements == CASES[name]
@@ -70,7 +70,7 @@ def test_meshes_are_exact_and_keep_all_rules(solvers, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_places_are_those_of_another_reader(solvers, name):
+def test_places_match_those_of_another_reader(solvers, name):
     """VTK reads the file, in single precision, and evaluates its own cells."""
     from vtkmodules.vtkIOExodus import vtkExodusIIReader
 
@@ -144,7 +144,7 @@ def one_element(path, name, values=field):
 
 
 @pytest.mark.parametrize("name", TYPES)
-def test_every_type_holds_its_fields(tmp_path, name):
+def test_every_type_has_its_fields(tmp_path, name):
     shape, count = TYPES[name]
     is_linear = count == len(shape.vertices)
     wanted = (lambda x: 1 - x[:, 0] + 2 * x[:, 1]) if is_linear else field
@@ -158,7 +158,7 @@ def test_every_type_holds_its_fields(tmp_path, name):
     assert np.abs(values_found(conversion.dataset, "flag", places) - 8).max() < 1e-12
 
 
-def test_functions_of_pyramids_without_a_middle_are_those_of_gmsh():
+def test_pyramids_without_a_centre_node_have_the_functions_of_gmsh():
     gmsh = pytest.importorskip("gmsh")
     nodes = nodes_of(Shape.PYRAMID, 13)
     points = np.random.default_rng(3).dirichlet(np.ones(5), 40) @ Shape.PYRAMID.vertices
@@ -195,7 +195,7 @@ writer.Write()
 """
 
 
-def test_nodes_of_pyramids_without_a_middle_come_in_the_order_of_another_writer(tmp_path):
+def test_pyramids_without_a_centre_node_have_the_node_order_of_another_writer(tmp_path):
     from vtkmodules.vtkCommonDataModel import vtkQuadraticPyramid
 
     local = np.array(vtkQuadraticPyramid().GetParametricCoords()).reshape(-1, 3)[:13]
@@ -251,7 +251,7 @@ WRITERS = pytest.mark.parametrize("write", [write_classic, write_hdf5])
 
 @WRITERS
 @pytest.mark.parametrize("counts", [(1, 0, 1), (0, 1, 1), (2, 1, 0), (0, 0, 3, 0, 2)])
-def test_blocks_and_sets_without_entries_hide_no_others(tmp_path, write, counts):
+def test_empty_blocks_and_sets_do_not_hide_others(tmp_path, write, counts):
     path = cubes_in_blocks(tmp_path / "row.e", write, counts)
     dataset = read(path)
     assert sum(len(entities) for entities in dataset.mesh.elements.values()) == sum(counts)
@@ -264,7 +264,7 @@ def test_blocks_and_sets_without_entries_hide_no_others(tmp_path, write, counts)
         assert moment.value == pytest.approx(x, abs=1e-13)
 
 
-def test_a_block_that_is_declared_and_not_there_is_an_error(tmp_path):
+def test_a_declared_but_missing_block_is_an_error(tmp_path):
     classic, other = (cubes_in_blocks(tmp_path / name, write, (1, 1, 1)) for name, write in WRITTEN.items())
     classic.write_bytes(classic.read_bytes().replace(b"connect2", b"konnect2"))
     with h5py.File(other, "a") as file:
@@ -274,7 +274,7 @@ def test_a_block_that_is_declared_and_not_there_is_an_error(tmp_path):
             read(path)
 
 
-def test_elements_and_sides_that_are_left_out_are_named(tmp_path):
+def test_skipped_elements_and_sides_are_named(tmp_path):
     places, nodes = unit_cubes(2)
     blocks = [ExodusBlock("solid", "HEX8", nodes), ExodusBlock("beam", "BEAM2", nodes[:, :2])]
     path = write_classic(tmp_path / "mixed.e", blocks, places, {"end": [(2, 2), (3, 1)]})
@@ -283,7 +283,7 @@ def test_elements_and_sides_that_are_left_out_are_named(tmp_path):
     assert "mixed.e: 1 of the 2 sides of the boundary 'end' were skipped" in remarks
 
 
-def test_elements_that_are_missing_are_an_error(tmp_path):
+def test_missing_elements_are_an_error(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 2))
     with h5py.File(path, "a") as file:
         del file["num_elem"]
@@ -292,20 +292,20 @@ def test_elements_that_are_missing_are_an_error(tmp_path):
         read(path)
 
 
-def test_names_that_were_never_written_are_empty(tmp_path):
+def test_unwritten_names_are_empty(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("eb_names", "ss_names"))
     names = [composite.name for composite in read(path).mesh.composites]
     assert names[:3] == ["block 1", "block 2", "sides 1"]
 
 
-def test_coordinates_that_were_never_written_are_an_error(tmp_path):
+def test_unwritten_coordinates_are_an_error(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("coordy",))
     with pytest.raises(FormatError, match="expected 96 bytes as declared, found 0 stored"):
         read(path)
 
 
 @WRITERS
-def test_variables_of_some_blocks_are_kept_there(tmp_path, write):
+def test_variables_of_some_blocks_exist_only_there(tmp_path, write):
     """At the orders of the file, at a tolerance, and as a step of a series."""
     places, nodes = unit_cubes(3)
     blocks = [ExodusBlock("left", "HEX8", nodes[:2]), ExodusBlock("right", "HEX8", nodes[2:])]
@@ -365,7 +365,7 @@ def test_bubbles_of_tetrahedra_belong_to_their_faces():
         assert np.abs(table[:, node] - 27 * points[:, list(face)].prod(axis=1)).max() < 1e-12
 
 
-def test_bubbles_of_pyramids_are_those_of_libmesh():
+def test_bubbles_of_pyramids_match_those_of_libmesh():
     """In front 27 (c - y)/2 p1 p2 p4 z/c² with p1 = (c - y)/2, p2 = (c + x)/2, p4 = (c - x)/2 and c = 1 - z."""
     functions = _functions_of(Shape.PYRAMID, 18)
     rng = np.random.default_rng(6)

@@ -52,7 +52,9 @@ FIELDS = np.array([(k, k + 1, k + 5, k + 4) for k in (0, 1, 2, 4, 5, 6, 8, 9, 10
 
 @pytest.mark.parametrize(("first", "elements", "height"), [(1, (1, 2, 3), 0), (3, (7, 8, 9), 3)])
 @pytest.mark.parametrize("has_faces", [True, False])
-def test_one_set_tells_how_sides_of_quadrilaterals_in_space_count(tmp_path, first, elements, height, has_faces):
+def test_one_set_determines_the_numbering_of_sides_of_quadrilaterals_in_space(
+    tmp_path, first, elements, height, has_faces
+):
     sets = {"edge": [(element, first + 2 * has_faces) for element in elements]}
     dataset = read(write_classic(tmp_path / "one.e", [ExodusBlock("plate", "QUAD4", FIELDS)], BOARD, sets))
     length, moment = integrate(dataset, ["1", "y"], "edge")
@@ -62,13 +64,13 @@ def test_one_set_tells_how_sides_of_quadrilaterals_in_space_count(tmp_path, firs
     assert len(dataset.remarks) == 1 + is_open
 
 
-def test_faces_of_quadrilaterals_in_space_are_no_edges(tmp_path):
+def test_faces_of_quadrilaterals_in_space_are_not_edges(tmp_path):
     sets = {"skin": [(element, 1) for element in range(1, 10)]}
     dataset = read(write_classic(tmp_path / "skin.e", [ExodusBlock("plate", "QUAD4", FIELDS)], BOARD, sets))
     assert "9 of the 9 sides of the boundary 'skin' were skipped" in dataset.remarks[-1]
 
 
-def test_sides_that_fit_two_ways_of_counting_are_named(tmp_path):
+def test_sides_that_fit_two_numberings_are_named(tmp_path):
     blocks = [ExodusBlock("plate", "QUAD4", SQUARES)]
     dataset = read(write_classic(tmp_path / "row.e", blocks, PLACES, {"long": [(1, 3), (2, 3)]}))
     assert "were read as edges that count from 1" in dataset.remarks[-1]
@@ -84,7 +86,7 @@ def test_faces_of_shells_on_volumes_are_sides_of_these(tmp_path):
     assert any("1 of the 1 sides of the boundary 'edges' were skipped" in remark for remark in dataset.remarks)
 
 
-def test_elements_with_nodes_of_their_own_are_neighbours(tmp_path):
+def test_elements_with_separate_nodes_are_neighbours(tmp_path):
     places, nodes = unit_cubes(3)
     places, nodes = places[nodes.reshape(-1)], np.arange(24).reshape(3, 8)
     sets = {"in": [(1, 4)], "out": [(3, 2)]}

@@ -42,7 +42,7 @@ def files(request, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["vtu", "msh"])
-def test_there_and_back(elvis, elvis_json, files, tmp_path, suffix):
+def test_round_trip(elvis, elvis_json, files, tmp_path, suffix):
     out = tmp_path / f"out.{suffix}"
     losses = elvis_json("export", *files, "-o", out)["losses"]
     assert [loss["name"] for loss in losses] == ["coordinates", "u", "jump"]
@@ -148,7 +148,7 @@ def test_lower_orders_are_measured(target):
     assert all(late < 0.6 * early for early, late in pairwise(errors))
 
 
-def test_maps_that_fields_give_are_the_places(elvis_json, solvers, tmp_path):
+def test_maps_given_as_fields_determine_positions(elvis_json, solvers, tmp_path):
     from elvis.converters.hopr import Hopr
 
     source = convert(Hopr([solvers / "hopr_flexi" / "convcurved_N4_State.h5"])).dataset
@@ -167,7 +167,7 @@ def test_nothing_is_written_on_errors(elvis, tmp_path):
     assert not list(tmp_path.glob("a.[vm]*"))
 
 
-def test_constants_are_not_refused(elvis, elvis_json, tmp_path):
+def test_constants_are_accepted(elvis, elvis_json, tmp_path):
     """Their range is rounding, or nothing, and so are their errors."""
     mesh = curved(grid(Shape.TETRAHEDRON, 1), ripple(0.05), 3)
     plain = Dataset(mesh)

@@ -78,7 +78,7 @@ for text in sys.argv[1:]:
 
 @pytest.mark.parametrize(("suffix", "program", "package"), [("msh", GMSH, "gmsh"), ("vtu", VTK, "vtk")])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_programs_open_files_with_our_values(tmp_path, shape, suffix, program, package):
+def test_other_programs_read_the_same_values(tmp_path, shape, suffix, program, package):
     pytest.importorskip(package)
     texts = []
     for order in ORDERS:
@@ -103,7 +103,7 @@ def test_programs_open_files_with_our_values(tmp_path, shape, suffix, program, p
     ("shape", "order"),
     [(shape, order) for shape in SHAPES for order in (1, 2, 4) if order < 3 or shape not in COLLAPSED],
 )
-def test_boundaries_arrive_in_gmsh_as_physical_groups(tmp_path, shape, order):
+def test_boundaries_become_physical_groups_in_gmsh(tmp_path, shape, order):
     pytest.importorskip("gmsh")
     data = with_field(grid(shape, 2), lambda p: p[:, 1], order + 1)
     exporter("msh")(data, None, None, tmp_path / "a.msh", lambda losses: None)

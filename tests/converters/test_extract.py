@@ -56,7 +56,7 @@ def hex_and_prism():
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PRISM])
-def test_a_sphere_is_closed_and_within_the_distance_that_is_told(shape):
+def test_a_sphere_is_closed_and_within_the_stated_distance(shape):
     """Both ways: points of triangles to the sphere, and points of the sphere to triangles, by libigl."""
     found = level_triangles(Dataset(grid(shape, 1)), SPHERE, ["x*y"], 0.03)
     mesh = mesh_of(found)
@@ -103,7 +103,7 @@ def test_planes_are_exact_on_curved_elements():
     assert found.area == pytest.approx(area, rel=2e-3)
 
 
-def test_a_plane_along_faces_is_there_once():
+def test_a_plane_along_faces_is_extracted_once():
     found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 2)), "plane:0,0,0.5:0,0,1", [], 1e-2)
     assert found.area == pytest.approx(1, abs=1e-12)
     assert len(found.triangles) == 8
@@ -128,7 +128,7 @@ def test_points_where_the_gradient_vanishes_are_reported():
     assert "the surface is only known to" in found.remarks[0]
 
 
-def test_clips_leave_what_is_outside():
+def test_clips_leave_the_outside():
     data = Dataset(grid(Shape.HEXAHEDRON, 1))
     plane = level_triangles(data, "plane:0,0,0.4:0,0,1", ["x"], 1e-3)
     left = clipped(plane, data, "sphere:0.5,0.5,0.4:0.3", 1e-4)
@@ -143,7 +143,7 @@ def test_clips_leave_what_is_outside():
         clipped(ball, data, "outside:sphere:0,0,0:0.1", 1e-2)
 
 
-def test_boundaries_are_closed_and_their_quantities_those_of_the_volume():
+def test_boundaries_are_closed_and_have_the_quantities_of_the_volume():
     data = flow(curved(grid(Shape.PRISM, 1), ripple(0.05), 3))
     found = boundary_triangles(data, "all", ["x*y"], 1e-2)
     mesh = mesh_of(found)
@@ -176,7 +176,7 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
-def test_trimesh_reads_what_is_written(files, tmp_path, elvis_json, suffix):
+def test_trimesh_reads_the_output(files, tmp_path, elvis_json, suffix):
     out = tmp_path / f"ball{suffix}"
     facts = elvis_json("extract", *files, "--cut", SPHERE, "--tolerance", "0.05", "--field", "p", "-o", out)
     mesh = trimesh.load_mesh(out)
@@ -215,7 +215,7 @@ def test_vtk_reads_triangles_with_every_digit(files, tmp_path, elvis):
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".vtu", ".msh"])
-def test_boundaries_keep_their_elements(files, tmp_path, elvis, suffix):
+def test_boundaries_record_their_elements(files, tmp_path, elvis, suffix):
     out = tmp_path / f"skin{suffix}"
     elvis("extract", *files, "--boundary", "all", "--field", "u", "--field", "push=p*nx", "-o", out)
     skin = read(out, *([out.with_suffix(".fld")] if suffix == ".xml" else []), cache=False)
@@ -245,7 +245,7 @@ def test_boundaries_keep_their_elements(files, tmp_path, elvis, suffix):
         (["--boundary", "all", "--tolerance", "0.1"], "a.xml", "--tolerance and --clip are for triangles"),
     ],
 )
-def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, options, name, message):
+def test_bad_input_gives_a_one_line_error_and_no_file(files, tmp_path, elvis, options, name, message):
     with pytest.raises((ElvisError, ClickException)) as raised:
         elvis("extract", *files, *options, "-o", tmp_path / name)
     text = getattr(raised.value, "message", str(raised.value))

@@ -205,7 +205,7 @@ def checked(dataset, name, order, time=0.0):
     ("name", "order"),
     [("quadrilateral", 1), ("triangle", 6), ("tetrahedron", 3), ("hexahedron", 3), ("wedge", 2)],
 )
-def test_values_are_those_of_the_functions(tmp_path, name, order):
+def test_values_match_those_of_the_functions(tmp_path, name, order):
     """Cells of continuous functions share their points, those of others have their own."""
     dataset = read(written(tmp_path, name, order, is_continuous=name != "tetrahedron"), cache=False)
     checked(dataset, name, order)
@@ -237,7 +237,7 @@ def curves(path, order, places, numbers):
 
 @pytest.mark.parametrize("order", [2, 5])
 @pytest.mark.parametrize("is_row", [True, False], ids=["in a row", "ends first"])
-def test_nodes_of_curves_are_in_a_row_where_they_run_so(tmp_path, order, is_row):
+def test_nodes_of_curves_are_in_sequence(tmp_path, order, is_row):
     """Firedrake doesn't put the ends first, as VTK does."""
     numbers = np.arange(3)[:, None] * order + np.arange(order + 1)
     if not is_row:

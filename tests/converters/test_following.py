@@ -25,7 +25,7 @@ def run(tmp_path):
     return folder
 
 
-def test_each_member_of_a_folder_that_is_written_again_is_noticed(tmp_path):
+def test_a_rewritten_member_of_a_folder_is_detected(tmp_path):
     """Also with its size unchanged, the oldest as well as the newest, and the folder's own entry unchanged."""
     for number, name in enumerate("abc"):
         (tmp_path / name).write_bytes(b"1234")
@@ -39,7 +39,7 @@ def test_each_member_of_a_folder_that_is_written_again_is_noticed(tmp_path):
         assert _stamp(tmp_path) != before, name
 
 
-def test_a_step_counts_once_it_is_whole_and_stands_still(made, run):
+def test_a_step_counts_once_it_is_complete_and_unchanged(made, run):
     following = Following([run], Reading())
     look = following.look
 
@@ -72,7 +72,7 @@ def test_a_step_counts_once_it_is_whole_and_stands_still(made, run):
         assert (again.mesh is found.mesh) == has_old_mesh
 
 
-def test_what_changes_while_it_is_read_does_not_count(made, run, monkeypatch):
+def test_files_that_change_while_they_are_read_do_not_count(made, run, monkeypatch):
     for file in made[:3]:
         shutil.copy(file, run)
     following = Following([run / "mesh.xml", run / "run_*.chk"], Reading())
@@ -85,7 +85,7 @@ def test_what_changes_while_it_is_read_does_not_count(made, run, monkeypatch):
 
 
 @pytest.mark.parametrize("gone", ["mesh.xml", "run_1.chk", "all"])
-def test_runs_whose_files_vanish_while_they_are_read_are_survived(made, run, monkeypatch, gone):
+def test_files_that_vanish_while_they_are_read_are_tolerated(made, run, monkeypatch, gone):
     for file in made:
         shutil.copy(file, run)
     following = Following([run], Reading())
@@ -109,7 +109,7 @@ def test_runs_whose_files_vanish_while_they_are_read_are_survived(made, run, mon
     assert [found and found.time for found in (following.look(), following.look())] in ([None, 1.0], [1.0, None])
 
 
-def test_files_of_a_run_are_told_from_what_lies_beside_them(tmp_path):
+def test_files_of_a_run_are_distinguished_from_others_in_the_folder(tmp_path):
     names = [*(f"flow-{n}.pyfrs" for n in range(3)), "flow.pyfrm", "run.log", "latest.png", ".hidden"]
     for name in names:
         (tmp_path / name).write_text("")
@@ -137,7 +137,7 @@ def test_a_run_without_a_step_is_a_failure(made, run, tmp_path, elvis):
     assert not (tmp_path / "latest.png").exists()
 
 
-def test_what_cannot_be_watched_is_said_at_once(run, tmp_path, elvis):
+def test_unwatchable_input_fails_at_once(run, tmp_path, elvis):
     for given, sentence in (
         ([run], "expected -o, the name of the picture"),
         ([run / "none", "-o", tmp_path / "x.png"], "none: there is no such file or folder"),

@@ -117,7 +117,7 @@ vertices
 ROWS = ["2 1 0 0 3 1 2 5", "2 1 0 0 3 2 3 5", "2 1 0 0 3 3 4 5", "2 1 0 0 3 4 1 5"]
 
 
-def test_netgens_own_texts_are_read_by_mfem(tmp_path):
+def test_texts_written_by_netgen_are_read_by_mfem(tmp_path):
     pytest.importorskip("mfem.ser")
     (tmp_path / "plane.mesh").write_text(AREA)
     plane = read(tmp_path / "plane.mesh")
@@ -132,7 +132,7 @@ def test_netgens_own_texts_are_read_by_mfem(tmp_path):
 
 @pytest.mark.parametrize("text", [AREA, NEUTRAL])
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
-def test_netgens_own_texts_must_be_whole(tmp_path, text, share):
+def test_texts_written_by_netgen_must_be_complete(tmp_path, text, share):
     words = text.split()
     (tmp_path / "cut.mesh").write_text("\n".join(words[: int(share * len(words))]))
     with pytest.raises(FormatError, match="expected as many numbers as declared"):
@@ -168,7 +168,7 @@ def test_vectors_on_a_plane_may_have_three_components(tmp_path):
         ("flow.mesh", "flower.gf", "flower"),
     ],
 )
-def test_names_of_functions_are_never_cut(tmp_path, mesh, field, name):
+def test_names_of_functions_are_never_truncated(tmp_path, mesh, field, name):
     assert _name(tmp_path / mesh, tmp_path / field) == name
 
 
@@ -179,14 +179,14 @@ def test_time_grows_with_the_order_of_a_space():
 
 
 @pytest.mark.parametrize("between", ["\n", "\n\n", " "])
-def test_words_of_netgens_meshes_count_not_lines(tmp_path, between):
+def test_netgen_meshes_are_parsed_by_tokens_not_by_lines(tmp_path, between):
     pytest.importorskip("ngsolve")
     names = "\n".join(f"{i} default" for i in range(1, 5))
     (tmp_path / "m.vol").write_text(VOL.format(rows=between.join(ROWS), names=names))
     assert integrate(read(tmp_path / "m.vol"), "area")[0].value == pytest.approx(4)
 
 
-def test_boundaries_of_one_name_are_told_apart_by_number(tmp_path):
+def test_boundaries_of_one_name_are_distinguished_by_number(tmp_path):
     pytest.importorskip("ngsolve")
     names = "\n".join(f"{i} {name}" for i, name in enumerate(("wall", "out", "wall", "in"), 1))
     (tmp_path / "m.vol").write_text(VOL.format(rows="\n".join(ROWS), names=names))
@@ -198,7 +198,7 @@ def test_boundaries_of_one_name_are_told_apart_by_number(tmp_path):
     assert "boundary2" not in [composite.name for composite in dataset.mesh.composites]
 
 
-def test_elements_that_the_library_drops_are_missed(tmp_path, monkeypatch):
+def test_elements_dropped_by_the_library_are_reported(tmp_path, monkeypatch):
     """Counts that a file declares are compared with what arrives."""
     pytest.importorskip("ngsolve")
     pytest.importorskip("mfem.ser")

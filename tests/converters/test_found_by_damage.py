@@ -110,7 +110,7 @@ def test_samples_of_ngsolve(solvers, tmp_path, name, values, sentence):
         NGSolve([tmp_path / "a.npz"])
 
 
-def test_a_netgen_mesh_whose_curves_are_of_others_is_refused_or_read(solvers, tmp_path):
+def test_a_netgen_mesh_with_foreign_curves_is_read_or_rejected(solvers, tmp_path):
     pytest.importorskip("ngsolve")
     text = (solvers / "ngsolve" / "ballbox_p4.vol").read_text()
     assert text.count("\n1 4 118 124 133 183") == 1
@@ -119,7 +119,7 @@ def test_a_netgen_mesh_whose_curves_are_of_others_is_refused_or_read(solvers, tm
         NGSolve([tmp_path / "a.vol"])
 
 
-def test_names_of_cgns_that_are_no_text(solvers, tmp_path):
+def test_cgns_names_that_are_not_text(solvers, tmp_path):
     pytest.importorskip("gmsh")
     path = tmp_path / "a.cgns"
     shutil.copyfile(solvers / "cgns" / "gmsh_mixed_o2.cgns", path)
@@ -130,7 +130,7 @@ def test_names_of_cgns_that_are_no_text(solvers, tmp_path):
 
 
 @pytest.mark.parametrize("count", [2**62, 2**64 - 1])
-def test_gmsh_sections_of_more_blocks_than_any_file(tmp_path, count):
+def test_gmsh_sections_with_too_many_blocks(tmp_path, count):
     head = b"$MeshFormat\n4.1 1 8\n" + struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
     blocks = struct.pack("<4Q", 1, 0, 0, 0) + struct.pack("<3iQ", 3, 1, 4, count)
     raw = head + b"$Elements\n" + blocks + bytes(64) + b"\n$EndElements\n"
@@ -138,7 +138,7 @@ def test_gmsh_sections_of_more_blocks_than_any_file(tmp_path, count):
         check(tmp_path / "a.msh", raw, lambda kind: 4)
 
 
-def test_gmf_solutions_of_more_nodes_than_any_file(tmp_path):
+def test_gmf_solutions_with_too_many_nodes(tmp_path):
     name = next(name for name, keyword in KEYWORDS.items() if keyword.solution == "ho")
     header = struct.pack("<5i", 1, 2, 3, 20, 3)  # version 2; the next section begins at byte 20
     solution = struct.pack("<7i", KEYWORDS[name].code, 0, 1, 1, 1, 3, 2**31 - 1)
@@ -148,7 +148,7 @@ def test_gmf_solutions_of_more_nodes_than_any_file(tmp_path):
 
 
 @pytest.mark.parametrize("read", [triangles_of, triangles])
-def test_triangles_in_no_space(tmp_path, read):
+def test_triangles_without_dimension(tmp_path, read):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1\nf 1 2 3\n")
     with pytest.raises(FormatError, match=r"a\.obj: expected"):
         read(str(tmp_path / "a.obj"))
@@ -208,7 +208,7 @@ OTHER_DIMENSIONS = [
 
 
 @pytest.mark.parametrize(("text", "old", "new", "message"), OTHER_DIMENSIONS)
-def test_mfem_elements_of_another_dimension_than_the_mesh_are_refused(tmp_path, text, old, new, message):
+def test_mfem_elements_of_another_dimension_than_the_mesh_are_rejected(tmp_path, text, old, new, message):
     pytest.importorskip("mfem")
     path = tmp_path / "a.mesh"
     path.write_text(text)
@@ -220,7 +220,7 @@ def test_mfem_elements_of_another_dimension_than_the_mesh_are_refused(tmp_path, 
 
 
 @pytest.mark.parametrize("width", ["099999999", "*", "-0999", "9999999999999999999"])
-def test_nek_templates_of_names_longer_than_any(tmp_path, width):
+def test_nek_templates_of_overlong_names(tmp_path, width):
     path = tmp_path / "run.nek5000"
     path.write_text(f"filetemplate: run%01d.f%{width}d\nfirsttimestep: 1\nnumtimesteps: 2\n")
     tracemalloc.start()
@@ -232,7 +232,7 @@ def test_nek_templates_of_names_longer_than_any(tmp_path, width):
 
 @pytest.mark.parametrize("digits", [20, 5000])
 @pytest.mark.parametrize("old", ["15 54 53 2", " 54 53 2 -1", "3 15 54 53"])
-def test_netgen_meshes_of_points_beyond_any_number(solvers, tmp_path, old, digits):
+def test_netgen_meshes_with_too_many_points(solvers, tmp_path, old, digits):
     pytest.importorskip("ngsolve")
     text = (solvers / "ngsolve" / "ballbox_p4.vol").read_text()
     assert text.count(old) == 1
@@ -243,13 +243,13 @@ def test_netgen_meshes_of_points_beyond_any_number(solvers, tmp_path, old, digit
 
 @pytest.mark.parametrize("digits", [20, 5000])
 @pytest.mark.parametrize(("old", "place"), [("1 4 0 1 2 3", "elements 0"), ("\n4\n3\n", "vertices")])
-def test_mfem_meshes_of_vertices_beyond_any_number(tmp_path, old, place, digits):
+def test_mfem_meshes_with_too_many_vertices(tmp_path, old, place, digits):
     (tmp_path / "a.mesh").write_text(MFEM.replace(old, old.replace("4", "9" * digits, 1)))
     with pytest.raises(FormatError, match=rf"a\.mesh: {place}: expected"):
         Mfem([tmp_path / "a.mesh"])
 
 
-def test_gmsh_schemes_of_no_polynomials(solvers, tmp_path, monkeypatch):
+def test_gmsh_schemes_without_polynomials(solvers, tmp_path, monkeypatch):
     pytest.importorskip("gmsh")
 
     def squares(table, wanted, rcond):
@@ -266,7 +266,7 @@ def test_gmsh_schemes_of_no_polynomials(solvers, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("dimension", ["num_el_blk", "num_side_sets"])
-def test_exodus_files_of_more_blocks_or_sets_than_bytes(tmp_path, dimension):
+def test_exodus_files_with_more_blocks_or_sets_than_bytes(tmp_path, dimension):
     path = cubes_in_blocks(tmp_path / "a.e", write_hdf5, [1])
     with h5py.File(path, "r+") as file:
         del file[dimension]
@@ -275,7 +275,7 @@ def test_exodus_files_of_more_blocks_or_sets_than_bytes(tmp_path, dimension):
         Exodus([path])
 
 
-def test_exodus_side_sets_of_a_piece_without_elements(tmp_path):
+def test_exodus_side_sets_of_an_empty_part(tmp_path):
     first = cubes_in_blocks(tmp_path / "a.e.2.0", write_classic, [1])
     places, nodes = unit_cubes(1, 1)
     other = write_classic(tmp_path / "a.e.2.1", [ExodusBlock("none", "HEX8", nodes[:0])], places, {"out": [(1, 2)]})
@@ -284,7 +284,7 @@ def test_exodus_side_sets_of_a_piece_without_elements(tmp_path):
     assert "out" not in {own.name for own in source.boundaries if own.sides}
 
 
-def test_exodus_pieces_of_different_dimensions(tmp_path):
+def test_exodus_parts_of_different_dimensions(tmp_path):
     places, nodes = unit_cubes(1)
     solid = write_classic(tmp_path / "a.e.2.0", [ExodusBlock("solid", "HEX8", nodes)], places)
     plane = write_classic(tmp_path / "a.e.2.1", [ExodusBlock("plane", "QUAD4", nodes[:, :4])], places[:, :2])
@@ -292,7 +292,7 @@ def test_exodus_pieces_of_different_dimensions(tmp_path):
         Exodus([solid, plane])
 
 
-def test_trixi_forests_of_more_leaves_than_listed(tmp_path):
+def test_trixi_forests_with_more_leaves_than_listed(tmp_path):
     brick = Brick((2, 1), lambda x: x, 1, lambda _: lambda *_: False)
     mesh = brick.write(tmp_path / "mesh.h5", "T8codeMesh")
     with h5py.File(mesh, "r+") as file:
@@ -302,7 +302,7 @@ def test_trixi_forests_of_more_leaves_than_listed(tmp_path):
         Trixi([path])
 
 
-def test_exodus_files_of_two_dimensions_without_end(tmp_path):
+def test_exodus_files_with_two_unlimited_dimensions(tmp_path):
     """SciPy makes a type of numbers of the record variables, which Python's parser refuses."""
     path = cubes_in_blocks(tmp_path / "a.e", write_classic, [1, 1], nodal={"u": np.arange(12.0)})
     raw = path.read_bytes()

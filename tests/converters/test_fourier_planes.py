@@ -63,7 +63,7 @@ def test_bad_input_gives_one_line_errors(tmp_path, monkeypatch, words, reason):
     assert not (tmp_path / "b.xml").exists()
 
 
-def test_plane_data_have_none(tmp_path, monkeypatch):
+def test_plane_data_have_no_fourier_planes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mesh = grid(Shape.QUADRILATERAL, 1)
     write(Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0], 2),)), "a.xml")
@@ -79,7 +79,7 @@ def test_points_do_not_snap_to_walls_along_fourier_directions():
 
 
 @pytest.mark.parametrize("plane", ["0,0,0.7:0,0,2", "z=3.2"])
-def test_planes_have_the_values_there(tmp_path, monkeypatch, plane):
+def test_planes_have_the_values_of_their_position(tmp_path, monkeypatch, plane):
     """The second plane is one period further."""
     monkeypatch.chdir(tmp_path)
     data, _ = spanwise(4)

@@ -77,7 +77,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_names_the_file_and_leaves_the_old(dataset, tmp_path, name, capfd):
+def test_a_full_disk_names_the_file_and_preserves_the_old_one(dataset, tmp_path, name, capfd):
     """Whether it is full at once, in the middle, or at the last byte."""
     path = tmp_path / name
     WRITERS[name](dataset, path)
@@ -99,7 +99,7 @@ def test_a_full_disk_names_the_file_and_leaves_the_old(dataset, tmp_path, name, 
     assert path.stat().st_size == whole
 
 
-def test_what_no_longer_fits_on_the_disk_can_be_read_while_it_is_written(tmp_path):
+def test_output_beyond_the_disk_can_be_read_during_writing(tmp_path):
     """The library reads what it has written before; what it would find on the disk is not there."""
 
     def written_and_read():
@@ -113,7 +113,7 @@ def test_what_no_longer_fits_on_the_disk_can_be_read_while_it_is_written(tmp_pat
         written_and_read()
 
 
-def test_an_interrupt_while_a_file_is_closed_leaves_no_words(tmp_path, monkeypatch):
+def test_an_interrupt_while_a_file_is_closed_prints_nothing(tmp_path, monkeypatch):
     """What h5py could not close then is written when it is let go: nobody hears of it."""
     heard = []
     monkeypatch.setattr(sys, "unraisablehook", heard.append)

@@ -45,7 +45,7 @@ def test_agrees_with_the_solver(solvers, truth, near, end):
         near(own.found(conversion.dataset, name), wanted)
 
 
-def test_the_mesh_is_found_beside_the_solution(solvers):
+def test_the_mesh_is_found_next_to_the_solution(solvers):
     assert len(Gmf([solvers / "gmf" / "ball_tetP3_sol4.solb"]).fields) == 4
 
 
@@ -211,7 +211,7 @@ def test_control_points(tmp_path, order):
 
 
 @pytest.mark.parametrize("order", [2, 3])
-def test_nodes_without_a_table_are_taken_for_those_near_which_they_lie(tmp_path, order):
+def test_nodes_without_a_table_are_matched_by_position(tmp_path, order):
     mesh = tmp_path / "case.mesh"
     mesh.write_bytes(text(mesh_sections(SOLID, order, has_tables=False)))
     conversion = check(Gmf, [mesh])
@@ -285,7 +285,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("mesh", "solution", "message"), BAD)
-def test_bad_files_are_refused_in_a_sentence(tmp_path, mesh, solution, message):
+def test_bad_files_give_a_one_line_error(tmp_path, mesh, solution, message):
     with pytest.raises(FormatError, match=message) as caught:
         Gmf(pair(tmp_path, mesh, solution))
     assert str(tmp_path) in str(caught.value)
@@ -294,7 +294,7 @@ def test_bad_files_are_refused_in_a_sentence(tmp_path, mesh, solution, message):
 
 @pytest.mark.parametrize("share", [0.02, 0.2, 0.5, 0.8, 0.99])
 @pytest.mark.parametrize("end", ["meshb", "solb", "mesh", "sol"])
-def test_truncated_files_are_refused(solvers, tmp_path, end, share):
+def test_truncated_files_are_rejected(solvers, tmp_path, end, share):
     whole = {"b": "ball_tetP3_sol4", "h": "ball_tetP3_sol4_ascii", "l": "ball_tetP3_sol4_ascii"}[end[-1]]
     raw = (solvers / "gmf" / f"{whole}.{end}").read_bytes()
     path = tmp_path / f"case.{end}"

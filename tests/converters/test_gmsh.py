@@ -151,7 +151,7 @@ def test_groups_become_composites():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("version", "binary"), [(2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1)])
-def test_every_version_holds_the_same(session, tmp_path, version, binary):
+def test_every_version_contains_the_same(session, tmp_path, version, binary):
     mixed(3)
     views = [add_view("smooth", wave), add_view("rough", wave, offset=True)]
     path = save(tmp_path / "mixed.msh", version, binary, views)
@@ -169,7 +169,7 @@ def test_every_version_holds_the_same(session, tmp_path, version, binary):
     assert [field.max for field in again.report.fields] == [field.max for field in done.report.fields]
 
 
-def test_version_1_holds_the_same_mesh(session, tmp_path):
+def test_version_1_contains_the_same_mesh(session, tmp_path):
     mixed(2)
     paths = [save(tmp_path / f"{version}.msh", version, 0) for version in (1.0, 2.2)]
     old, new = (check(Gmsh, [path]) for path in paths)
@@ -186,7 +186,7 @@ def test_version_1_holds_the_same_mesh(session, tmp_path):
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
-def test_meshes_alone_of_every_order(session, tmp_path, order):
+def test_meshes_without_fields_of_every_order(session, tmp_path, order):
     mixed(order)
     done = check(Gmsh, [save(tmp_path / "mesh.msh")])
     assert done.report.geometry.is_exact
@@ -292,7 +292,7 @@ $EndElementNodeData
 """
 
 
-def test_a_scheme_says_what_the_numbers_are(tmp_path):
+def test_a_scheme_defines_the_coefficients(tmp_path):
     path = tmp_path / "own.msh"
     path.write_text(TEXT.replace("4 4\n1 -1 -1 -1", "4 4\n1 0 0 0"))
     done = check(Gmsh, [path])
@@ -333,7 +333,7 @@ def test_each_field_has_the_functions_of_its_own_scheme(tmp_path):
         ("7 4 2 0 1 1 2 3 4", "7 444 2 0 1 1 2 3 4", "expected"),
     ],
 )
-def test_bad_files_are_refused_in_a_sentence(tmp_path, old, new, message, capfd):
+def test_bad_files_give_a_one_line_error(tmp_path, old, new, message, capfd):
     assert old in TEXT
     path = tmp_path / "bad.msh"
     path.write_text(TEXT.replace(old, new, 1))
@@ -345,7 +345,7 @@ def test_bad_files_are_refused_in_a_sentence(tmp_path, old, new, message, capfd)
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("binary", [0, 1])
-def test_truncated_files_are_refused(session, tmp_path, binary, share):
+def test_truncated_files_are_rejected(session, tmp_path, binary, share):
     mixed(2)
     path = save(tmp_path / "cut.msh", binary=binary, views=[add_view("u", wave)])
     raw = path.read_bytes()
@@ -356,7 +356,7 @@ def test_truncated_files_are_refused(session, tmp_path, binary, share):
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
 @pytest.mark.parametrize("section", [b"$Nodes", b"$Elements"])
-def test_binary_sections_that_are_not_as_long_as_they_say_are_refused(session, tmp_path, version, section):
+def test_binary_sections_of_wrong_length_are_rejected(session, tmp_path, version, section):
     """The library doesn't survive some of them."""
     mixed(2)
     path = save(tmp_path / "cut.msh", version, 1)
@@ -395,7 +395,7 @@ def test_plane_meshes_with_named_edges(session, tmp_path, recombine):
 
 
 @pytest.mark.parametrize("kind", ["NodeData", "ElementData", "ElementNodeData"])
-def test_fields_on_a_part_are_kept_there(session, tmp_path, kind):
+def test_fields_on_a_part_exist_only_there(session, tmp_path, kind):
     """Values on the elements of one type, or on some of these: elsewhere there are none."""
     mixed(2)
     _, tags, places = next(iter(elements()))
@@ -416,7 +416,7 @@ def test_fields_on_a_part_are_kept_there(session, tmp_path, kind):
     assert np.abs(found[is_held] - wanted).max() < 1e-11
 
 
-def test_other_files_are_refused(tmp_path):
+def test_other_files_are_rejected(tmp_path):
     path = tmp_path / "other.msh"
     for text in ("", "neither"):
         path.write_text(text)
@@ -446,7 +446,7 @@ def test_comments_and_other_names(session, tmp_path, version, binary, name):
         assert np.array_equal(source.positions(own, at), plain.positions(wanted, at))
 
 
-def test_a_damaged_file_of_another_name_is_called_by_it(session, tmp_path):
+def test_a_damaged_file_with_another_suffix_is_named(session, tmp_path):
     path = tmp_path / "bad.mesh"
     path.write_text(TEXT.replace("7 4 2 0 1 1 2 3 4", "7 444 2 0 1 1 2 3 4"))
     with pytest.raises(FormatError, match=r"bad\.mesh"):

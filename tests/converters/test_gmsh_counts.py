@@ -48,7 +48,7 @@ def test_ghost_cells_count_once(session, tmp_path, version, is_binary, is_split,
     assert integrate(dataset, "1", "all")[-1].value == pytest.approx(6, abs=1e-12)
 
 
-def test_values_on_elements_need_numbers_of_their_own(tmp_path):
+def test_values_on_elements_need_unique_numbers(tmp_path):
     """Two triangles of one number in two files of version 2, and a value on one of them."""
     head = (
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 1 1 0\n$EndNodes\n$Elements\n1\n"
@@ -157,7 +157,7 @@ def binary_of_2(places, elements):
     return data + b"\n$EndElements\n"
 
 
-def test_a_partition_alone_is_called_one(session, tmp_path):
+def test_a_single_partition_is_reported_as_one(session, tmp_path):
     session.model.occ.addBox(0, 0, 0, 1, 1, 1)
     session.model.occ.synchronize()
     session.model.mesh.generate(3)
@@ -169,7 +169,7 @@ def test_a_partition_alone_is_called_one(session, tmp_path):
 
 
 @pytest.mark.parametrize("kind", [9, 10, 21])
-def test_values_at_corners_alone_are_linear(tmp_path, kind):
+def test_values_only_at_corners_are_linear(tmp_path, kind):
     """Fields of order 1 on curved elements of higher order."""
     corners = 4 if kind == 10 else 3
     nodes = {9: 6, 10: 9, 21: 10}[kind]

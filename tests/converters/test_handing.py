@@ -45,7 +45,7 @@ def worst(dataset, found, name):
 
 
 @pytest.mark.parametrize("refinement", [0, 1, 2, 3])
-def test_the_error_told_is_that_which_pyvista_makes(solid, refinement):
+def test_the_stated_error_is_that_of_pyvista(solid, refinement):
     found = to_pyvista(solid, "p", refinement)
     told = found.field_data["error of p"][0]
     seen = worst(solid, found, "p")
@@ -121,7 +121,7 @@ def test_without_refinement_cells_are_of_high_order(solid):
         to_pyvista(solid, ["p^2"], refinement=None)
 
 
-def test_errors_beyond_the_bound_are_refused(solid):
+def test_errors_beyond_the_bound_are_rejected(solid):
     with pytest.raises(ElvisError, match=r"expected errors up to 0.0001 of the range, found .* in .*take a higher"):
         to_pyvista(solid, "p", 0, max_error=1e-4)
     with pytest.raises(ElvisError, match="take a higher refinement"):
@@ -134,7 +134,7 @@ def test_refinements_have_bounds(solid, refinement):
         to_pyvista(solid, "p", refinement)
 
 
-def test_meshio_has_the_same(solid, tmp_path):
+def test_meshio_objects_have_the_same_values(solid, tmp_path):
     mesh, other = to_meshio(solid, "p", 1), to_pyvista(solid, "p", 1)
     assert np.array_equal(mesh.points, other.points)
     assert np.array_equal(mesh.point_data["p"], other["p"])
@@ -145,7 +145,7 @@ def test_meshio_has_the_same(solid, tmp_path):
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 0])
-def test_weights_are_those_of_linear_functions(shape):
+def test_weights_match_those_of_linear_functions(shape):
     weights = _weights(shape)
     assert weights.sum(axis=1) == pytest.approx(1.0)
     assert (weights > 0).all()

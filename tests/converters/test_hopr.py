@@ -55,7 +55,7 @@ def test_names_time_boundaries(folder):
     assert names == ["hexahedron", "BC_wall", "BC_inflow", "BC_outflow", "BC_zminus", "BC_zplus", PERIODIC]
 
 
-def test_all_shapes_of_a_mesh_alone(folder):
+def test_all_shapes_of_a_mesh_without_fields(folder):
     source = Hopr([folder / "pyhope_1-11-cartbox_mixed_mesh.h5"])
     assert [(len(block), block.order) for block in source.blocks] == [(48, 4), (48, 4), (32, 4), (8, 4)]
     conversion = check(Hopr, [folder / "pyhope_1-11-cartbox_mixed_mesh.h5"])
@@ -69,7 +69,7 @@ def test_all_shapes_of_a_mesh_alone(folder):
     assert set(conversion.report.listed["inverted"]) == set(pyramids.tolist())
 
 
-def test_sides_lie_where_their_names_say(folder):
+def test_sides_lie_at_their_named_positions(folder):
     dataset = convert(Hopr([folder / "cavity4x4x4_mesh.h5"])).dataset
     from elvis.core.mapping.orientation import polygon_vertices
     from elvis.core.shapes import Shape
@@ -188,13 +188,13 @@ def truncated(folder):
         (lambda folder: with_subcells(folder, widths=[1.0, 2.0, -1.0]), "FV_w: expected 3 widths with sum 2, found"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(copied, spoil, sentence):
+def test_bad_input_gives_a_one_line_error(copied, spoil, sentence):
     spoil(copied)
     with pytest.raises(FormatError, match=sentence):
         Hopr([copied / CAVITY])
 
 
-def test_a_truncated_file_is_refused(copied, elvis, tmp_path):
+def test_a_truncated_file_is_rejected(copied, elvis, tmp_path):
     truncated(copied)
     with pytest.raises(Exception, match=CAVITY):
         elvis("convert", copied / CAVITY, "-o", tmp_path / "out.xml")
@@ -202,7 +202,7 @@ def test_a_truncated_file_is_refused(copied, elvis, tmp_path):
 
 
 @pytest.mark.parametrize("has_types", [True, False])
-def test_periodic_sides_are_no_outer_boundary_and_keep_their_names(tmp_path, has_types):
+def test_periodic_sides_are_not_outer_boundaries_and_keep_their_names(tmp_path, has_types):
     """Of two cubes in a row, the first and the last side are one; of others that have such a type no neighbour."""
     (path,) = small_hopr(tmp_path)
     with h5py.File(path, "r+") as file:

@@ -144,7 +144,7 @@ DAMAGES = [
 
 
 @pytest.mark.parametrize(("damage", "message"), DAMAGES)
-def test_damaged_files_give_one_sentence(tmp_path, damage, message):
+def test_damaged_files_give_a_one_line_error(tmp_path, damage, message):
     paths = files(tmp_path, 1)
     damage(paths[1])
     with pytest.raises(FormatError, match=message):

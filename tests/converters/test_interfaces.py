@@ -400,7 +400,7 @@ TURNS = [
 
 
 @pytest.mark.parametrize(("mesh", "seed", "velocity"), TURNS, ids=lambda own: getattr(own, "__name__", ""))
-def test_lines_go_around_through_bent_elements(elvis, tmp_path, mesh, seed, velocity):
+def test_lines_go_around_through_curved_elements(elvis, tmp_path, mesh, seed, velocity):
     (file,), _ = mesh(tmp_path)
     end, how = turn(elvis, tmp_path, file, ",".join(map(str, seed)), velocity)
     assert str(how) == "duration"
@@ -418,7 +418,7 @@ def test_lines_cross_from_hexahedra_to_tetrahedra(elvis, tmp_path):
         assert str(found["ends"][found["end"][0]]) == "boundary"
 
 
-def test_jumps_are_taken_across_sides_that_do_not_match(elvis_json, tmp_path):
+def test_jumps_are_computed_across_nonmatching_sides(elvis_json, tmp_path):
     # two large squares next to two times four small ones; a small one has the large one and its own kind beside it
     corners = np.concatenate([squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), (2, 4))])
     constants = [1.0, 4.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0]
@@ -439,7 +439,7 @@ def periodic_channel(path, counts=(4, 3)):
     return path
 
 
-def test_periodic_sides_are_no_outer_boundary(elvis, elvis_json, tmp_path):
+def test_periodic_sides_are_not_outer_boundaries(elvis, elvis_json, tmp_path):
     file = periodic_channel(tmp_path / "channel.mesh")
     found = areas(elvis_json, file)
     assert found.pop("total") == pytest.approx(4, rel=1e-13)
@@ -472,7 +472,7 @@ def refined_periodic_mesh(path, dimension, refined):
     ("dimension", "refined", "wanted"),
     [(2, [0, 0], {"boundary1": 2, "boundary3": 2}), (3, [0], dict.fromkeys([f"boundary{n}" for n in (1, 2, 4, 6)], 2))],
 )
-def test_periodic_sides_that_do_not_match_are_no_outer_boundary(tmp_path, dimension, refined, wanted):
+def test_nonmatching_periodic_sides_are_not_outer_boundaries(tmp_path, dimension, refined, wanted):
     dataset = read(refined_periodic_mesh(tmp_path / "box.mesh", dimension, refined))
     found = {row.over: row.value for row in integrate(dataset, "1", "all", error=1e-12)}
     assert found.pop("total") == pytest.approx(sum(wanted.values()), rel=1e-13)
@@ -484,7 +484,7 @@ def test_periodic_sides_that_do_not_match_are_no_outer_boundary(tmp_path, dimens
         assert lines.points[-1][:dimension] == pytest.approx((end, 0.1, 0.3)[:dimension], abs=1e-12)
 
 
-def test_overlapping_sets_of_mfem_are_kept(elvis_json, tmp_path):
+def test_overlapping_sets_of_mfem_are_preserved(elvis_json, tmp_path):
     lines = ["MFEM mesh v1.3", "dimension", "2", "elements", "2", "1 3 0 1 4 3", "2 3 1 2 5 4", "attribute_sets", "2"]
     lines += ['"solid"', "2", "1 2", '"steel"', "1", "1", "boundary", "6", "1 1 0 1", "1 1 1 2", "3 1 4 3", "3 1 5 4"]
     lines += ["4 1 3 0", "2 1 2 5", "bdr_attribute_sets", "3", '"all sides"', "4", "1 2 3 4", '"in"', "1", "4"]
@@ -523,7 +523,7 @@ def test_sides_of_quadratic_pyramids_keep_their_names(elvis_json, tmp_path):
 
 
 @pytest.mark.parametrize(("shift", "wanted"), [(0.5, 2), (1.0, 0)])
-def test_faces_that_lie_on_others_in_part_are_named_in_every_command(run_elvis, tmp_path, shift, wanted):
+def test_partly_overlapping_faces_are_named_in_every_command(run_elvis, tmp_path, shift, wanted):
     # two cubes side by side, one of them shifted along the common plane; at last they share an edge alone
     one, other = cells((0, 0, 0), (1, 1, 1), (1, 1, 1)), cells((1, shift, 0), (2, 1 + shift, 1), (1, 1, 1))
     file = write_gmsh(tmp_path / "shifted.msh", [(5, turned(own[:, AROUND])) for own in (one, other)])
@@ -539,7 +539,7 @@ def test_gaps_next_to_small_sides_are_named(run_elvis, tmp_path):
     assert "3 edges may lie on edges of other elements, in part or within 0.02" in run_elvis("norms", file)
 
 
-def test_named_faces_of_a_slit_stay_outer_ones(elvis_json, tmp_path):
+def test_named_faces_of_a_slit_remain_outer_faces(elvis_json, tmp_path):
     # both faces of the common side have names: a slit, which lines don't cross
     lines = ["MFEM mesh v1.0", "dimension", "2", "elements", "2", "1 3 0 1 2 3", "1 3 4 5 6 7", "boundary", "8"]
     lines += ["1 1 0 1", "9 1 1 2", "1 1 2 3", "1 1 3 0", "1 1 4 5", "1 1 5 6", "1 1 6 7", "8 1 7 4", "vertices", "8"]
@@ -551,7 +551,7 @@ def test_named_faces_of_a_slit_stay_outer_ones(elvis_json, tmp_path):
     assert areas(elvis_json, file) == pytest.approx({"all": 6})
 
 
-def test_vortex_cores_cross_sides_that_do_not_match(tmp_path):
+def test_vortex_cores_cross_nonmatching_sides(tmp_path):
     parts = [cells((0, 0, 0), (1, 2, 1), (1, 2, 1)), cells((1, 0, 0), (2, 2, 1), (4, 8, 4))]
     dataset = read(write_vtk(tmp_path / "octree.vtk", np.concatenate(parts)))
     cores = vortex_cores(dataset, "0.3+0.1*(y-0.8),0.45-z+0.2*(y-0.8),y-0.8")
@@ -560,7 +560,7 @@ def test_vortex_cores_cross_sides_that_do_not_match(tmp_path):
     assert ends[np.argsort(ends[:, 0])] == pytest.approx(np.array([[0, 0.8, 0.45], [2, 0.8, 0.45]]), abs=1e-6)
 
 
-def test_faces_between_elements_that_do_not_match_are_drawn_as_inner_ones(tmp_path):
+def test_faces_between_nonmatching_elements_are_drawn_as_inner_faces(tmp_path):
     parts = [cells((0, 0, 0), (1, 1, 1), (1, 1, 1)), cells((1, 0, 0), (2, 1, 1), (2, 2, 2))]
     dataset = read(write_vtk(tmp_path / "boxes.vtk", turned(np.concatenate(parts))))
     faces = native_faces(dataset, [entities.ids for entities in dataset.mesh.elements.values()])
@@ -569,7 +569,7 @@ def test_faces_between_elements_that_do_not_match_are_drawn_as_inner_ones(tmp_pa
     assert counts == {"all": 25, "inner": 5 + 24, NON_CONFORMING: 5}
 
 
-def test_sides_of_a_sharp_element_are_no_doubtful_interface(tmp_path, run_elvis):
+def test_sides_of_a_sharp_element_are_not_a_doubtful_interface(tmp_path, run_elvis):
     """The sides around a corner of 15 degrees, of which one lies on two sides of other elements."""
     tip, far, high = np.zeros(3), np.array([2.0, 0, 0]), np.array([2.0, 2 * np.tan(np.radians(15)), 0])
     top = high + np.array([-1.0, 1.0, 0])
@@ -582,7 +582,7 @@ def test_sides_of_a_sharp_element_are_no_doubtful_interface(tmp_path, run_elvis)
     assert integrate(dataset, "1", "all")[-1].value == pytest.approx(outline, rel=1e-12)
 
 
-def test_elements_that_are_there_twice_are_named(tmp_path):
+def test_duplicate_elements_are_named(tmp_path):
     places, nodes = unit_cubes(2)
     blocks = [ExodusBlock("one", "HEX8", nodes), ExodusBlock("other", "HEX8", nodes[1:])]
     found = read(write_classic(tmp_path / "twice.e", blocks, places)).remarks[-1]

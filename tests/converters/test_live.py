@@ -31,7 +31,7 @@ def mfem():
 
 
 class TestNGSolve:
-    def test_values_are_those_of_the_library(self, ngsolve, disk):
+    def test_values_match_those_of_the_library(self, ngsolve, disk):
         u = ngsolve.GridFunction(ngsolve.H1(disk, order=5))
         u.Set(ngsolve.sin(3 * ngsolve.x) * ngsolve.y)
         flow = ngsolve.GridFunction(ngsolve.VectorH1(disk, order=3))
@@ -46,7 +46,7 @@ class TestNGSolve:
         own = np.array([[u(disk(*point)), flow(disk(*point))[1]] for point in points.tolist()])
         assert np.abs(found.values - own).max() < 1e-11
 
-    def test_a_function_brings_its_mesh_and_name(self, ngsolve, disk):
+    def test_a_function_provides_its_mesh_and_name(self, ngsolve, disk):
         u = ngsolve.GridFunction(ngsolve.H1(disk, order=8), name="heat")
         u.Set(ngsolve.x * ngsolve.y)
         for dataset in (from_ngsolve(u), from_ngsolve(disk, u), live_data(u)):
@@ -65,7 +65,7 @@ class TestNGSolve:
         dataset = from_ngsolve(disk, f=formula, order=8)
         assert sample(dataset, "f", (0.3, -0.4))["f"] == pytest.approx([-0.12], abs=1e-12)
 
-    def test_other_things_are_refused(self, ngsolve, disk):
+    def test_other_objects_are_rejected(self, ngsolve, disk):
         u = ngsolve.GridFunction(ngsolve.H1(disk, order=2))
         with pytest.raises(ElvisError, match=r"expected an ngsolve.Mesh or a grid function first, found NumberSpace"):
             from_ngsolve(ngsolve.NumberSpace(disk))
@@ -90,7 +90,7 @@ class TestNGSolve:
         assert list(dataset) == ["pair_1", "pair_2_x", "pair_2_y"]
         assert sample(dataset, None, (0.3, -0.4)).values[0] == pytest.approx([0.3, -0.4, 2.3], abs=1e-12)
 
-    def test_functions_on_facets_are_refused(self, ngsolve, disk):
+    def test_functions_on_facets_are_rejected(self, ngsolve, disk):
         trace = ngsolve.GridFunction(ngsolve.FacetFESpace(disk, order=1))
         with pytest.raises(ElvisError, match="trace: expected values inside of elements, found none"):
             from_ngsolve(disk, trace=trace)
@@ -108,7 +108,7 @@ class TestMfem:
         nodes.Assign(mfem.Vector(moved.reshape(-1)))
         return mesh
 
-    def test_a_function_brings_its_mesh(self, mfem):
+    def test_a_function_provides_its_mesh(self, mfem):
         mesh = self.bent(mfem)
         space = mfem.FiniteElementSpace(mesh, collection := mfem.H1_FECollection(2, 2))
         own = mfem.GridFunction(space)
@@ -118,7 +118,7 @@ class TestMfem:
             assert dataset["u"](0.3, 0.2) == pytest.approx(3.0, abs=1e-13)
         assert collection.GetOrder() == 2
 
-    def test_values_are_those_of_the_library(self, mfem):
+    def test_values_match_those_of_the_library(self, mfem):
         mesh = self.bent(mfem)
         rng = np.random.default_rng(0)
         functions = {}
@@ -148,7 +148,7 @@ class TestMfem:
         spread = np.ptp(wanted)
         assert np.abs(found.values - wanted).max() < 1e-11 * spread
 
-    def test_other_things_are_refused(self, mfem):
+    def test_other_objects_are_rejected(self, mfem):
         mesh, other = mfem.Mesh(2, 2, "TRIANGLE"), mfem.Mesh(3, 2, "TRIANGLE")
         collection = mfem.H1_FECollection(2, 2)
         space = mfem.FiniteElementSpace(other, collection)
@@ -198,7 +198,7 @@ class TestArrays:
         with pytest.raises(ElvisError, match=r"w: expected values by shape, as {'triangle': …}, as there are several"):
             from_arrays(places, w=np.ones((2, 3)))
 
-    def test_nodes_of_the_callers_own(self):
+    def test_nodes_given_by_the_caller(self):
         reference = np.array([(-1, -1), (1, -1), (-1, 1), (0, -1), (0, 0), (-1, 0)], float)
         places = (reference + 1)[None] / 2
         u = places[..., 0] ** 2
@@ -233,7 +233,7 @@ class TestArrays:
             ),
         ],
     )
-    def test_arrays_that_do_not_fit_are_refused(self, places, fields, told):
+    def test_mismatched_arrays_are_rejected(self, places, fields, told):
         with pytest.raises(ElvisError) as raised:
             from_arrays(places, fields)
         assert told in str(raised.value)
@@ -251,7 +251,7 @@ class TestArrays:
         ],
         ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
     )
-    def test_keywords_of_another_kind_give_one_sentence(self, keywords, told):
+    def test_keywords_of_wrong_types_give_a_one_line_error(self, keywords, told):
         with pytest.raises(ElvisError) as raised:
             from_arrays({"triangle": np.eye(3)[None, :, :2]}, **keywords)
         assert told in str(raised.value)

@@ -63,7 +63,7 @@ def test_agrees_with_the_library(solvers, truth, near, name, fields, has_map):
         near(own.found(conversion.dataset, field), wanted)
 
 
-def test_rational_geometry_has_the_error_that_is_announced(solvers, truth, near):
+def test_rational_geometry_has_the_stated_error(solvers, truth, near):
     folder = solvers / "mfem"
     files = [folder / f"pipe_nurbs.{end}" for end in ("mesh", "u.gf", "w.gf")]
     conversion, source, own = check(Mfem, files), Mfem(files), truth(folder / "pipe_nurbs.truth.npz")
@@ -242,7 +242,7 @@ def test_values_by_place_on_a_cube(tmp_path):
     assert np.abs(found - (points[:, 0] * points[:, 1] - points[:, 2] ** 2)).max() < 1e-12
 
 
-def test_streams_say_nothing(solvers, capfd):
+def test_streams_print_nothing(solvers, capfd):
     Mfem([solvers / "mfem" / "escher_p3.mesh"])
     assert capfd.readouterr().out == ""
 
@@ -261,7 +261,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("which", "old", "new", "message"), BAD)
-def test_bad_files_are_refused_in_a_sentence(solvers, tmp_path, which, old, new, message):
+def test_bad_files_give_a_one_line_error(solvers, tmp_path, which, old, new, message):
     files = []
     for end in ("mesh", "u.gf"):
         text = (solvers / "mfem" / f"escher_p3.{end}").read_text()
@@ -278,7 +278,7 @@ def test_bad_files_are_refused_in_a_sentence(solvers, tmp_path, which, old, new,
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.5, 0.99])
 @pytest.mark.parametrize("name", ["escher_p3", "pipe_nurbs", "tinyzoo"])
-def test_truncated_meshes_are_refused(solvers, tmp_path, name, share):
+def test_truncated_meshes_are_rejected(solvers, tmp_path, name, share):
     text = (solvers / "mfem" / f"{name}.mesh").read_text().rstrip()
     path = tmp_path / "cut.mesh"
     path.write_text(text[: int(share * len(text))].rsplit(maxsplit=1)[0])
@@ -286,7 +286,7 @@ def test_truncated_meshes_are_refused(solvers, tmp_path, name, share):
         Mfem([path])
 
 
-def test_a_file_of_which_the_library_dies_is_refused(tmp_path):
+def test_a_file_that_crashes_the_library_is_rejected(tmp_path):
     text = (MESHES / "fichera-amr.mesh").read_text()
     path = tmp_path / "bad.mesh"
     start = text.index("elements")
@@ -350,7 +350,7 @@ def cut(folder, mesh, count):
 @pytest.mark.sampled
 @pytest.mark.parametrize("form", [parted, cut])
 @pytest.mark.parametrize("name", ["fichera-mixed-p2", "escher-p2", "star-mixed-p2", "inline-hex"])
-def test_pieces_of_parallel_runs_are_one(tmp_path, near, form, name):
+def test_parts_of_parallel_runs_are_joined(tmp_path, near, form, name):
     mesh = mfem.Mesh(str(MESHES / f"{name}.mesh"), 1, 0, False)
     form(tmp_path, mesh, 2)
     conversion = check(Mfem, [tmp_path / "mesh.000000", tmp_path / "u.000001"])
@@ -396,7 +396,7 @@ def stream(solvers, name, field):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "field"), [("stream_laghos", "f"), ("escher_p3", "v"), ("pipe_nurbs", "u")])
-def test_streams_hold_what_their_files_hold(solvers, tmp_path, name, field):
+def test_streams_contain_the_same_as_files(solvers, tmp_path, name, field):
     path = tmp_path / "case.saved"
     path.write_text(f"solution\n{stream(solvers, name, field)}keys RRj\nwindow_title 'case'\n")
     assert Mfem.opens([path])
@@ -428,7 +428,7 @@ def test_streams_of_several_processes(solvers, tmp_path):
         Mfem([path])
 
 
-def test_of_several_streams_the_last_counts(solvers, tmp_path):
+def test_the_last_of_several_streams_counts(solvers, tmp_path):
     first, second = (stream(solvers, name, "u") for name in ("escher_p3", "tinyzoo"))
     path = tmp_path / "case.saved"
     path.write_text(f"solution\n{first}solution\n{second}")
@@ -446,7 +446,7 @@ def test_of_several_streams_the_last_counts(solvers, tmp_path):
         ("Ordering: 0", "", "expected the description of a space, found none that ends"),
     ],
 )  # fmt: skip
-def test_bad_streams_are_refused_in_a_sentence(solvers, tmp_path, old, new, message):
+def test_bad_streams_give_a_one_line_error(solvers, tmp_path, old, new, message):
     text = "solution\n" + stream(solvers, "tinyzoo", "u")
     assert old in text
     path = tmp_path / "case.saved"

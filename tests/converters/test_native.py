@@ -55,7 +55,7 @@ def volume(tmp_path):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_real_files_come_back_exactly(case, tmp_path):
+def test_real_files_survive_a_round_trip_exactly(case, tmp_path):
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     conversion = check(Native, files(case))
@@ -73,7 +73,7 @@ def sizes(field):
 
 
 @pytest.mark.parametrize("case", ["gen_allelem_var_h5", "gen_quadface_2d", "cyl_mixorder", "kova_varp"])
-def test_orders_stay_in_each_direction(case):
+def test_orders_of_each_direction_are_preserved(case):
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     before, after = read(*files(case)), convert(Native(files(case))).dataset
@@ -90,7 +90,7 @@ def test_orders_stay_in_each_direction(case):
 
 
 @pytest.mark.parametrize("basis", [Basis.MODIFIED_A, Basis.GLL_LAGRANGE, Basis.ORTHO_A])
-def test_orders_stay_in_each_direction_whatever_the_basis(tmp_path, basis):
+def test_orders_of_each_direction_are_preserved_for_every_basis(tmp_path, basis):
     """Polynomials of degrees 1, 4, 2 of hexahedra, given by coefficients at random."""
     mesh = grid(Shape.HEXAHEDRON, 2)
     expansion = Expansion(Shape.HEXAHEDRON, (basis,) * 3, (2, 5, 3))
@@ -107,7 +107,7 @@ def test_orders_stay_in_each_direction_whatever_the_basis(tmp_path, basis):
     assert [block.expansion.modes for block in raised.fields[0].blocks] == [(7, 7, 7)]
 
 
-def test_values_stay_at_their_places(volume):
+def test_values_at_points_are_preserved(volume):
     conversion = check(Native, volume)
     points = np.random.default_rng(1).uniform([0, 0.1, 0.1], [3, 0.9, 0.9], (200, 3))
     same_values(read(*volume), conversion.dataset, points)
@@ -142,7 +142,7 @@ def test_files_are_merged(volume, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("form", ["text", "compressed", "hdf5"])
-def test_the_command_takes_parts_and_forms(elvis, volume, tmp_path, form):
+def test_the_command_accepts_parts_and_forms(elvis, volume, tmp_path, form):
     elvis("convert", *volume, "-o", tmp_path / "part.xml", "--fields", "v", "--format", form, "--max-error", "1e-12")
     written = [tmp_path / "part.xml", tmp_path / "part.fld"]
     assert [field.name for field in read(*written).fields] == ["v"]
@@ -164,7 +164,7 @@ def arrays(mesh):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_mesh_stays_as_it_is(case):
+def test_the_mesh_is_unchanged(case):
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     before = read(*files(case)).mesh
@@ -176,7 +176,7 @@ def test_the_mesh_stays_as_it_is(case):
     assert not conversion.report.has_map
 
 
-def test_blends_of_strongly_curved_elements_stay(tmp_path):
+def test_blends_of_strongly_curved_elements_are_preserved(tmp_path):
     """Of tetrahedra the blend of curves depends on the order of vertices, which stays."""
     mesh = curved(shuffled(mixed_volume(2), 1), ripple(0.1), 6)
     conversion = check(Native, write(Dataset(mesh), tmp_path / "a.xml"))
@@ -214,7 +214,7 @@ FOURIER = [("triquad_h1d", "*.fld"), ("chan3dh1d", "chan3DH1D.fld"), ("naca_h1d_
 
 
 @pytest.mark.parametrize(("case", "pattern"), FOURIER)
-def test_fourier_planes_come_back(tmp_path, case, pattern):
+def test_fourier_planes_survive_a_round_trip(tmp_path, case, pattern):
     if not DATA.is_dir():
         pytest.skip(f"there is no {DATA}")
     paths = [path for end in ("*.xml", pattern) for path in sorted(DATA.joinpath(case).glob(end))]
@@ -234,7 +234,7 @@ def test_fourier_planes_come_back(tmp_path, case, pattern):
             assert found == pytest.approx(wanted, rel=1e-12, abs=1e-13)
 
 
-def test_tolerances_of_fourier_planes_are_those_of_the_field(tmp_path):
+def test_tolerances_of_fourier_planes_match_those_of_the_field(tmp_path):
     mesh = mixed_plane(2)
     wave = Homogeneous((Basis.FOURIER,), (2.0,), (0, 1, 2, 3))
     planes = [approximated(Dataset(mesh), "u", lambda x, k=k: np.sin(x[:, 0] * k) * 10.0**-k, 7) for k in range(4)]
@@ -253,7 +253,7 @@ def test_tolerances_of_fourier_planes_are_those_of_the_field(tmp_path):
     assert 0 < measure.relative <= 1e-3
 
 
-def test_a_geometry_map_stays_the_map(solvers, tmp_path):
+def test_a_geometry_map_is_preserved(solvers, tmp_path):
     from elvis.converters.hopr import Hopr
 
     source = convert(Hopr([solvers / "hopr_flexi" / "convcurved_N4_State.h5"]))
@@ -271,7 +271,7 @@ def test_pyramids_keep_their_family():
     assert spaces == {PyramidSpace.POLYNOMIAL}
 
 
-def test_what_it_does_not_take(tmp_path):
+def test_unsupported_input_is_rejected(tmp_path):
     (tmp_path / "other.xml").write_text("<VTKFile/>")
     assert not Native.opens([tmp_path / "other.xml"])
     assert not Native.opens([tmp_path / "missing.xml"])

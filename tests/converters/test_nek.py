@@ -89,7 +89,7 @@ def test_single_precision_of_upstream():
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("size", [4, 8])
 @pytest.mark.parametrize("cells", [(2, 2), (2, 1, 2)])
-def test_polynomials_arrive_whatever_the_numbers_look_like(tmp_path, cells, size, order):
+def test_polynomials_are_exact_for_every_number_format(tmp_path, cells, size, order):
     x = lattice(cells, 5)
     done = check(Nek, [write(tmp_path / "a0.f00001", x, polynomial(x), size, order)])
     assert all(field.is_exact and field.is_continuous for field in done.report.fields)
@@ -168,7 +168,7 @@ def test_a_series_keeps_its_points_in_the_first_file(tmp_path):
         (lambda b: b[:60], "expected sizes, time and contents"),
     ],
 )
-def test_bad_files_are_refused_in_a_sentence(tmp_path, spoil, message):
+def test_bad_files_give_a_one_line_error(tmp_path, spoil, message):
     x = lattice((2, 1, 1), 4)
     path = write(tmp_path / "bad0.f00001", x, polynomial(x))
     raw = path.read_bytes()
@@ -179,7 +179,7 @@ def test_bad_files_are_refused_in_a_sentence(tmp_path, spoil, message):
         Nek([path])
 
 
-def test_boundaries_of_another_mesh_are_refused(tmp_path):
+def test_boundaries_of_another_mesh_are_rejected(tmp_path):
     x = lattice((2, 1, 1), 4)
     field, mesh = write(tmp_path / "a0.f00001", x, polynomial(x)), tmp_path / "a.re2"
     head, tag = b"#v003        3  3        3 this is the hdr".ljust(80), np.array([6.54321], "<f4").tobytes()
@@ -191,7 +191,7 @@ def test_boundaries_of_another_mesh_are_refused(tmp_path):
         Nek([field, mesh])
 
 
-def test_other_files_are_refused(tmp_path):
+def test_other_files_are_rejected(tmp_path):
     path = tmp_path / "other"
     for text in ("", "neither"):
         path.write_text(text)
@@ -223,7 +223,7 @@ def test_element_maps_of_any_kind(tmp_path, kind):
     assert np.abs(values_found(done.dataset, "pressure", places) - wanted).max() < 1e-11
 
 
-def test_periodic_sides_are_no_outer_boundary(tmp_path):
+def test_periodic_sides_are_not_outer_boundaries(tmp_path):
     x = lattice((2, 1, 1), 4)
     field, mesh = write(tmp_path / "a0.f00001", x, polynomial(x)), tmp_path / "a.re2"
     head, tag = b"#v003        2  3        2 this is the hdr".ljust(80), np.array([6.54321], "<f4").tobytes()

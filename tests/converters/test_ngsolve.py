@@ -104,7 +104,7 @@ def random(space, seed=4):
 @pytest.mark.sampled
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("name", MESHES)
-def test_what_a_session_exports_arrives(tmp_path, name, bent):
+def test_session_exports_are_read(tmp_path, name, bent):
     mesh = MESHES[name]()
     if bent:
         shift = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=3))
@@ -129,7 +129,7 @@ def test_what_a_session_exports_arrives(tmp_path, name, bent):
 
 @pytest.mark.parametrize("space", ["H1", "L2"])
 @pytest.mark.parametrize("order", [1, 2, 4])
-def test_pyramids_are_met_as_nearly_as_the_library_defines_them(tmp_path, space, order):
+def test_pyramids_are_as_accurate_as_the_library_defines_them(tmp_path, space, order):
     netgen = pytest.importorskip("netgen.meshing")
     own = netgen.Mesh(dim=3)
     places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1), (2, 0.5, 0.7)]
@@ -192,7 +192,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("change", "message"), BAD)
-def test_bad_files_are_refused_in_a_sentence(solvers, tmp_path, change, message):
+def test_bad_files_give_a_one_line_error(solvers, tmp_path, change, message):
     with np.load(solvers / "ngsolve" / "ballbox_p4.elems.npz") as file:
         data = dict(file)
     path = tmp_path / "bad.elems.npz"
@@ -210,7 +210,7 @@ def test_other_archives_are_for_others(solvers, tmp_path):
     assert not NGSolve.opens([solvers / "ngsolve" / "ballbox_p4.pickle"])
 
 
-def test_its_own_files_agree_with_the_library(solvers, truth, near):
+def test_native_files_of_ngsolve_agree_with_the_library(solvers, truth, near):
     """The mesh file has a few digits less than the session had."""
     folder = solvers / "ngsolve"
     files = [folder / f"ballbox_p4.{end}" for end in ("vol", "u.gfu", "w.gfu", "v.gfu")]
@@ -229,7 +229,7 @@ def test_its_own_files_agree_with_the_library(solvers, truth, near):
 
 
 @pytest.mark.parametrize("name", ["ball", "flat", "prisms"])
-def test_saved_files_hold_what_the_session_exports(tmp_path, near, name):
+def test_saved_files_equal_session_exports(tmp_path, near, name):
     mesh = MESHES[name]()
     mesh.ngmesh.Save(str(tmp_path / "case.vol"))
     mesh = ngsolve.Mesh(str(tmp_path / "case.vol"))
@@ -259,7 +259,7 @@ def test_saved_files_hold_what_the_session_exports(tmp_path, near, name):
         ("H1:5", lambda text: text.replace("curvedelements\n1044", "curvedelements\n10440000"), "fails|expected"),
     ],
 )  # fmt: skip
-def test_bad_own_files_are_refused_in_a_sentence(solvers, tmp_path, spaces, change, message):
+def test_bad_native_files_of_ngsolve_give_a_one_line_error(solvers, tmp_path, spaces, change, message):
     paths = [tmp_path / "ballbox_p4.vol", solvers / "ngsolve" / "ballbox_p4.u.gfu"]
     text = (solvers / "ngsolve" / paths[0].name).read_text()
     paths[0].write_text(change(text))
@@ -298,7 +298,7 @@ def test_a_compressed_mesh_is_read_like_the_plain_one(tmp_path):
         NGSolve([tmp_path / "bomb.vol.gz"])
 
 
-def test_a_mesh_without_an_end_is_read_where_its_sections_are_whole(tmp_path):
+def test_a_mesh_without_an_end_mark_is_read_if_its_sections_are_complete(tmp_path):
     mesh = cube()
     mesh.ngmesh.Save(str(tmp_path / "whole.vol"))
     text = (tmp_path / "whole.vol").read_text()
@@ -404,7 +404,7 @@ def test_functions_at_quadrature_points(tmp_path, order):
     assert np.allclose(sample(live, "u", points)["u"], np.array(function.vec), rtol=0, atol=1e-13)
 
 
-def test_other_functions_at_points_are_refused(tmp_path):
+def test_other_functions_at_points_are_rejected(tmp_path):
     mesh = two_squares()
     waves = ngsolve.GridFunction(ngsolve.comp.IntegrationRuleSpace(mesh, order=2, complex=True))
     with pytest.raises(ElvisError, match="u: expected real values at quadrature points, found complex ones"):

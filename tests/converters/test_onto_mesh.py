@@ -40,7 +40,7 @@ def jumping(cells):
         (Shape.TETRAHEDRON, Shape.PRISM, (1, 1)),
     ],
 )
-def test_polynomials_arrive_exactly_on_any_mesh(shape, other, cells):
+def test_polynomials_are_exact_on_any_mesh(shape, other, cells):
     found = onto_mesh(flow(grid(shape, cells[0])), Dataset(grid(other, cells[1])))
     points = np.random.default_rng(1).uniform(0.02, 0.98, (50, 3))
     points[:, shape.dimension :] = 0
@@ -74,7 +74,7 @@ def test_jumps_inside_of_elements_are_cut_exactly_on_nested_meshes():
         assert np.abs(moments).max() < 1e-13
 
 
-def test_borders_that_no_halving_meets_are_told_with_their_error():
+def test_unresolved_borders_are_reported_with_their_error():
     found = onto_mesh(jumping(3), Dataset(moved(grid(Shape.QUADRILATERAL, 1), [0.7, 0.7, 1], [0.1, 0.1, 0])))
     assert 0 < found.residual < 1e-2
     nodes = (np.arange(400) + 0.5) / 400 * 0.7 + 0.1
@@ -94,7 +94,7 @@ def test_curved_elements_are_located_exactly():
         assert integrate(found.dataset, name).value == pytest.approx(whole, rel=1e-12)
 
 
-def test_places_outside_get_what_is_asked_for():
+def test_points_outside_get_the_requested_value():
     source = flow(grid(Shape.QUADRILATERAL, 2))
     target = Dataset(moved(grid(Shape.QUADRILATERAL, 2), 1.2, [-0.1, -0.1, 0]))
     with pytest.raises(ElvisError, match="the data don't cover the target"):
@@ -141,7 +141,7 @@ def test_the_command_writes_fields_for_the_other_mesh(files, tmp_path, elvis_jso
         (["--order", "31"], "expected an order from 1 to 30, found 31"),
     ],
 )
-def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, options, message):
+def test_bad_input_gives_a_one_line_error_and_no_file(files, tmp_path, elvis, options, message):
     source, target = files
     with pytest.raises(ElvisError) as raised:
         elvis("convert", *source, "--onto", target[0], *options, "-o", tmp_path / "out.fld")
@@ -150,6 +150,6 @@ def test_bad_input_gives_one_sentence_and_no_file(files, tmp_path, elvis, option
     assert not (tmp_path / "out.fld").exists()
 
 
-def test_meshes_of_other_dimensions_are_refused():
+def test_meshes_of_other_dimensions_are_rejected():
     with pytest.raises(ElvisError, match="expected meshes of one dimension, found 2D and 3D"):
         onto_mesh(flow(grid(Shape.QUADRILATERAL, 1)), Dataset(grid(Shape.HEXAHEDRON, 1)))

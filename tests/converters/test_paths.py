@@ -73,7 +73,7 @@ def test_polynomials_in_time_cost_no_digits(shape, between, tmp_path):
 
 
 @pytest.mark.parametrize("mesh", [mixed_plane, mixed_volume])
-def test_momentum_by_density_is_that_of_the_moment(mesh, tmp_path):
+def test_momentum_over_density_is_evaluated_at_the_same_time(mesh, tmp_path):
     mesh = curved(mesh(), ripple(0.02), 3)
     d = mesh.dimension
     density = lambda p, t: 1 + 0.3 * t + 0.2 * p[:, 0]  # noqa: E731
@@ -98,7 +98,7 @@ def test_momentum_by_density_is_that_of_the_moment(mesh, tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("between", "order"), [("linear", 2), ("cubic", 4)])
-def test_order_in_the_distance_of_steps(between, order, tmp_path):
+def test_order_of_convergence_in_the_step_distance(between, order, tmp_path):
     errors = []
     for count in (8, 16, 32):
         times = np.linspace(0, 2, count + 1)
@@ -111,7 +111,7 @@ def test_order_in_the_distance_of_steps(between, order, tmp_path):
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(order, abs=0.3)
 
 
-def test_particles_rest_for_a_moment_and_go_on(tmp_path):
+def test_particles_pause_and_continue(tmp_path):
     flow = {"u": lambda p, t: np.full(len(p), 0.2 * t), "v": lambda p, t: 0 * p[:, 0]}
     series = moving(tmp_path, bent(Shape.TRIANGLE), flow)
     found = pathlines(series, [(0.3, 0.4), (3.0, 3.0), (0.9, 0.4)], "u-0.1,v", length=10.0)
@@ -123,7 +123,7 @@ def test_particles_rest_for_a_moment_and_go_on(tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON])
-def test_streaks_are_where_particles_of_all_releases_are(shape, tmp_path):
+def test_streaklines_join_particles_of_all_releases(shape, tmp_path):
     d = shape.dimension
     flow = {
         "u": lambda p, t: np.full(len(p), 0.3),
@@ -189,7 +189,7 @@ def test_the_double_gyre_in_time_against_another_integrator(tmp_path):
         assert found.ftle[line] == pytest.approx(np.log(np.linalg.norm(truth[2:].reshape(2, 2), 2)) / 2, abs=1e-8)
 
 
-def test_what_can_not_be_followed(tmp_path):
+def test_unsupported_paths_are_rejected(tmp_path):
     flow = dict(list(turning(lambda t: 1 + t).items())[:2])
     series = moving(tmp_path, grid(Shape.TRIANGLE, 1), flow)
     seeds = [(0.6, 0.5)]

@@ -46,7 +46,7 @@ def test_all_shapes_agree_with_the_solver(folder, truth, near, number):
         near(own.found(conversion.dataset, field), wanted)
 
 
-def test_pyramids_stay_pyramids(folder):
+def test_pyramids_remain_pyramids(folder):
     dataset = convert(PyFR([folder / MESH, folder / SOLUTION])).dataset
     blocks = {block.expansion.shape: block.expansion for block in dataset.field("rho").blocks}
     assert blocks[Shape.PYRAMID].bases == (Basis.ORTHO_A, Basis.ORTHO_A, Basis.ORTHO_PYR_C)
@@ -55,7 +55,7 @@ def test_pyramids_stay_pyramids(folder):
     assert len(dataset.mesh.composites) == 5
 
 
-def test_derived_quantities_announce_their_error(folder, truth):
+def test_derived_quantities_state_their_error(folder, truth):
     conversion = check(PyFR, [folder / SOLUTION], primitive=True)
     own = truth(folder / "mixed3d_p3-01.truth.npz")
     rho, rhou, rhov, rhow, energy = (own.column("soln", i) for i in range(5))
@@ -135,13 +135,13 @@ def with_unknown_elements(folder):
         (with_unknown_elements, "expected elements quad, tri, hex, pri, pyr, tet, found octahedron"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(copied, spoil, sentence):
+def test_bad_input_gives_a_one_line_error(copied, spoil, sentence):
     spoil(copied)
     with pytest.raises(FormatError, match=sentence):
         PyFR([copied / SOLUTION])
 
 
-def test_a_solution_on_another_mesh_is_refused(copied):
+def test_a_solution_on_another_mesh_is_rejected(copied):
     on_another_mesh(copied)
     with pytest.raises(FormatError, match="expected a solution on the mesh mixed3d_p3"):
         PyFR([copied / MESH, copied / SOLUTION])
@@ -179,7 +179,7 @@ def kinds_with_points():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("parts", [1, 3])
-def test_files_of_before_2_1_hold_the_same(folder, tmp_path, truth, near, parts):
+def test_files_before_2_1_contain_the_same(folder, tmp_path, truth, near, parts):
     kinds = kinds_with_points()
     paths = as_old(folder, tmp_path / "old", kinds, parts)
     conversion = check(PyFR, paths)
@@ -197,7 +197,7 @@ def test_files_of_before_2_1_hold_the_same(folder, tmp_path, truth, near, parts)
     assert conversion.dataset.time == pytest.approx(0.02)
 
 
-def test_old_meshes_alone_have_all_shapes(folder, tmp_path):
+def test_old_meshes_without_solutions_have_all_shapes(folder, tmp_path):
     conversion = check(PyFR, as_old(folder, tmp_path / "old", KINDS, 2)[:1])
     assert conversion.report.geometry.is_exact
     assert conversion.report.elements == {"tetrahedron": 98, "pyramid": 4, "prism": 28, "hexahedron": 12}
@@ -207,7 +207,7 @@ def test_old_meshes_alone_have_all_shapes(folder, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["quad", "tri", "hex", "pri", "pyr", "tet"])
-def test_shape_points_are_those_of_the_files(folder, kind):
+def test_shape_points_match_those_of_the_files(folder, kind):
     with h5py.File(folder / MESH) as mesh:
         if kind in mesh["eles"]:
             points = np.asarray(mesh["eles"][kind].attrs["pts"])
@@ -250,7 +250,7 @@ def with_a_side_of_nothing(file):
         (0, lambda file: file.move("spt_hex_p0", "spt_cow_p0"), "expected elements quad, tri, hex, .*, found cow"),
     ],
 )  # fmt: skip
-def test_bad_old_files_are_refused_in_a_sentence(folder, tmp_path, which, change, sentence):
+def test_bad_old_files_give_a_one_line_error(folder, tmp_path, which, change, sentence):
     paths = as_old(folder, tmp_path / "old", ("hex",), 2)
     spoilt(paths, which, change)
     with pytest.raises(ElvisError, match=sentence):

@@ -73,7 +73,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_what_a_file_is_and_what_to_do(tmp_path, name):
+def test_files_are_recognised_with_advice(tmp_path, name):
     content, words = FILES[name]
     (tmp_path / name).write_bytes(content)
     with pytest.raises(ElvisError, match=rf"{name}: expected a file of a known format \(.*\), found {words}") as told:
@@ -82,7 +82,7 @@ def test_what_a_file_is_and_what_to_do(tmp_path, name):
     assert "found others" not in str(told.value)
 
 
-def test_hdf5_files_are_told_by_what_they_hold(tmp_path):
+def test_hdf5_files_are_recognised_by_content(tmp_path):
     path = tmp_path / "a.h5"
     cases = [
         ({"Distance": 1}, {"File_Type": np.bytes_("WallDistance")}, "distances to walls of FLEXI, .*give a state file"),
@@ -119,7 +119,7 @@ def test_files_that_do_not_belong_together(solvers, tmp_path):
         choose_converter(installed_converters(), [mesh, tmp_path / "a.txt"])
 
 
-def test_a_converter_that_is_named_says_the_same(tmp_path):
+def test_a_named_converter_reports_the_same(tmp_path):
     (tmp_path / "a.vtp").write_bytes(xml_of("PolyData"))
     with pytest.raises(FormatError, match="expected an unstructured grid of VTK, found a surface of polygons"):
         Vtk([tmp_path / "a.vtp"])

@@ -80,18 +80,18 @@ def test_measures_of_domains(reported, number, names, volume):
 
 
 @pytest.mark.parametrize("name", ["disc_v3.cgns", "disc_v4.cgns"])
-def test_versions_of_cgns_make_no_difference(reported, name):
+def test_versions_of_cgns_are_equivalent(reported, name):
     assert total(reported("W21", name)) == pytest.approx(DISC, abs=1e-10)
 
 
 @pytest.mark.parametrize("names", [["piece_0.vtu", "piece_1.vtu"], ["split_1.msh", "split_2.msh"]])
-def test_parts_are_no_steps(reported, names):
+def test_parts_are_not_steps(reported, names):
     (folder,) = reported.folder.glob("W04-*")
     with pytest.raises(FormatError, match="found one state"):
         open_series(*[folder / name for name in names])
 
 
-def test_a_part_alone_is_called_a_part(reported):
+def test_a_single_part_is_reported_as_a_part(reported):
     assert "1 of the 2 parts" in reported("W04", "run.e.2.0").remarks[-1]
 
 
@@ -124,13 +124,13 @@ def test_measures_of_boundaries(reported, number, names, right):
     assert found == pytest.approx(right, rel=ROUNDING)
 
 
-def test_bent_faces_beside_small_ones(reported):
+def test_curved_faces_next_to_small_ones(reported):
     """Nine hexahedra of which four are bent: inner sides are none of the boundary."""
     assert total(reported("W02", "nc3.mesh", "nc3.u.gf"), over="all") == pytest.approx(6.0033284, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["pt.vtu", "pt.e"])
-def test_a_bent_pyramid_beside_a_tetrahedron(reported, name):
+def test_a_curved_pyramid_next_to_a_tetrahedron(reported, name):
     assert total(reported("W23", name), over="all") == pytest.approx(4.7518976, abs=1e-6)
 
 
@@ -141,7 +141,7 @@ def test_sides_of_shells_are_edges(reported, name):
     assert found == pytest.approx({over: pytest.approx(pair, abs=ROUNDING) for over, pair in RECTANGLE.items()})
 
 
-def test_numbers_tell_boundaries_of_one_name_apart(reported):
+def test_numbers_distinguish_boundaries_of_one_name(reported):
     dataset = reported("X03", "sides.vol")
     assert [total(dataset, over=str(number)) for number in range(1, 5)] == pytest.approx([2, 1, 2, 1], rel=ROUNDING)
 
@@ -160,7 +160,7 @@ def test_lines_cross_inner_sides(reported, number, names, velocity, seed, end, l
     assert line.length[-1] == pytest.approx(length, abs=1e-10)
 
 
-def test_a_line_goes_round_through_hanging_nodes(reported):
+def test_a_line_turns_once_through_hanging_nodes(reported):
     line = trace(reported("W02", "nc.mesh", "vel.gf"), [(0.5, 0.1)], velocity="vel_x,vel_y", duration=2 * math.pi)
     assert line.ends[line.end[0]] == "duration"
     assert line.points[-1, :2] == pytest.approx((0.5, 0.1), abs=1e-9)
@@ -190,7 +190,7 @@ PARTS = [
 
 
 @pytest.mark.parametrize(("names", "points", "right"), PARTS)
-def test_fields_live_on_parts(reported, names, points, right):
+def test_fields_exist_on_parts(reported, names, points, right):
     dataset = reported("W08", *names)
     assert set(dataset) == set(right)
     for name, values in right.items():
@@ -203,7 +203,7 @@ def test_corners_of_curved_triangles_carry_linear_data(reported):
     assert sample(dataset, "T", [(0, 0), (1, 0), (0, 1)]).values[:, 0] == pytest.approx((1, 2, 3), abs=ROUNDING)
 
 
-def test_flux_of_curved_elements_keeps_its_error(reported):
+def test_flux_of_curved_elements_is_within_its_error(reported):
     """NGSolve's own values, and its integral of the divergence."""
     dataset = reported("W09", "disc.vol", "disc.flux.gfu", spaces="HDiv:1")
     (folder,) = reported.folder.glob("W09-*")
@@ -216,7 +216,7 @@ def test_flux_of_curved_elements_keeps_its_error(reported):
     assert row.error < 1e-3
 
 
-def test_rational_cells_keep_their_error(reported):
+def test_rational_cells_are_within_their_error(reported):
     dataset = reported("W11", "bez1.vtu")
     for quantity, right in (("1", 0.75 * math.pi), ("x", 7 / 3)):
         row = integrate(dataset, quantity)[-1]
@@ -246,7 +246,7 @@ def test_nodes_at_gauss_points_are_recognised(reported):
     assert total(reported("W18", "all5_gll.vtu")) == pytest.approx(1.0212887, abs=5e-8)
 
 
-def test_extremes_over_steps_keep_the_error_that_is_told(reported, tmp_path):
+def test_extrema_over_steps_are_within_the_stated_error(reported, tmp_path):
     """Minima, maxima and their times at points, against those of the steps."""
     (folder,) = reported.folder.glob("N-avg1*")
     steps = sorted(folder.glob("w_?.chk"))

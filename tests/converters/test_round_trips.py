@@ -51,7 +51,7 @@ def own_metadata(dataset):
 @pytest.mark.sampled
 @pytest.mark.parametrize("form", NATIVE_FORMS)
 @pytest.mark.parametrize("name", SMALL_FILES)
-def test_native_files_keep_all(name, form, tmp_path):
+def test_native_files_are_lossless(name, form, tmp_path):
     before = source(name)
     paths = write(before, tmp_path / "b.xml", mesh_format=form, field_format="hdf5" if form == "hdf5" else "xml")
     after = read(*paths)
@@ -68,7 +68,7 @@ def test_native_files_keep_all(name, form, tmp_path):
 @pytest.mark.sampled
 @pytest.mark.parametrize("suffix", ["msh", "vtu"])
 @pytest.mark.parametrize("name", SMALL_FILES)
-def test_exports_keep_or_name_what_they_leave_out(name, suffix, tmp_path):
+def test_exports_name_what_they_omit(name, suffix, tmp_path):
     pytest.importorskip({"msh": "gmsh", "vtu": "vtkmodules"}[suffix])
     before, path = source(name), tmp_path / f"b.{suffix}"
     told = " ".join(exporter(suffix)(before, None, None, path, len))
@@ -82,7 +82,7 @@ def test_exports_keep_or_name_what_they_leave_out(name, suffix, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["gmf", "mfem", "ngsolve"])
-def test_numbers_of_boundaries_are_those_of_the_source(name, tmp_path):
+def test_numbers_of_boundaries_match_those_of_the_source(name, tmp_path):
     """One region more moves no number; a number that several boundaries have names none of them."""
     made, package = SMALL_FILES[name]
     if package:

@@ -22,7 +22,7 @@ from elvis.plugins.testing.steps import polynomial, steps_of, waves
 POINTS = np.array([[0.31, 0.22, 0.0], [0.55, 0.71, 0.0], [0.83, 0.4, 0.0]])
 
 
-def test_steps_are_read_as_they_are(tmp_path):
+def test_steps_are_read_unchanged(tmp_path):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], waves)
     series = open_series(*files)
     assert len(series) == 3
@@ -44,7 +44,7 @@ def test_steps_are_read_as_they_are(tmp_path):
     assert last.remarks == ("step 2 of 0 to 2, time 1: --step and --time choose others",)
 
 
-def test_the_map_of_one_mesh_is_put_together_once(tmp_path):
+def test_the_map_of_a_shared_mesh_is_assembled_once(tmp_path):
     series = open_series(*steps_of(tmp_path, [0.0, 1.0], waves))
     first, second = geometry(series[0]), geometry(series.at(0.3))
     assert first is second
@@ -54,7 +54,7 @@ def test_the_map_of_one_mesh_is_put_together_once(tmp_path):
     assert alone() is None
 
 
-def test_numbers_order_steps_whatever_the_shell_does(tmp_path):
+def test_steps_are_ordered_by_number_not_by_the_shell(tmp_path):
     files = steps_of(tmp_path, range(11), waves)
     assert open_series(*sorted(files)).times.tolist() == list(range(11))
     assert open_series(files[0], tmp_path / "run_*.chk").times.tolist() == list(range(11))
@@ -62,7 +62,7 @@ def test_numbers_order_steps_whatever_the_shell_does(tmp_path):
         open_series(files[0], tmp_path / "walk_*.chk")
 
 
-def test_what_is_left_out_is_told(tmp_path):
+def test_skipped_steps_are_reported(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 1.0, 0.5, 2.0, 3.0, 4.0, 5.0], waves)
     files[7].write_bytes(files[7].read_bytes()[:-60])
     files[8].write_bytes(b"")
@@ -80,7 +80,7 @@ def test_what_is_left_out_is_told(tmp_path):
     assert told <= set(series.at(0.4).remarks)
 
 
-def test_a_series_that_has_just_begun_is_its_first_step(tmp_path, elvis):
+def test_a_series_of_one_step_is_that_step(tmp_path, elvis):
     files = steps_of(tmp_path, [0.5, 1.0], waves)
     whole = files[2].read_bytes()
     for part, fault in ((whole[:-60], "the file ends before its last tag"), (b"", "the field file is incomplete")):
@@ -91,7 +91,7 @@ def test_a_series_that_has_just_begun_is_its_first_step(tmp_path, elvis):
     assert "one step, time 0.5" in elvis("info", *files)
 
 
-def test_times_that_are_none_are_left_out(tmp_path):
+def test_invalid_times_are_skipped(tmp_path):
     series = open_series(*steps_of(tmp_path, [0.0, np.nan, None, 3.0], lambda p, t: p[:, 0]))
     assert series.times.tolist() == [0.0, 3.0]
     assert series.remarks[:2] == [
@@ -100,7 +100,7 @@ def test_times_that_are_none_are_left_out(tmp_path):
     ]
 
 
-def test_steps_on_another_mesh_are_passed_over(tmp_path, elvis):
+def test_steps_on_another_mesh_are_skipped(tmp_path, elvis):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: polynomial(p, t, 1))
     dataset = Dataset(grid(Shape.QUADRILATERAL, 3))
     field = approximated(dataset, "u", lambda p: p[:, 0], 3)
@@ -146,12 +146,12 @@ def test_both_ends_of_long_series_are_listed(tmp_path, elvis):
     assert "31 steps, times 0 to 15" in lines
 
 
-def test_gaps_are_told(tmp_path):
+def test_gaps_are_reported(tmp_path):
     files = steps_of(tmp_path, range(6), waves)
     assert open_series(*files[:3], *files[4:]).remarks == ["steps are missing between run_1.chk and run_3.chk"]
 
 
-def test_steps_that_turn_out_to_be_damaged_are_passed_over(tmp_path):
+def test_damaged_steps_are_skipped(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0, 3.0], lambda p, t: polynomial(p, t, 1))
     text = files[2].read_text()
     files[2].write_text(re.sub(r"(<ELEMENTS[^>]*>).{40}", r"\1", text))
@@ -165,7 +165,7 @@ def test_steps_that_turn_out_to_be_damaged_are_passed_over(tmp_path):
     assert read(*files).time == 2.0
 
 
-def test_meshes_and_fields_that_change_are_not_mixed(tmp_path):
+def test_changing_meshes_and_fields_are_not_mixed(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0], waves)
     dataset = read(files[0], files[1])
     more = (*dataset.fields, replace(dataset.fields[0], name="v"))
@@ -175,7 +175,7 @@ def test_meshes_and_fields_that_change_are_not_mixed(tmp_path):
     assert found.remarks[-1] == "fields that differ between steps are skipped: v"
 
 
-def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis_json):
+def test_incomplete_steps_are_skipped(tmp_path, elvis, elvis_json):
     """In values over time, integrals, ranges, between steps and at the end; what no step has is a mistake."""
     files = steps_of(tmp_path, [0.0, 0.5, 1.0, 1.5], lambda p, t: polynomial(p, t, 1))
     for file in (files[2], files[4]):
@@ -196,7 +196,7 @@ def test_steps_that_lack_what_others_have_are_passed_over(tmp_path, elvis, elvis
             elvis("probe", *files, *at, "--field", "w", "--times", asked)
 
 
-def test_times_beyond_what_is_left_out_say_so(tmp_path, elvis):
+def test_times_within_gaps_are_reported(tmp_path, elvis):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], waves)
     files[3].write_bytes(files[3].read_bytes()[:-60])
     told = (
@@ -209,14 +209,14 @@ def test_times_beyond_what_is_left_out_say_so(tmp_path, elvis):
     assert not list(tmp_path.glob("film*"))
 
 
-def test_empty_folders_are_told(tmp_path, elvis):
+def test_empty_folders_are_reported(tmp_path, elvis):
     (folder := tmp_path / "run").mkdir()
     for command in (["info"], ["average", "-o", tmp_path / "x.fld"], ["probe", "--times", "all", "--point", "0,0"]):
         with pytest.raises(ElvisError, match="run: expected files in this folder, found none"):
             elvis(*command, folder)
 
 
-def test_steps_that_are_no_numbers_are_told(tmp_path):
+def test_invalid_step_numbers_are_reported(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: polynomial(p, t, 1) if t < 2 else p[:, 0] * np.nan)
     series = open_series(*files)
     told = "step 2 holds values that are not finite, and so do the interpolated values next to it"
@@ -226,7 +226,7 @@ def test_steps_that_are_no_numbers_are_told(tmp_path):
     assert told not in series.at(0.5).remarks
 
 
-def test_times_are_numbers_of_names_where_files_tell_none(tmp_path):
+def test_times_come_from_names_if_files_state_none(tmp_path):
     files = steps_of(tmp_path, [None, None, None], lambda p, t: p[:, 0])
     series = open_series(*files)
     assert series.times.tolist() == [0.0, 1.0, 2.0]
@@ -234,7 +234,7 @@ def test_times_are_numbers_of_names_where_files_tell_none(tmp_path):
     assert series.at(0.5).time == 0.5
 
 
-def test_single_states_are_no_series(tmp_path, elvis):
+def test_single_states_are_not_series(tmp_path, elvis):
     files = steps_of(tmp_path, [0.5, 1.0], waves)
     with pytest.raises(FormatError, match="expected at least two steps of a series, found one state"):
         open_series(*files[:2])
@@ -247,7 +247,7 @@ def test_single_states_are_no_series(tmp_path, elvis):
     assert float(table.splitlines()[1].split(",")[-1]) == 7.0
 
 
-def test_commands_take_steps_and_times(tmp_path, elvis, elvis_json):
+def test_commands_accept_steps_and_times(tmp_path, elvis, elvis_json):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1))
     facts = elvis_json("info", *files)
     assert [(step["step"], step["time"]) for step in facts["series"]["steps"]] == [(0, 0.0), (1, 0.5), (2, 1.0)]
@@ -298,7 +298,7 @@ def test_solutions_of_pyfr_are_steps(solvers, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["xml", "hdf5"])
-def test_of_steps_only_what_quantities_need_is_read(tmp_path, form):
+def test_only_the_fields_of_quantities_are_read_from_steps(tmp_path, form):
     """Fields of one section and of several, in one order of modes each."""
     mesh = mixed_plane(seed=3)
     orders = {"u": 3, "v": 3, "w": 4, "p": 3}
@@ -324,7 +324,7 @@ def test_of_steps_only_what_quantities_need_is_read(tmp_path, form):
     assert sorted(read_for("speed")) == ["u", "v", "w"]
 
 
-def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path, elvis, elvis_json):
+def test_reading_stops_after_the_requested_fields(tmp_path, elvis, elvis_json):
     files = steps_of(tmp_path, [0.0, 1.0], waves)
     dataset = read(*files[:2])
     fields = [replace(dataset["u"], name=name) for name in "uv"]
@@ -349,7 +349,7 @@ def test_what_follows_the_fields_that_are_wanted_is_not_looked_at(tmp_path, elvi
         elvis("integrate", *files, "--step", "1", "--field", "u", "--clip", "v=0.1")
 
 
-def test_numbers_stand_for_a_time_that_all_files_tell(tmp_path):
+def test_numbers_replace_a_time_that_all_files_share(tmp_path):
     """But for parts of one state, which hold other Fourier modes."""
     files = steps_of(tmp_path, [2.0, 2.0, 2.0], waves)
     series = open_series(*files)

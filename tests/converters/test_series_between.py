@@ -25,7 +25,7 @@ def test_polynomials_in_time_are_reproduced(between, degree, form, tmp_path):
 
 
 @pytest.mark.parametrize(("count", "name"), [(2, "linear"), (3, "quadratic"), (4, "cubic")])
-def test_a_cubic_in_fewer_steps_is_of_lower_degree(count, name, tmp_path, elvis):
+def test_cubic_interpolation_of_fewer_steps_has_lower_degree(count, name, tmp_path, elvis):
     """And is called so; one step is all that there is."""
     degree = count - 1
     files = steps_of(tmp_path, [0.0, 0.5, 0.8, 1.7][:count], lambda p, t: polynomial(p, t, degree))
@@ -40,7 +40,7 @@ def test_a_cubic_in_fewer_steps_is_of_lower_degree(count, name, tmp_path, elvis)
         open_series(*files[:3]).at(0.3, "cubic")
 
 
-def test_a_cubic_goes_beyond_the_range_of_evenly_spaced_steps_by_an_eighth(tmp_path):
+def test_cubic_interpolation_exceeds_the_range_of_even_steps_by_an_eighth(tmp_path):
     """In the first and the last interval by a third: half of what its weights' magnitudes are beyond one."""
     times = np.arange(6.0)
     for interval, most in ((0, 0.3156), (1, 0.125), (2, 0.125), (4, 0.3156)):
@@ -50,7 +50,7 @@ def test_a_cubic_goes_beyond_the_range_of_evenly_spaced_steps_by_an_eighth(tmp_p
 
 
 @pytest.mark.parametrize(("between", "degree"), [("linear", 1), ("cubic", 3)])
-def test_derivatives_in_time_are_those_of_the_polynomial(between, degree, tmp_path):
+def test_derivatives_in_time_match_those_of_the_polynomial(between, degree, tmp_path):
     times = [0.0, 0.5, 0.8, 1.7, 2.0]
     series = open_series(*steps_of(tmp_path, times, lambda p, t: polynomial(p, t, degree)))
     for moment in (Moment(time=0.65, between=between), Moment(step=2, between=between), Moment(between=between)):
@@ -72,7 +72,7 @@ def test_derivatives_in_time_are_those_of_the_polynomial(between, degree, tmp_pa
             assert np.abs(found[text] - values).max() < 1e-11, (text, moment)
 
 
-def test_derivatives_in_time_that_there_are_not(tmp_path, elvis):
+def test_missing_time_derivatives(tmp_path, elvis):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1))
     for given, text, sentence in (
         (files[:2], "d(u,t)", "there is no derivative of u in time: expected a series, found one state"),
@@ -84,7 +84,7 @@ def test_derivatives_in_time_that_there_are_not(tmp_path, elvis):
             elvis("norms", *given, "--field", text)
 
 
-def test_pictures_of_derivatives_in_time_say_so(tmp_path):
+def test_pictures_of_time_derivatives_are_labelled(tmp_path):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1))
     frame = render(*files, "d(u,t)", step=0, size=(12, 9), device="reference")
     told = "derivatives in time are difference quotients of coefficients of steps 0 to 1, times 0 to 0.5"
@@ -151,7 +151,7 @@ def test_values_over_time(tmp_path, elvis):
         elvis("probe", *files[:2], "--point", "0,0", "--times", "all")
 
 
-def test_pictures_between_steps_say_so(tmp_path):
+def test_pictures_between_steps_are_labelled(tmp_path):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1))
     frame = render(*files, "u+t", time=0.3, size=(12, 9), device="reference")
     assert any("interpolated in time (linear)" in remark for remark in frame.remarks)
@@ -169,7 +169,7 @@ def test_pictures_between_steps_say_so(tmp_path):
         ({"step": 2, "title": "Wave"}, "Wave, time 1", (1.0, [2, 2], "")),
     ],
 )
-def test_titles_and_records_state_the_moment(asked, title, record, tmp_path):
+def test_titles_and_records_state_the_time(asked, title, record, tmp_path):
     files = steps_of(tmp_path, [0.0, 0.5, 1.0, 2.0], lambda p, t: polynomial(p, t, 1))
     frame = render(*files, "u+t", **asked, size=(12, 9), device="reference")
     assert frame.title == title
@@ -182,7 +182,7 @@ def test_titles_and_records_state_the_moment(asked, title, record, tmp_path):
 
 
 @pytest.mark.parametrize(("between", "degree"), [("linear", 1), ("cubic", 3)])
-def test_a_moment_is_converted(between, degree, tmp_path, elvis):
+def test_an_interpolated_time_is_converted(between, degree, tmp_path, elvis):
     files = steps_of(tmp_path, [0.0, 0.5, 1.2, 1.9], lambda p, t: polynomial(p, t, degree))
     elvis("convert", *files, "--time", "0.8", "--between", between, "-o", tmp_path / "moment.xml")
     found = read(tmp_path / "moment.xml", tmp_path / "moment.fld")

@@ -49,13 +49,13 @@ def test_files_of_processes_are_one_mesh(tmp_path, write, has_map, ranges):
     assert len(dataset.remarks) == 1
 
 
-def test_a_part_alone_says_so(tmp_path):
+def test_a_single_part_is_reported(tmp_path):
     paths = exodus_parts(tmp_path, write_classic, [(0, 1), (1, 2), (2, 3)], 3)
     assert "run.e.3.1: 1 of the 3 parts of a mesh by name" in read(paths[1]).remarks[1]
     assert "2 of the 3 parts" in read(*paths[:2]).remarks[1]
 
 
-def test_parts_of_several_times_are_refused(tmp_path):
+def test_parts_of_several_times_are_rejected(tmp_path):
     first = exodus_parts(tmp_path, write_classic, [(0, 1), (1, 2)], 2)
     second = exodus_parts(tmp_path / "..", write_classic, [(0, 1), (1, 2)], 2, name=f"{tmp_path.name}/late.e", time=1.0)
     second[1].rename(first[1])
@@ -110,7 +110,7 @@ def vtk_cubes(path, start, u, kind=12, order=(0, 1, 2, 3, 4, 5, 6, 7), name="u")
     return path
 
 
-def test_names_of_dolfinx_tell_parts_and_steps(tmp_path):
+def test_names_of_dolfinx_identify_parts_and_steps(tmp_path):
     paths = [
         vtk_cubes(tmp_path / f"u_p{part}_{step:06d}.vtu", part, lambda x, step=step: step + x[:, 0])
         for step in range(2)
@@ -125,7 +125,7 @@ def test_names_of_dolfinx_tell_parts_and_steps(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["vtkGhostType", "vtkGhostLevels"])
-def test_parts_may_hold_copies_of_all_cells_of_each_other(tmp_path, name):
+def test_parts_may_contain_copies_of_all_cells_of_each_other(tmp_path, name):
     """If ghost arrays mark the copies: each cell counts once, and the files are no steps."""
     paths = [tmp_path / f"piece_{number}.vtk" for number in range(2)]
     for path, starts in zip(paths, ((0, 1), (1, 0)), strict=True):
@@ -147,7 +147,7 @@ def test_other_fields_on_the_same_mesh_are_fields(tmp_path):
     assert sorted(read(*paths)) == ["f0", "f1"]
 
 
-def test_fields_in_files_of_their_own_are_steps_together(tmp_path):
+def test_fields_in_separate_files_form_steps(tmp_path):
     """Two files a step, on one mesh."""
     names = {"u": 0, "p": 1}
     paths = [
@@ -166,13 +166,13 @@ def test_fields_in_files_of_their_own_are_steps_together(tmp_path):
     assert integrate(dataset, "u")[0].value == pytest.approx(1.5)
 
 
-def test_parts_of_steps_without_marks_are_refused(tmp_path):
+def test_parts_of_steps_without_marks_are_rejected(tmp_path):
     paths = [vtk_cubes(tmp_path / f"f_{i}.vtu", start, lambda x: x[:, 0]) for i, start in enumerate((0, 1, 0))]
     with pytest.raises(FormatError, match="expected parts of one mesh, or steps, found both"):
         read(*paths)
 
 
-def test_partitions_in_files_of_their_own_are_one_mesh(tmp_path):
+def test_partitions_in_separate_files_form_one_mesh(tmp_path):
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
     try:

@@ -69,7 +69,7 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
-def test_heat_that_mfem_conducts(tmp_path, elvis):
+def test_heat_equation_of_mfem(tmp_path, elvis):
     mfem = pytest.importorskip("mfem.ser")
     mesh, space, heat = heated(mfem)
     collection = mfem.VisItDataCollection(str(tmp_path / "heat"), mesh)
@@ -114,7 +114,7 @@ def cooled(ngsolve, heat):
 
 
 @pytest.mark.thorough
-def test_heat_that_ngsolve_conducts(tmp_path):
+def test_heat_equation_of_ngsolve(tmp_path):
     """As samples of the library's functions, and in the index that it writes of VTK's cells of its degree."""
     ngsolve, geom2d = pytest.importorskip("ngsolve"), pytest.importorskip("netgen.geom2d")
     mesh = ngsolve.Mesh(geom2d.unit_square.GenerateMesh(maxh=0.4))

@@ -38,7 +38,7 @@ def chaotic(tmp_path):
     return tmp_path, times
 
 
-def test_means_and_covariances_are_those_of_values(chaotic, elvis):
+def test_means_and_covariances_match_those_of_values(chaotic, elvis):
     folder, times = chaotic
     elvis("average", folder / "m.xml", folder / "m_*.fld", "--covariances", "-o", folder / "mean.fld")
     found = read(folder / "m.xml", folder / "mean.fld")
@@ -68,7 +68,7 @@ def test_means_over_time_are_integrals(tmp_path, elvis):
     assert np.abs(found["u_u"] - slope**2 * 2.0**2 / 12).max() < 1e-12  # that of a line over [0, 2]
 
 
-def test_extremes_are_those_of_steps_with_their_times(tmp_path, elvis):
+def test_extrema_match_those_of_steps_with_their_times(tmp_path, elvis):
     """Exact where one step holds them throughout an element, else as near as is told."""
     times = [0.0, 0.5, 1.0, 1.5, 2.5]
     files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (t - 1) ** 2 * (1 + p[:, 0]))
@@ -86,7 +86,7 @@ def test_extremes_are_those_of_steps_with_their_times(tmp_path, elvis):
     assert off <= told.errors["u_min"].bound * 0.9  # the least of all is -0.9
 
 
-def test_extremes_are_off_by_no_more_than_their_bounds(chaotic):
+def test_extrema_are_within_their_bounds(chaotic):
     """At points that no fit has seen, on all shapes; the points of the fits alone tell a part of it."""
     folder, times = chaotic
     command = ["average", folder / "m.xml", folder / "m_*.fld", "--extremes", "-o", folder / "ends.fld"]
@@ -109,7 +109,7 @@ def test_extremes_are_off_by_no_more_than_their_bounds(chaotic):
                 assert error.estimate <= error.bound < 8.0
 
 
-def test_of_extremes_that_are_equal_to_rounding_the_first_counts(tmp_path):
+def test_the_first_of_equal_extrema_counts(tmp_path):
     """A cosine in time comes back each period, off in its last digits: elsewhere in others."""
     times = [0.1, 0.6, 1.1, 1.6, 2.1, 2.6, 3.1, 3.6]
     files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (1 + p[:, 0]) * np.cos(2 * np.pi * t))
@@ -123,14 +123,14 @@ def test_of_extremes_that_are_equal_to_rounding_the_first_counts(tmp_path):
     assert max(error.bound for error in told.errors.values()) < 1e-12
 
 
-def test_a_step_that_is_beyond_by_little_more_than_rounding_counts(tmp_path):
+def test_a_step_beyond_by_more_than_rounding_counts(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: 1 + p[:, 0] + 1e-11 * (t == 1.0))
     found = sample(average(open_series(*files), with_extremes=True).dataset, ["u_min_time", "u_max_time"], POINTS)
     assert np.abs(found["u_max_time"] - 1.0).max() < 1e-12
     assert np.abs(found["u_min_time"]).max() < 1e-12
 
 
-def test_steps_that_are_not_finite_are_left_out_of_means(tmp_path, elvis):
+def test_steps_that_are_not_finite_are_excluded_from_means(tmp_path, elvis):
     """But where there are no others."""
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1) * (np.nan if t == 0.5 else 1.0))
     for over in ("steps", "time"):
@@ -142,7 +142,7 @@ def test_steps_that_are_not_finite_are_left_out_of_means(tmp_path, elvis):
     assert np.isnan(sample(average(open_series(*files[:3])).dataset, "u", POINTS)["u"]).all()
 
 
-def test_what_has_no_mean_is_refused(tmp_path, squares, elvis):
+def test_quantities_without_a_mean_are_rejected(tmp_path, squares, elvis):
     steps = squares(True)
     with pytest.raises(ElvisError, match=r"expected one mesh at all steps, found another at time 0\.25"):
         elvis("average", steps, "--no-cache", "-o", tmp_path / "mean.xml")
@@ -162,7 +162,7 @@ WAVES = {
 
 
 @pytest.mark.parametrize("name", WAVES)
-def test_statistics_along_fourier_directions_are_those_of_values(tmp_path, name):
+def test_statistics_along_fourier_directions_match_those_of_values(tmp_path, name):
     """Of random coefficients on triangles and quadrilaterals, or on lines."""
     waves = WAVES[name]
     mesh = mixed_plane(seed=3) if len(waves.bases) == 1 else grid(Shape.SEGMENT, 3)
@@ -203,7 +203,7 @@ def test_statistics_along_fourier_directions_are_those_of_values(tmp_path, name)
     assert 1e-3 < lower.errors["u_u"].estimate < 1.0
 
 
-def test_extremes_along_fourier_directions_are_those_of_steps(tmp_path):
+def test_extrema_along_fourier_directions_match_those_of_steps(tmp_path):
     """Exact where one step holds them on the whole period."""
     waves = WAVES["planes"]
     dataset = Dataset(mixed_plane(seed=3))
@@ -245,7 +245,7 @@ def test_each_step_is_read_once(chaotic, monkeypatch):
         assert found == [f"m_{number}.fld" for number in range(len(times))]
 
 
-def test_covariances_of_a_lower_degree_tell_their_error(tmp_path):
+def test_covariances_of_a_lower_degree_state_their_error(tmp_path):
     # the covariance is s^4 times a number; 35 s^4 = 8 P4 + 20 P2 + 7: without P4 the ends are off by most
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
     for number in range(4):

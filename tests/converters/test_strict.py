@@ -102,7 +102,7 @@ def test_every_converter_has_a_case():
 @pytest.mark.sampled(least=10, free=("case",))
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case[1])
-def test_converted_files_keep_all_rules_and_are_the_same_again(conversion, tmp_path, case, form):
+def test_converted_files_pass_the_strict_checks_and_are_reproducible(conversion, tmp_path, case, form):
     first, second = conversion(case), conversion(case)
     inverted = first.report.listed["inverted"]
     expected = rf"elements: expected positive Jacobians of .*, found others in {len(inverted)}: .*"

@@ -52,7 +52,7 @@ def written(path, grid, mode="Appended", is_packed=True, header="UInt64", order=
     return path
 
 
-def test_every_way_of_writing_it(tmp_path):
+def test_every_notation_of_time(tmp_path):
     for number, way in enumerate(WAYS):
         path = written(tmp_path / f"{number}.vtu", square(1 / 3), *way)
         assert time_in(path) == 1 / 3, way
@@ -72,7 +72,7 @@ def test_every_way_of_writing_it(tmp_path):
 
 
 @pytest.mark.parametrize("damaged", [0, 1, 3])
-def test_a_file_that_is_begun_is_left_out(tmp_path, monkeypatch, damaged):
+def test_an_incomplete_file_is_skipped(tmp_path, monkeypatch, damaged):
     """Wherever it stands, and whether it is asked for as a series or not."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     files = [written(tmp_path / f"flow_{number}.vtu", square(number / 2)) for number in range(4)]
@@ -85,7 +85,7 @@ def test_a_file_that_is_begun_is_left_out(tmp_path, monkeypatch, damaged):
     assert f"flow_{damaged}.vtu" in last.remarks[1]
 
 
-def test_files_without_an_index_have_their_own_times(tmp_path, monkeypatch):
+def test_files_without_an_index_state_their_times(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     times = [0.25, 0.5, 1.5]
     for number, time in enumerate(times):
@@ -105,7 +105,7 @@ def test_files_without_an_index_have_their_own_times(tmp_path, monkeypatch):
         assert [step.time for step in steps] == [0, 1, 2]
 
 
-def test_indices_of_mfem_tell_times_and_files(tmp_path):
+def test_indices_of_mfem_list_times_and_files(tmp_path):
     fields = {"u": {"path": "heat_000001/u.%06d"}, "v": {"path": "heat_000001/v.%06d"}}
     main = {"domains": 2, "time": 0.25, "mesh": {"path": "heat_000001/mesh.%06d"}, "fields": fields}
     root = tmp_path / "heat_000001.mfem_root"

@@ -280,7 +280,7 @@ UNREADABLE = [
 
 
 @pytest.mark.parametrize(("code", "message"), UNREADABLE)
-def test_what_is_no_formula_gives_one_sentence(tmp_path, code, message):
+def test_an_invalid_formula_gives_a_one_line_error(tmp_path, code, message):
     write_structured_mesh(tmp_path / "mesh.h5", (2,), code, (False,))
     with pytest.raises(FormatError, match=message.replace("(", r"\(")):
         Trixi([tmp_path / "mesh.h5"])
@@ -333,7 +333,7 @@ DAMAGES = [
 
 
 @pytest.mark.parametrize(("damage", "message"), DAMAGES)
-def test_damaged_files_give_one_sentence(tmp_path, damage, message):
+def test_damaged_files_give_a_one_line_error(tmp_path, damage, message):
     brick = Brick((2, 1), bent(2), 2, lambda _: lambda *_: False)
     mesh = brick.write(tmp_path / "mesh.h5", "P4estMesh")
     path = write_solution(tmp_path / "s.h5", mesh, "P4estMesh", brick.nodes(2), FUNCTIONS, 2)

@@ -90,7 +90,7 @@ def test_agrees_with_pyfr_where_its_export_keeps_the_elements():
 
 
 @shared
-def test_nodes_that_lie_elsewhere_are_found_out():
+def test_nodes_at_nonstandard_positions_are_detected():
     path = DATA / "vtk" / "dolfinx_tet_o3_u_p0_000000.vtu"
     truth = arrays_of(DATA / "vtk" / "dolfinx_tet_o3.truth.npz")
     errors = {}
@@ -171,7 +171,7 @@ EVEN = [Kind(kind, NODES[shape](order)) for kind, shape in (LAGRANGE | BEZIER).i
 
 
 @pytest.mark.parametrize("kind", [*(Kind(kind, nodes) for kind, (*_, nodes) in FIXED.items()), *EVEN, *GRADED], ids=str)
-def test_nodes_and_functions_are_those_of_the_library(kind):
+def test_nodes_and_functions_match_those_of_the_library(kind):
     cell = Cell(kind, "")
     points = np.random.default_rng(5).dirichlet(np.ones(4), 2)[:, :3]
     points[:, cell.shape.dimension :] = 0
@@ -184,7 +184,7 @@ def test_nodes_and_functions_are_those_of_the_library(kind):
 
 
 @pytest.mark.parametrize("kind", sorted(BEZIER))
-def test_bezier_cells_ask_the_library_for_nothing_point_by_point(kind):
+def test_bezier_cells_are_evaluated_without_pointwise_library_calls(kind):
     """Its recursion takes 20 ms a point on tetrahedra of order 8, and of those a conversion has thousands."""
     cell = Cell(Kind(kind, NODES[BEZIER[kind]](8)), "")
     assert cell._cell is None
@@ -205,7 +205,7 @@ def test_cells_whose_degree_depends_on_the_direction(tmp_path, kind, degrees):
 @pytest.mark.sampled
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 @pytest.mark.parametrize("kind", [69, 70, 71, 72, 73])
-def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
+def test_gauss_lobatto_nodes_reproduce_polynomials(tmp_path, kind, order):
     cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
     x = moved(cell.shape, order, cell.nodes, "gll") @ np.array([[1, 0.2, 0], [0.1, 1, 0], [0, 0, 1]])
     x[:, cell.shape.dimension :] = 0
@@ -219,7 +219,7 @@ def test_gauss_lobatto_nodes_hold_polynomials(tmp_path, kind, order):
         assert np.abs(values_found(done.dataset, "u", places) - wanted).max() < 1e-11
 
 
-def test_gauss_lobatto_places_inside_are_those_of_basix():
+def test_gauss_lobatto_places_inside_match_those_of_basix():
     """Two inner nodes of order 5 as fenics-basix 0.11 has them."""
     triangle = moved(Shape.TRIANGLE, 5, np.array([[0.4, 0.2, 0.0]]), "gll")[0, :2]
     assert np.allclose(triangle, BASIX_TRIANGLE, rtol=0, atol=1e-14)
@@ -311,7 +311,7 @@ def test_a_series_of_parts(tmp_path):
         (lambda b: b.replace(b'NumberOfPoints="20"', b'NumberOfPoints="999"'), "expected a complete VTK file, found"),
     ],
 )
-def test_bad_files_are_refused_in_a_sentence(tmp_path, spoil, message, capfd):
+def test_bad_files_give_a_one_line_error(tmp_path, spoil, message, capfd):
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     x, cells = cube()
@@ -338,14 +338,14 @@ def test_cells_that_cannot_be_evaluated_are_named(tmp_path):
         Vtk([write(tmp_path / "odd.vtu", grid(x, [(71, range(7))]))])
 
 
-def test_cells_of_lower_dimension_are_left_out_and_counted(tmp_path):
+def test_cells_of_lower_dimension_are_skipped_and_counted(tmp_path):
     x, cells = cube(order=1)
     done = check(Vtk, [write(tmp_path / "mixed.vtu", grid(x, [*cells, (5, [0, 1, 2]), (3, [0, 1])]))])
     assert done.report.elements == {"tetrahedron": 2}
     assert "2 cells of lower dimension were skipped" in done.report.warnings
 
 
-def test_other_files_are_refused(tmp_path):
+def test_other_files_are_rejected(tmp_path):
     path = tmp_path / "other"
     for text in ("", "neither"):
         path.write_text(text)
@@ -362,7 +362,7 @@ def lattice(kind, order, line):
 
 @pytest.mark.parametrize("order", [1, 2, 3, 5])
 @pytest.mark.parametrize("kind", [70, 72])
-def test_gauss_nodes_show_by_the_gaps_between_cells(tmp_path, kind, order):
+def test_gauss_nodes_are_recognised_by_gaps_between_cells(tmp_path, kind, order):
     inside = lattice(kind, order, (gauss(order + 1)[0] + 1) / 2) * np.array([1, 1, kind == 72])
     x = np.concatenate([inside + shift for shift in ([0, 0, 0], [1, 0, 0], [1, 1, 0])])
     cells = [(kind, np.arange(len(inside)) + i * len(inside)) for i in range(3)]
@@ -375,7 +375,7 @@ def test_gauss_nodes_show_by_the_gaps_between_cells(tmp_path, kind, order):
 @pytest.mark.sampled
 @pytest.mark.parametrize("family", ["equispaced", "gll", "gauss"])
 @pytest.mark.parametrize("order", [4, 5, 7])
-def test_where_all_edges_are_bent_the_smoothest_map_shows_the_nodes(tmp_path, family, order):
+def test_the_smoothest_map_identifies_the_nodes_if_all_edges_are_curved(tmp_path, family, order):
     lines = {"equispaced": np.linspace(-1, 1, order + 1), "gll": lobatto(order + 1)[0], "gauss": gauss(order + 1)[0]}
     r = lattice(72, order, (lines[family] + 1) / 2)
     # a polynomial of degree 2 in each coordinate bends all edges
@@ -392,7 +392,7 @@ def test_where_all_edges_are_bent_the_smoothest_map_shows_the_nodes(tmp_path, fa
     assert integrate(dataset, "1").value == pytest.approx(volume, abs=1e-12)
 
 
-def test_every_command_warns_where_nothing_shows_the_nodes(tmp_path):
+def test_every_command_warns_if_the_nodes_are_ambiguous(tmp_path):
     rng = np.random.default_rng(3)
     x = lattice(70, 4, np.linspace(0, 1, 5)) * np.array([1, 1, 0])
     x[:, :2] += 0.05 * rng.uniform(-1, 1, (len(x), 2))

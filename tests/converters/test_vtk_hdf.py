@@ -20,7 +20,7 @@ hdf = pytest.importorskip("vtkmodules.vtkIOHDF")
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["mfem_fichera_q3.vtu", "mfem_fichera_mixed_p2.vtu"])
-def test_files_of_the_library_are_what_was_written(solvers, tmp_path, name):
+def test_files_of_the_library_contain_the_written_values(solvers, tmp_path, name):
     """Lagrange cells of orders 2 and 3: all arrays arrive bit by bit, and so does the conversion."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -181,7 +181,7 @@ def test_bad_files(tmp_path, name, values, words):
     ("values", "words"),
     [([2, 2], r"expected 3 rows of numbers, found int64 of shape"), ([2.5] * 3, "expected a whole number")],
 )
-def test_tables_of_steps_that_say_too_little(tmp_path, values, words):
+def test_incomplete_tables_of_steps(tmp_path, values, words):
     path = written(tmp_path / "a.vtkhdf", 3)
     with h5py.File(path, "r+") as file:
         steps = file["VTKHDF/Steps"]
@@ -253,7 +253,7 @@ def write_rare(path):
     return path
 
 
-def test_parts_in_files_of_their_own(tmp_path):
+def test_parts_in_separate_files(tmp_path):
     """As VTK's writer makes them."""
     vtk = pytest.importorskip("vtkmodules.all")
     parts = vtk.vtkPartitionedDataSet()

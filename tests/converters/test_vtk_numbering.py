@@ -71,7 +71,7 @@ def test_a_wedge_of_mfem_is_a_straight_one(findings):
 
 
 @pytest.mark.parametrize("degrees", [(3, 3, 3), (4, 4, 2), (6, 6, 3)])
-def test_both_numberings_hold_the_same(tmp_path, degrees):
+def test_both_numberings_give_the_same_values(tmp_path, degrees):
     cell, places = wedge(degrees)
     new = Vtk([saved(tmp_path / "new.vtu", degrees, places)])
     old = Vtk([saved(tmp_path / "old.vtu", degrees, as_vtk_8(cell, places))])
@@ -91,7 +91,7 @@ def test_wedges_of_order_2_have_one_numbering():
     assert np.array_equal(*third_face(cell))
 
 
-def test_what_does_not_tell_is_refused(tmp_path):
+def test_ambiguous_numberings_are_rejected(tmp_path):
     degrees = (3, 3, 3)
     cell, places = wedge(degrees)
     both = saved(tmp_path / "both.vtu", degrees, places, as_vtk_8(cell, places))

@@ -45,7 +45,7 @@ def test_each_part_has_its_own_numbering_of_hexahedra(tmp_path):
 
 
 @pytest.mark.parametrize(("part", "one_mesh"), [(0.5, True), (2.0, False)])
-def test_cells_that_are_apart_by_more_than_a_millionth_are_not_the_same(tmp_path, part, one_mesh):
+def test_cells_more_than_a_millionth_apart_are_distinct(tmp_path, part, one_mesh):
     """Fields of two files go together where the meshes are one: half and twice as far apart as that may be."""
     x, cells = cube(order=1)
     corner = np.zeros(x.shape)

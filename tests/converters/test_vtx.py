@@ -66,7 +66,7 @@ def test_shapes(kind, order, volume):
     assert value(dataset, "f") == pytest.approx(wanted, rel=NEAR)
 
 
-def test_the_schema_tells_arrays_on_cells():
+def test_the_schema_identifies_arrays_on_cells():
     """One cell of one point more would leave it open; here as many cells as points have no schema."""
     arrays = {**squares(1), "c": [np.array([[1.0], [2.0]]), np.array([[2.0], [4.0]])]}
     assert value(convert(Arrays(70, arrays)).dataset, "c") == pytest.approx(7, rel=NEAR)
@@ -93,7 +93,7 @@ DAMAGES = [
 
 
 @pytest.mark.parametrize(("name", "blocks", "message"), DAMAGES)
-def test_damaged_arrays_give_one_sentence(name, blocks, message):
+def test_damaged_arrays_give_a_one_line_error(name, blocks, message):
     with pytest.raises(FormatError, match=message):
         Arrays(70, {**squares(1), name: blocks})
 
@@ -116,7 +116,7 @@ def test_folders_of_the_library(folder):
     assert Vtx.opens([folder / "md.idx"])
 
 
-def test_damaged_folders_give_one_sentence(folder):
+def test_damaged_folders_give_a_one_line_error(folder):
     whole = (folder / "data.0").read_bytes()
     (folder / "data.0").write_bytes(whole[:100])
     with pytest.raises(FormatError, match="bytes of data, found 100"):

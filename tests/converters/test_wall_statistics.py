@@ -32,7 +32,7 @@ def run(*words):
 
 
 @pytest.mark.parametrize("over", ["steps", "time"])
-def test_means_of_shear_that_changes_its_sense(folder, over):
+def test_means_of_shear_that_changes_sign(folder, over):
     words = ("--over", over, "--set", f"mu={MU}", "-o", "shear.xml")
     status, text = run("average", "mesh.xml", "run_*.fld", "--wall", "all", *words)
     assert status == 0, text

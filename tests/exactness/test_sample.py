@@ -61,14 +61,14 @@ def test_nothing_certain_is_wrong(gallery, device, family, number):
 
 
 @pytest.mark.parametrize(("family", "number"), [(name, n) for name, numbers in NUMBERS.items() for n in numbers])
-def test_no_number_is_off_by_more_than_is_promised(gallery, family, number):
+def test_every_number_is_within_its_stated_error(gallery, family, number):
     found = gallery("reference").count(case_of(family, SEED, number))
     assert not found.first
     assert found.wrong == found.failed == 0
     assert found.pixels > 100
 
 
-def test_two_faces_of_a_sliver_that_a_ray_can_hardly_tell_apart_are_ambiguous(gallery):
+def test_two_nearly_coincident_faces_of_a_sliver_are_ambiguous(gallery):
     """A pixel of this picture showed the hind one of two faces 2e-11 of the depth apart, whose values differ."""
     found = gallery("vulkan").count(case_of("faces", 11, 6))
     assert found.wrong == found.failed == 0
@@ -96,7 +96,7 @@ def test_contours_of_the_reference_are_certain_where_they_are_right(gallery, fam
     assert total.pixels > 3000
 
 
-def test_pictures_of_the_reference_that_take_too_long_are_given_up():
+def test_slow_pictures_of_the_reference_are_abandoned():
     found = Gallery("reference", 1e-6).count(case_of("isosurfaces: multiplicity", SEED, 1, (36, 30)))
     assert found.given_up == len(found.slow) == 1
     assert found.pixels == found.failed == 0
@@ -130,7 +130,7 @@ def spoilt(frame, **changes):
 
 
 @pytest.mark.parametrize(("family", "number"), [("cuts", 5), ("faces", 7)])
-def test_the_audit_sees_what_is_wrong(drawn, family, number):
+def test_the_audit_detects_errors(drawn, family, number):
     case, frame = drawn(family, number)
     assert case.count(case, frame).wrong == 0
     there = frame.status == Status.CERTAIN
@@ -160,7 +160,7 @@ def test_no_value_of_an_expression_is_beyond_its_certified_range(gallery):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["proved", "any", "named"])
-def test_the_audit_of_expressions_sees_what_is_wrong(kind):
+def test_the_audit_of_expressions_detects_errors(kind):
     """Of a frame that shows what samples show, without a device; its expressions have the values of `sample`."""
     case = case_of(f"expressions: {kind}", SEED, 0, (24, 18))
     own, fields, expression, level = case.count.args
@@ -202,7 +202,7 @@ def frame_of(case, own, view, depth):
 
 
 @pytest.mark.parametrize(("refutation", "count"), [(integrals.refutation, 24), (levels.refutation, 8)])
-def test_no_stated_error_of_a_sample_is_less_than_the_true_one(monkeypatch, refutation, count):
+def test_no_stated_error_of_a_sample_is_below_the_true_one(monkeypatch, refutation, count):
     """Fewer points than users have: bounds hold wherever refinement ends."""
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 12)
     assert not [sentence for seed in range(count) if (sentence := refutation(seed))]

@@ -93,7 +93,7 @@ def test_borders_of_faces_are_certain_up_to_rounding(gallery, far, height):
             assert (status == Status.AMBIGUOUS).mean() < 0.02
 
 
-def test_an_eye_that_looks_along_a_face_far_away_leaves_all_pixels_ambiguous(gallery):
+def test_a_distant_face_seen_edge_on_leaves_all_pixels_ambiguous(gallery):
     """What is as near to the eye as rounding may be anywhere in the picture; it is not halved without end."""
     data = World("a cube", grid(Shape.HEXAHEDRON, 1), shift=(2.0**20, 0.0, 0.0)).dataset({"u": X}, 4)
     eye = np.array([2.0**20, 0.5, 0.5])

@@ -62,7 +62,7 @@ def test_every_case_is_written_and_counted(cases):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_all_elements_are_valid_but_the_one_that_should_not_be(cases, name):
+def test_all_elements_except_the_invalid_one_are_valid(cases, name):
     found = validity(dataset(cases, name))
     assert found.count(ValidityStatus.POSITIVE) == len(found) - (name == "folded")
 
@@ -70,7 +70,7 @@ def test_all_elements_are_valid_but_the_one_that_should_not_be(cases, name):
 @pytest.mark.parametrize(("name", "degree", "order"), [
     ("delta", 1, 3), ("wing", 2, 3), ("hemisphere", 2, 3), ("twist", 4, 7)
 ])  # fmt: skip
-def test_orders_are_the_promised_ones(cases, name, degree, order):
+def test_orders_are_as_documented(cases, name, degree, order):
     found = dataset(cases, name)
     assert max(max(block.expansion.modes) for block in geometry(found)) == degree + 1
     assert {block.expansion.modes for field in found.fields for block in field.blocks} == {(order + 1,) * 3}
@@ -83,7 +83,7 @@ def test_boundaries_have_names(cases):
 
 
 @pytest.mark.thorough
-def test_the_same_bytes_come_out_again(cases, tmp_path):
+def test_output_is_reproducible_byte_by_byte(cases, tmp_path):
     assert make("--quick", tmp_path).returncode == 0
     for path in sorted(tmp_path.iterdir()):
         assert digest(path) == digest(cases[0] / path.name), path.name
@@ -102,7 +102,7 @@ def test_the_folded_element_shows_its_own_jacobian(cases):
     assert values(patch, 0, rows, points) == pytest.approx(1 - 1.2 * (1 + points[:, 0]), abs=1e-13)
 
 
-def test_fields_follow_their_closed_form_where_the_mesh_is_fine(cases, module):
+def test_fields_match_their_analytic_expression_on_fine_meshes(cases, module):
     delta = module("delta")
     (patch,) = patches(dataset(cases, "delta"), ["p"])
     points = scattered(patch.shape, len(patch))
@@ -122,7 +122,7 @@ def test_the_swept_wing_is_thin_at_the_wall(cases, module):
 
 
 @pytest.mark.thorough
-def test_distances_are_right_but_for_the_planted_bug(module):
+def test_distances_are_right_except_for_the_planted_bug(module):
     delta = module("delta")
     points = np.random.default_rng(0).uniform([-0.5, 0, -0.4], [1.5, 0.6, 0.4], (150, 3))
     weights = np.random.default_rng(1).dirichlet(np.ones(3), 4000)

@@ -14,14 +14,14 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "examples" / "scenes").glob("*.toml"))
 
 
-def test_there_are_scenes_of_every_figure():
+def test_every_figure_has_scenes():
     names = {path.stem for path in SCENES}
     assert {"wing_pressure", "delta_isosurface", "delta_vortex", "hemisphere", "folded"} <= names
     assert {"distance_right", "distance_wrong", "together", "twist"} <= names
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
-def test_every_scene_can_be_read_and_its_data_made(path, monkeypatch):
+def test_every_scene_can_be_read_and_its_data_generated(path, monkeypatch):
     pytest.importorskip("gmsh")
     monkeypatch.syspath_prepend(ROOT / "examples")
     cases = importlib.import_module("cases").CASES

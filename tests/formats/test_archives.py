@@ -24,7 +24,7 @@ def archived(path, packing=zipfile.ZIP_DEFLATED, **members):
     return path
 
 
-def test_arrays_come_out_as_they_were_saved(tmp_path):
+def test_arrays_survive_a_round_trip(tmp_path):
     arrays = {
         "z": np.ones(3),
         "a": np.arange(6.0).reshape(2, 3),
@@ -55,7 +55,7 @@ def test_arrays_come_out_as_they_were_saved(tmp_path):
         (b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((", "expected an archive of arrays, found: "),
     ],
 )
-def test_arrays_of_another_size_than_they_say_are_refused(tmp_path, content, message):
+def test_arrays_of_wrong_size_are_rejected(tmp_path, content, message):
     with (
         Archive(archived(tmp_path / "a.npz", a=content)) as archive,
         pytest.raises(FormatError, match=rf"a\.npz: a: {message}"),
@@ -63,7 +63,7 @@ def test_arrays_of_another_size_than_they_say_are_refused(tmp_path, content, mes
         archive["a"]
 
 
-def test_members_that_declare_more_than_can_be_packed_are_refused(tmp_path):
+def test_members_with_impossible_sizes_are_rejected(tmp_path):
     path = archived(tmp_path / "a.npz", a=member((10,), bytes(80)))
     raw = bytearray(path.read_bytes())
     place = raw.rfind(b"PK\x01\x02") + 24
@@ -73,13 +73,13 @@ def test_members_that_declare_more_than_can_be_packed_are_refused(tmp_path):
         archive["a"]
 
 
-def test_members_packed_otherwise_are_refused(tmp_path):
+def test_members_with_other_compression_are_rejected(tmp_path):
     path = archived(tmp_path / "a.npz", zipfile.ZIP_BZIP2, a=member((10,), bytes(80)))
     with Archive(path) as archive, pytest.raises(FormatError, match="packed"):
         archive["a"]
 
 
-def test_damaged_bytes_and_missing_names_are_said(tmp_path):
+def test_damaged_bytes_and_missing_names_are_reported(tmp_path):
     path = archived(tmp_path / "a.npz", a=member((1000,), bytes(8000)))
     raw = bytearray(path.read_bytes())
     raw[60] ^= 255
@@ -95,7 +95,7 @@ def test_damaged_bytes_and_missing_names_are_said(tmp_path):
     assert names_in(tmp_path / "b.npz") == frozenset()
 
 
-def test_an_archive_of_zeros_is_refused_before_memory_is_taken(tmp_path):
+def test_an_archive_of_zeros_is_rejected_before_allocation(tmp_path):
     with (
         zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as packed,
         packed.open("a.npy", "w", force_zip64=True) as stream,

@@ -142,7 +142,7 @@ def test_functions_are_non_negative_and_sum_to_one(space):
     assert np.abs(table.sum(axis=1) - 1).max() < 1e-14
 
 
-def test_wrong_degrees_are_refused():
+def test_wrong_degrees_are_rejected():
     with pytest.raises(ElvisError, match="expected 1 degrees of a Triangle space"):
         BernsteinSpace(Shape.TRIANGLE, (2, 2))
 
@@ -151,7 +151,7 @@ def test_wrong_degrees_are_refused():
 
 
 @pytest.mark.parametrize("expansion", [*CASES, *VARIABLE], ids=name)
-def test_conversion_keeps_every_function(expansion):
+def test_conversion_preserves_every_function(expansion):
     space, matrix, points = bernstein_space(expansion), to_bernstein(expansion), inside(expansion.shape)
     assert matrix.shape == (mode_count(expansion), space.count)
     converted, direct = bernstein_values(space, points) @ matrix.T, values(expansion, points)
@@ -160,7 +160,7 @@ def test_conversion_keeps_every_function(expansion):
 
 
 @pytest.mark.parametrize("expansion", [*CASES[::3], *VARIABLE], ids=name)
-def test_conversion_to_larger_spaces_keeps_every_function(expansion):
+def test_conversion_to_larger_spaces_preserves_every_function(expansion):
     least, points = bernstein_space(expansion), inside(expansion.shape)
     space = BernsteinSpace(expansion.shape, tuple(degree + 1 + i for i, degree in enumerate(least.degrees)))
     matrix = to_bernstein(expansion, space)
@@ -169,7 +169,7 @@ def test_conversion_to_larger_spaces_keeps_every_function(expansion):
 
 
 @pytest.mark.parametrize("expansion", [*CASES[::3], *VARIABLE], ids=name)
-def test_coefficients_convert_as_the_matrix_says(expansion):
+def test_coefficients_convert_as_by_the_matrix(expansion):
     coefficients = np.random.default_rng(4).normal(size=(3, 2, mode_count(expansion)))
     matrix = to_bernstein(expansion)
     found = bernstein_coefficients(expansion, coefficients)
@@ -177,7 +177,7 @@ def test_coefficients_convert_as_the_matrix_says(expansion):
 
 
 @pytest.mark.parametrize("degree", [8, 20])
-def test_degrees_are_those_of_the_expansion(degree):
+def test_degrees_match_those_of_the_expansion(degree):
     n = degree + 1
     modified = {
         Shape.TRIANGLE: (degree,),
@@ -231,7 +231,7 @@ def test_elevation_starts_at_the_degree_of_each_factor():
             assert np.abs(table @ nets[degree, factor, : degree + 1] - expected).max() < 1e-14
 
 
-def test_what_is_no_polynomial_is_refused():
+def test_nonpolynomial_bases_are_rejected():
     with pytest.raises(FormatError, match="found Fourier"):
         bernstein_space(Expansion(Shape.SEGMENT, (Basis.FOURIER,), (4,)))
     planes = Homogeneous((Basis.FOURIER,), (1.0,), (0,))
@@ -239,7 +239,7 @@ def test_what_is_no_polynomial_is_refused():
         to_bernstein(Expansion(Shape.SEGMENT, (Basis.MODIFIED_A,), (4,), planes))
 
 
-def test_too_small_a_space_is_refused():
+def test_a_space_that_is_too_small_is_rejected():
     with pytest.raises(ElvisError, match="that contains"):
         to_bernstein(Expansion(Shape.SEGMENT, (Basis.MODIFIED_A,), (4,)), BernsteinSpace(Shape.SEGMENT, (2,)))
 
@@ -302,7 +302,7 @@ def test_gradient_nets_are_differences(space):
 
 
 @pytest.mark.parametrize("expansion", [*CASES[::2], *VARIABLE], ids=name)
-def test_bounds_hold_all_samples(expansion):
+def test_bounds_contain_all_samples(expansion):
     coefficients = np.random.default_rng(7).normal(size=(20, mode_count(expansion)))
     net = bernstein_coefficients(expansion, coefficients)
     low, high = bounds(bernstein_space(expansion), net)
@@ -323,6 +323,6 @@ def test_bounds_tighten_with_elevation():
     assert (np.diff(widths, axis=0) <= 1e-12).all()
 
 
-def test_coefficients_of_another_space_are_refused():
+def test_coefficients_of_another_space_are_rejected():
     with pytest.raises(ElvisError, match="expected 3 Bernstein coefficients, found 4"):
         bounds(BernsteinSpace(Shape.TRIANGLE, (1,)), np.zeros(4))

@@ -24,7 +24,7 @@ def empty():
     bounded_cache.clear()
 
 
-def test_arrays_are_counted_in_all_that_holds_them():
+def test_arrays_are_counted_in_every_container():
     one = np.zeros(1000)
     assert bounded_cache.array_bytes(one) == 8000
     assert bounded_cache.array_bytes(one[:10]) == 8000  # a view keeps all of it
@@ -32,7 +32,7 @@ def test_arrays_are_counted_in_all_that_holds_them():
     assert bounded_cache.array_bytes("a text") == 0
 
 
-def test_the_least_recently_used_results_go(monkeypatch):
+def test_the_least_recently_used_results_are_dropped(monkeypatch):
     monkeypatch.setattr(bounded_cache, "MAX_BYTES", 30_000)
     calls = []
 
@@ -50,7 +50,7 @@ def test_the_least_recently_used_results_go(monkeypatch):
     assert sum(bounded_cache.cached_bytes().values()) <= 30_000
 
 
-def test_a_result_that_is_larger_than_all_may_be_stays_until_the_next(monkeypatch):
+def test_a_result_larger_than_the_cache_stays_until_the_next(monkeypatch):
     monkeypatch.setattr(bounded_cache, "MAX_BYTES", 10)
     calls = []
 

@@ -48,7 +48,7 @@ def bubble(points):
 @pytest.mark.parametrize("is_bent", [False, True])
 @pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize("shape", BODIES)
-def test_errors_are_never_less_than_the_truth(shape, order, is_bent, text, monkeypatch):
+def test_stated_errors_are_never_below_the_true_ones(shape, order, is_bent, text, monkeypatch):
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 15)
     mesh = grid(shape, 2)
     if is_bent:
@@ -71,14 +71,14 @@ def test_narrow_bumps_and_small_supports_are_found(shape):
         assert abs(row.value - CLOSED[text]) <= row.error
 
 
-def test_a_ball_that_no_point_sees_is_not_lost():
+def test_a_ball_between_sample_points_is_found():
     (row,) = integrate(Dataset(grid(Shape.HEXAHEDRON, 2)), "max(0.0009-(x-.37)^2-(y-.41)^2-(z-.43)^2,0)", error=1e-2)
     truth = 8 / 15 * pi * 0.03**5
     assert abs(row.value - truth) <= row.error < 0.1 * truth
 
 
 @pytest.mark.parametrize("shape", BODIES)
-def test_smooth_integrands_keep_what_was_asked_for(shape):
+def test_smooth_integrands_reach_the_requested_error(shape):
     truth = (np.e - 1) * (1 - np.cos(1))
     for error in (1e-3, 1e-6, 1e-9):
         (row,) = integrate(Dataset(grid(shape, 1)), "exp(x)*sin(y)", error=error)
@@ -86,7 +86,7 @@ def test_smooth_integrands_keep_what_was_asked_for(shape):
 
 
 @pytest.mark.parametrize("shape", BODIES)
-def test_gradients_and_normals_on_bent_elements_are_bounded(shape):
+def test_gradients_and_normals_on_curved_elements_are_bounded(shape):
     """A gradient of x is 1; the flux of a constant through a closed surface by its normal's components is 0."""
     mesh = curved(grid(shape, 1), bubble, 3)
     dataset = replace(Dataset(mesh), fields=(approximated(Dataset(mesh), "u", lambda points: points[:, 0], 3),))
@@ -153,14 +153,14 @@ def test_points_in_boxes_have_the_values_of_elements(shape, is_side):
     assert shares.sum() == pytest.approx(whole.quadrature(tuple(count + 4 for count in counts))[1].sum(), rel=1e-6)
 
 
-def test_one_value_of_several_quantities_is_refused():
+def test_a_single_value_of_several_quantities_is_rejected():
     found = integrate(Dataset(grid(Shape.TRIANGLE, 1)), ["x", "y"])
     with pytest.raises(ElvisError, match=r"expected one quantity, found x, y; take one by of\('x'\)\.value"):
         _ = found.value
     assert found.of("y").value == pytest.approx(0.5)
 
 
-def test_what_nothing_bounds_is_called_an_estimate():
+def test_unbounded_integrals_are_called_estimates():
     found = integrate(Dataset(grid(Shape.TRIANGLE, 1)), ["distance(all)", "exp(x)", "x"], error=1e-2)
     assert [row.kind for row in found] == ["estimate", "bound", "exact"]
     assert "(estimate)" in repr(found).splitlines()[1]
@@ -212,7 +212,7 @@ def test_speed_between_walls_takes_few_points(shape, order, is_bent, error, monk
 
 @pytest.mark.parametrize("end", [-1.0, 1.0])
 @pytest.mark.parametrize("remainder", [0.0, 1e-14])
-def test_cofactors_with_their_slack_hold_polynomials(end, remainder):
+def test_cofactors_with_their_slack_contain_polynomials(end, remainder):
     """(1 - end t)^2 (2 + s) and a remainder on the face."""
     counts = (4, 3)
     nodes, _ = box_rule(counts)
@@ -236,7 +236,7 @@ def test_cofactors_with_their_slack_hold_polynomials(end, remainder):
         ("max(x, 2*x*y)", 5 / 8),
     ],
 )
-def test_zeros_on_faces_come_out_of_functions(text, truth):
+def test_zeros_on_faces_of_functions_are_found(text, truth):
     (row,) = integrate(Dataset(grid(Shape.QUADRILATERAL, 2)), text, error=1e-5)
     assert abs(row.value - truth) <= row.error <= 1.01e-5 * truth
     assert row.kind == "bound"

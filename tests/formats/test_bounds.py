@@ -355,7 +355,7 @@ def test_bounds_by_squares_allow_for_rounding(monkeypatch):
     assert above > -16
 
 
-def test_bounds_of_differences_hold_what_nets_are_rounded_by(monkeypatch):
+def test_bounds_of_differences_include_rounding_of_nets(monkeypatch):
     """Nets that are off by a part of the difference bound it by that much more, also after boxes were halved."""
     part, compose = 0.02, Composition.compose
 
@@ -370,7 +370,7 @@ def test_bounds_of_differences_hold_what_nets_are_rounded_by(monkeypatch):
     assert row.bound >= row.linf + part * (1 - 1e-9)
 
 
-def test_errors_of_integrals_along_curves_hold_rounding(monkeypatch):
+def test_errors_of_integrals_along_curves_include_rounding(monkeypatch):
     monkeypatch.setattr(along_curves, "_ROUNDING", 0.1)
     (found,) = integrate(Dataset(grid(Shape.HEXAHEDRON, 1)), "1 + x", "line:0,0.1,0.2:1,0.1,0.2")
     assert found.error >= 0.1 * found.value
@@ -420,7 +420,7 @@ def test_cores_are_graphs_up_to_a_slope_and_a_distance_from_the_unit_matrix(part
         assert graphs.is_graph()[0] == (part < 1), kind
 
 
-def test_bounds_hold_boxes_that_are_left_when_rounds_are_over(monkeypatch):
+def test_bounds_include_boxes_left_after_the_last_round(monkeypatch):
     """A peak of height 1 that no sample comes near, in boxes that could be halved further."""
     monkeypatch.setattr(bounding, "_ROUNDS", 1)
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
@@ -442,7 +442,7 @@ def test_sizes_of_functions_do_not_depend_on_signs():
 
 
 @pytest.mark.parametrize("shift", [0.0, -1 - 1e-9])
-def test_sides_that_are_shared_but_for_rounding_leave_no_gap(shift):
+def test_sides_shared_up_to_rounding_leave_no_gap(shift):
     """Wherever the origin is: rounding is a part of the greatest magnitude."""
     square = np.array([[0.0, 0, -1], [1, 0, -1], [1, 1, -1], [0, 1, -1]])
     square += np.array([shift, shift, -1e-9])

@@ -240,7 +240,7 @@ def test_all_roundings_of_values_are_counted(coarse, shape):
     assert (shift <= 8 * away + 8 * COARSE * value_roundings(own.shape[1:])).all()
 
 
-def test_roundings_of_fields_are_those_of_powers_products_and_sums():
+def test_rounding_of_fields_covers_powers_products_and_sums():
     """b = multinomial * product of powers: on triangles of t1, t2 and 1 - t1 - t2, which three roundings make."""
     triangle, line = BernsteinSpace(Shape.TRIANGLE, (3,)), BernsteinSpace(Shape.SEGMENT, (2,))
     power = compositions.POWER + 2
@@ -280,7 +280,7 @@ def test_halving_and_cutting_add_their_roundings(coarse, shape):
 
 
 @pytest.mark.parametrize("part", [0.99, 1.01])
-def test_places_that_are_far_off_bound_nothing(part):
+def test_distant_points_give_no_bound(part):
     """Gradients and growth change by 1 % where xi is off by a thousandth over the degree, in one direction."""
     composition, boxes = pair(np.random.default_rng(2), Shape.TRIANGLE, 0.0)
     limit = compositions._FAR / composition._inner.total
@@ -315,7 +315,7 @@ def test_nets_of_a_lower_degree_have_the_rounding_of_their_values(monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
-def test_boxes_are_cut_down_to_what_may_meet_elements(shape):
+def test_boxes_are_reduced_to_parts_that_may_meet_elements(shape):
     """Of linear maps: no point in the element is left out; what is left reaches an eighth of a box beyond it."""
     rng = np.random.default_rng(3)
     composition, boxes = pair(rng, shape, 0.0, 1)
@@ -340,7 +340,7 @@ def test_boxes_are_cut_down_to_what_may_meet_elements(shape):
         assert (high[is_met] - np.minimum(high, 1)[is_met] <= room).all()
 
 
-def test_nets_of_a_lower_degree_are_taken_up_to_what_is_allowed():
+def test_nets_of_a_lower_degree_are_used_within_the_tolerance():
     composition, boxes = pair(np.random.default_rng(2), Shape.QUADRILATERAL, 0.0, 3)
     composition._inner.total = 2
     composition._inner.space = BernsteinSpace(Shape.QUADRILATERAL, (1, 1))
@@ -375,7 +375,7 @@ def test_elements_are_prepared_with_all_roundings(monkeypatch, shape):
 
 
 @pytest.mark.parametrize(("greatest", "expected"), [(0.9, 0.0), (1.0, 0.0), (1.1, 7.0)])
-def test_patches_are_compared_if_any_pair_may_exceed_the_difference_found(monkeypatch, greatest, expected):
+def test_patches_are_compared_if_a_pair_may_exceed_the_difference_found(monkeypatch, greatest, expected):
     upper = np.array([0.5, greatest])
     monkeypatch.setattr(overlaps, "_apart", lambda *_: upper)
     monkeypatch.setattr(overlaps, "_roles", lambda one, two, rows, others: [(one, two, rows, others, [0, 1])])

@@ -416,7 +416,7 @@ def test_values_lie_within_bounds_and_some_near_their_ends(claim):
     check(claim, TEETH)
 
 
-def test_graphs_run_along_the_direction_in_which_g_grows_most():
+def test_graphs_run_along_the_direction_of_steepest_growth():
     slopes = np.random.default_rng(3).permuted(np.tile([0.2, 1.0, 3.0], (20, 1)), axis=1)
     index = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"))
     nets = np.einsum("nk,kabc->nabc", slopes, index) - 0.1
@@ -430,7 +430,7 @@ def test_graphs_run_along_the_direction_in_which_g_grows_most():
         assert (graph_orders._steepness(flat)[0] > graph_orders._STEEP) == is_one
 
 
-def test_graphs_have_no_end_or_a_single_one_on_faces():
+def test_graphs_have_at_most_one_end_on_a_face():
     """On a face g has one sign, or a curve with one point on each side of the face."""
     free, single = np.ones((2, 2)), np.array([[-1.0, 3.0], [-2.0, 3.0]])
     for face, is_graph in (
@@ -448,7 +448,7 @@ def test_graphs_have_no_end_or_a_single_one_on_faces():
     assert changes == [0, 1, 2, 1, 0]
 
 
-def test_quadrics_are_the_distances_and_squares_they_stand_for():
+def test_quadrics_equal_their_distances_and_squares():
     places = np.random.default_rng(2).normal(size=(3, 50))
     point, axis = np.array([0.3, -0.2, 0.7]), np.array([0.6, 0.0, -0.8])
     away = places.T - point
@@ -476,7 +476,7 @@ def boxes_of(count, low=-1.0, high=1.0):
     return EtaBoxes("piece", np.arange(count), np.zeros((count, 1)), *corners)
 
 
-def test_boxes_of_a_piece_are_joined_and_halved():
+def test_boxes_of_a_part_are_joined_and_bisected():
     one = boxes_of(2)
     for several in ([one], [one, one.part(np.array([1]))]):
         joined = EtaBoxes.joined(several)
@@ -490,7 +490,7 @@ def test_boxes_of_a_piece_are_joined_and_halved():
 
 
 @pytest.mark.parametrize("texts", [("x",), ("sqrt(x)",), ("x", "sqrt(x)"), ("sqrt(x)", "x")])
-def test_boxes_on_surfaces_are_evaluated_if_their_bounds_or_a_value_may_be_lacking(texts):
+def test_boxes_on_surfaces_are_evaluated_if_bounds_or_values_may_be_missing(texts):
     """An expression of sums and products always has a value; one that isn't bounded on any box of the four is not."""
     roots = [Expression.of(DATASET, text).root for text in texts]
     errors = np.ones((4, len(roots), 2, 1))
@@ -525,7 +525,7 @@ class Boxes(SimpleNamespace):
         return Boxes(self.rows[chosen])
 
 
-def test_surfaces_in_boxes_are_no_larger_than_lines_meet_them():
+def test_areas_in_boxes_are_bounded_by_intersections_with_lines():
     """A line meets g = 0 as often as the degree; faces have the area of their lengths."""
     lengths = np.array([[2.0, 3.0, 5.0]] * 3)
     several, further = np.array([1.0, 2.0, 0.0]), np.array([0.0, 0.5, 0.25])
@@ -574,7 +574,7 @@ def test_polynomials_that_are_zero_are_not_divided():
     assert divided(np.zeros((1, 4)), (4,)).powers.tolist() == [[0, 0]]
 
 
-def test_roots_of_lines_and_parabolas_are_found_whichever_end_is_positive():
+def test_roots_of_lines_and_parabolas_are_found_for_both_signs():
     """A zero counts as positive: on the way up the root is there, on the way down there is none."""
     net = np.array([[-1.0, 0.5, 3.0], [1.0, -0.5, -3.0], [-1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, -1.0, -1.0]])
     root = (np.sqrt(13) - 3) / 2
@@ -605,7 +605,7 @@ def test_boxes_are_chosen_by_their_scores_and_costs():
     assert (scores >= refinement._affordable(scores, np.array([1, 2, 1, 1]), 1)).sum() == 0
 
 
-def test_estimates_are_eight_times_what_rules_differ_by_unless_that_is_rounding():
+def test_estimates_are_eight_times_the_difference_of_rules_above_rounding():
     rules = {(2,): 1.0, (3,): 1.25, (4,): 1.0}
     for rounding, expected in ((0.5, 2.0), (0.99, 2.0), (1.01, 0.0)):
         boxes = SimpleNamespace(rounding=np.full((1, 1), 2.0 * rounding))
@@ -628,14 +628,14 @@ def test_errors_without_bounds_are_eight_times_the_integrals_size():
     assert is_bound.tolist() == [[False], [True], [True]]
 
 
-def test_errors_are_told_in_parts_of_the_sizes_and_without_rounding():
+def test_errors_are_relative_to_sizes_and_exclude_rounding():
     told = []
     total = SimpleNamespace(error=np.array([3.0, 1.0, np.nan]), rounding=np.array([1.0, 1.0, 0.0]))
     Summation._tell(SimpleNamespace(_reached=told.append), total, np.array([4.0, 1.0, 1.0]))
     assert told == [0.5]
 
 
-def test_shares_of_directions_are_those_of_the_next_rule():
+def test_shares_of_directions_match_those_of_the_next_rule():
     """Boxes are halved in the direction in which the second smallest rule is wrong by most."""
     errors = np.ones((1, 1, 2, 4))
     errors[0, 0, 0, 1], errors[0, 0, 1, 2:] = 9.0, 99.0
@@ -660,12 +660,12 @@ def test_shares_of_directions_are_those_of_the_next_rule():
         "normal::0.5,0.5,2:1",
     ],
 )
-def test_curves_without_a_length_are_refused(text):
+def test_curves_without_length_are_rejected(text):
     with pytest.raises(ElvisError, match="expected"):
         Curve.parse(Dataset(grid(Shape.HEXAHEDRON, 1)), text)
 
 
-def test_splines_pass_their_points_with_one_slope_and_one_bend():
+def test_splines_pass_through_their_points_with_continuous_curvature():
     points = np.array([[0.0, 0, 0], [1, 0.5, 0], [1.5, 2, 0.3], [2, 2, 2]])
     text = "spline:" + ":".join(",".join(map(str, point)) for point in points.tolist())
     curve, step = Curve.parse(DATASET, text), 1e-4
@@ -689,7 +689,7 @@ def test_splines_pass_their_points_with_one_slope_and_one_bend():
         assert np.abs(near[1] - near[0]).max() / step < 1e-2
 
 
-def test_slacks_and_zeros_count_at_real_points_alone():
+def test_slacks_and_zeros_count_only_at_real_points():
     """The first column; other columns are those of ellipses."""
     middle, radius, slack = np.full((2, COUNT, 1), 2.0), np.full((2, COUNT, 1), 0.5), np.full((2, COUNT, 1), 0.1)
     wider = np.concatenate([radius, 3 * radius], axis=2)

@@ -178,7 +178,7 @@ def test_values_lie_within_bounds_and_some_near_their_ends(claim):
 
 
 @pytest.mark.parametrize(("part", "is_empty"), [(0.99, False), (1.01, True)])
-def test_cells_whose_image_keeps_away_by_more_than_the_slack_have_no_root(part, is_empty):
+def test_cells_with_images_beyond_the_slack_have_no_root(part, is_empty):
     """In one coordinate, at the one end or at the other; the map is constant there."""
     for way in (-1, 1):
         for coordinate in range(3):
@@ -330,7 +330,7 @@ class Sized(SimpleNamespace):
         return 1
 
 
-def test_polynomials_are_not_halved_below_their_error(monkeypatch):
+def test_polynomials_are_not_subdivided_below_their_error(monkeypatch):
     """A bound that is as near as rounding, or as the tolerance, is near enough."""
     monkeypatch.setattr(descent._Boxes, "halves", lambda self: 1 / 0)
     net = np.array([[1.0, 0.95, 1.0]])
@@ -342,7 +342,7 @@ def test_polynomials_are_not_halved_below_their_error(monkeypatch):
         descent.least(net, np.full(1, 0.04), np.full(1, 9.0))
 
 
-def test_flows_may_turn_more_by_the_rounding_of_their_invariants(monkeypatch):
+def test_rotation_of_flows_includes_rounding_of_their_invariants(monkeypatch):
     """In a shear layer, where gradients are large beside their eigenvalues: y and r off by parts of its powers."""
     part = 1e-6
     monkeypatch.setattr(core_turning, "_ROUNDING", part)
@@ -360,7 +360,7 @@ def test_flows_may_turn_more_by_the_rounding_of_their_invariants(monkeypatch):
         assert core_turning.turns_less(replace(boxes, least=boxes.least * 1.2))[0]
 
 
-def test_graphs_by_rotation_are_known_where_all_rotations_have_its_side():
+def test_graphs_by_rotation_are_decided_if_all_rotations_agree():
     """The worst entries of gradients within their ranges, all corners of which are tried."""
     rng = np.random.default_rng(8)
     wide = rng.uniform(0.3, 1.5, (COUNT, 1, 1, 1, 1)) * rng.uniform(-1, 1, (COUNT, 9, 2, 2, 2))
@@ -380,7 +380,7 @@ def test_graphs_by_rotation_are_known_where_all_rotations_have_its_side():
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_halves_of_boxes_have_their_ends_and_the_values_there(axis):
+def test_halves_of_boxes_have_their_ends_and_end_values(axis):
     rng = np.random.default_rng(axis)
     gradient, above = rng.normal(size=(COUNT, 9, 3, 3, 3)), rng.normal(size=(COUNT, 3, 3, 3, 3))
     boxes = CoreBoxes.whole(np.arange(COUNT), above, gradient, np.zeros(COUNT), True)
@@ -399,7 +399,7 @@ def test_halves_of_boxes_have_their_ends_and_the_values_there(axis):
 
 
 @pytest.mark.parametrize(("part", "axis"), [(0.9, 0), (1.1, 1)])
-def test_boxes_are_halved_where_their_bend_times_the_degree_is_greatest(part, axis):
+def test_boxes_are_bisected_along_maximum_curvature_times_degree(part, axis):
     """Second differences of 1.5 and of 0.9 part, times 3 and 5."""
     net = np.zeros((1, 3, 5))
     net[0, 1, :] -= 0.75
@@ -435,7 +435,7 @@ def test_all_roundings_of_quick_determinants_are_counted(monkeypatch):
 
 @pytest.mark.parametrize(("part", "is_known"), [(0.99, True), (1.01, False)])
 @pytest.mark.parametrize("trace", [-1.9, 1.9])
-def test_eigenvalues_are_known_while_no_other_may_be_in_their_range(trace, part, is_known):
+def test_eigenvalues_are_identified_while_their_range_contains_no_other(trace, part, is_known):
     """One entry up to x and a constant 1: D = |P| x, and Q is at least 1 - x, so that 8 P^2 x <= (1 - x)^2."""
     ratio = 8 * trace**2 / part
     x = 1 + ratio / 2 - np.sqrt((1 + ratio / 2) ** 2 - 1)

@@ -213,7 +213,7 @@ def test_operations_of_models_round_values(monkeypatch):
 
 
 @pytest.mark.parametrize("count", [2, 6, 15])
-def test_roundings_of_series_are_those_of_three_passes(count):
+def test_rounding_of_series_covers_three_passes(count):
     """Products and sums of all terms, each away from zero, with tables that are off by 8 units."""
     of_sums = 3 * (count + 8) * UNIT
     of_kernels = (15 * count**2 + 3 * count) * UNIT
@@ -226,7 +226,7 @@ def test_roundings_of_series_are_those_of_three_passes(count):
         assert counted * (1 - 1e-12) <= found <= 2.1 * counted
 
 
-def test_errors_of_norms_hold_those_of_integrals_and_rounding(monkeypatch):
+def test_errors_of_norms_include_those_of_integrals_and_rounding(monkeypatch):
     monkeypatch.setattr(difference, "_ROUNDING", 0.01)
     value, error, measure = np.arange(1.0, 7.0), np.arange(0.1, 0.7, 0.1), np.array([2.0, 2, 2, 2, 4, 8])
     sums = SimpleNamespace(value=value, error=error, measure=measure)
@@ -240,7 +240,7 @@ def test_errors_of_norms_hold_those_of_integrals_and_rounding(monkeypatch):
     assert found.covered_error == pytest.approx(1.1 / 8)
 
 
-def test_errors_of_groups_hold_rounding_and_what_surfaces_move():
+def test_errors_of_groups_include_rounding_and_moved_surfaces():
     """Boxes whose error is below their rounding are not improved."""
     measure, rounding, moved = np.array([[2.0], [3.0]]), np.array([[0.1], [0.2]]), np.array([[0.05], [0.0]])
     nothing = np.zeros((2, 1))

@@ -132,7 +132,7 @@ def test_values_lie_within_bounds_and_some_near_their_ends(claim):
 
 @pytest.mark.parametrize("part", [0.99, 1.01])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_boxes_meet_if_their_errors_reach_each_other(part, axis):
+def test_boxes_within_their_errors_overlap(part, axis):
     """On either side of one another."""
     rng = np.random.default_rng(1)
     places = rng.uniform(0, 1, (COUNT, 2, 2, 2))
@@ -147,7 +147,7 @@ def test_boxes_meet_if_their_errors_reach_each_other(part, axis):
 
 
 @pytest.mark.parametrize("corners", [2, 3, 4])
-def test_quadratic_functions_are_least_where_no_sample_is_less(corners):
+def test_minima_of_quadratic_functions_are_below_all_samples(corners):
     rng = np.random.default_rng(corners)
     a, b = rng.normal(size=(2, 400))
     c = rng.normal(size=400)
@@ -180,7 +180,7 @@ def test_quadratic_functions_are_least_where_no_sample_is_less(corners):
 
 
 @pytest.mark.parametrize("part", [0.99, 1.01])
-def test_squared_distances_are_convex_and_steady_up_to_what_they_change_by(part):
+def test_convexity_and_monotonicity_of_squared_distances_hold_up_to_their_change(part):
     """Derivatives s, t and mixed ones, of either sign, against the worst matrix within the changes."""
     rng = np.random.default_rng(3)
     change = rng.uniform(0.1, 0.5, (COUNT, 2, 2))
@@ -208,7 +208,7 @@ def test_squared_distances_are_convex_and_steady_up_to_what_they_change_by(part)
 
 
 @pytest.mark.parametrize("corners", [2, 3, 4])
-def test_distances_to_linear_patches_are_those_of_samples(corners):
+def test_distances_to_linear_patches_match_those_of_samples(corners):
     rng = np.random.default_rng(corners)
     coefficients = rng.normal(size=(COUNT, 1 if corners == 2 else 2, 2, 3))
     patches = SurfacePatches(corners, coefficients, np.zeros(COUNT, int), np.zeros(COUNT, int))
@@ -227,7 +227,7 @@ def test_distances_to_linear_patches_are_those_of_samples(corners):
 
 
 @pytest.mark.parametrize(("part", "is_told"), [(0.99, False), (1.01, True)])
-def test_components_have_no_zero_if_they_exceed_their_rounding(part, is_told):
+def test_components_above_their_rounding_have_no_zero(part, is_told):
     for way in (-1, 1):
         for component in (0, 1):
             nets = np.random.default_rng(2).normal(size=(COUNT, 2, 3, 3))
@@ -256,7 +256,7 @@ def test_roots_of_cubics_have_regions_by_the_sign_of_their_level():
     assert side(root, 0.1, 1).kind == "product"
 
 
-def test_sizes_of_sums_are_those_of_their_terms():
+def test_sizes_of_sums_match_those_of_their_terms():
     """Also where these cancel, as rounding does not."""
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
     for text, size in (("x - y", 5.0), ("x + y", 5.0), ("x*y", 6.0), ("x^2", 4.0), ("x^-2", 0.25)):

@@ -26,7 +26,7 @@ def held(boxes, points):
 
 @pytest.mark.parametrize("shape", list(Shape))
 @pytest.mark.parametrize("n", [2, 3, 6])
-def test_boxes_hold_their_elements(shape, n):
+def test_boxes_contain_their_elements(shape, n):
     mesh = curved(one_element(shape), ripple(0.4, n), n)
     (patch,) = patches(Dataset(mesh))
     lattice = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * shape.dimension), axis=-1).reshape(-1, shape.dimension)
@@ -58,7 +58,7 @@ def test_boxes_are_rounded_outwards(offset):
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 4, 5, 8, 9, 100, 1000])
 @pytest.mark.parametrize("leaf", [1, 4, 8])
-def test_candidates_are_those_of_a_full_search(count, leaf):
+def test_candidates_match_those_of_a_full_search(count, leaf):
     boxes, points = random_boxes(count, count), np.random.default_rng(leaf).random((500, 3))
     tree = BoxTree.build(boxes, leaf)
     point, element = tree.candidates(points)

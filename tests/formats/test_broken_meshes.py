@@ -28,7 +28,7 @@ def with_ids_from(mesh, shape, first):
     return replace(mesh, entities={**mesh.entities, shape: moved}, domains={})
 
 
-def test_edges_that_form_no_polygon():
+def test_edges_that_do_not_form_a_polygon():
     mesh = with_ids_from(mixed_plane(), Shape.TRIANGLE, 100)
     edges = mesh.of(Shape.TRIANGLE).members[1]
     with pytest.raises(FormatError, match="triangle 101: expected edges that form a closed polygon, found edges from"):
@@ -39,7 +39,7 @@ def test_edges_that_form_no_polygon():
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
-def test_faces_that_form_no_solid(shape):
+def test_faces_that_do_not_form_a_solid(shape):
     mesh = with_ids_from(grid(shape, 2), shape, 40)
     faces = mesh.of(shape).members
     other = next(row for row in faces if not set(row) & set(faces[2]))
@@ -60,7 +60,7 @@ def test_faces_of_the_wrong_kind(shape):
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.PYRAMID])
-def test_triangles_collapsed_elsewhere(shape):
+def test_triangles_collapsed_at_other_vertices(shape):
     mesh = with_ids_from(one_element(shape), shape, 7)
     last = mesh.of(shape).members[0, 1]
     turned = broken(mesh, Shape.TRIANGLE, last, np.roll(mesh.of(Shape.TRIANGLE).members[last], 1))
@@ -103,7 +103,7 @@ def test_curves_of_unknown_kinds_and_counts():
             geometry(Dataset(case))
 
 
-def test_absurd_orders_are_refused_at_once():
+def test_absurd_orders_are_rejected_at_once():
     mesh = mixed_plane()
     count = 1 << 20
     curve = Curves(frozen_ints([0]), frozen_ints([17]), frozen_ints([0, count]), np.zeros((count, 3)))

@@ -106,7 +106,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
 
 @pytest.mark.parametrize("text", EXPRESSIONS)
 @pytest.mark.parametrize("count", [5, 7])
-def test_no_remainder_is_less_than_the_difference(text: str, count: int) -> None:
+def test_no_remainder_is_below_the_true_difference(text: str, count: int) -> None:
     found, bounds = differences(text, count, 0.5, seed=count)
     assert np.isfinite(bounds).all()
     assert (found <= 1.001 * bounds + [[1e-13], [1e-9], [1e-5]]).all()
@@ -136,7 +136,7 @@ def test_products_carry_the_remainders_of_their_factors() -> None:
         assert quotient.error >= error / (least * (least + error))
 
 
-def test_reciprocals_of_what_vanishes_have_no_model() -> None:
+def test_reciprocals_of_vanishing_functions_have_no_model() -> None:
     series = random_series(1, 4, 3)
     leaves = BoxLeaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 8)
     assert np.isinf(leaves.value(0).reciprocal().remainder).all()
@@ -152,7 +152,7 @@ def test_series_on_a_half_are_the_same_polynomials() -> None:
         )
 
 
-def test_boxes_hold_all_of_a_level() -> None:
+def test_boxes_contain_the_whole_level_set() -> None:
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
@@ -184,7 +184,7 @@ def test_boxes_hold_all_of_a_level() -> None:
         assert np.abs(places - values(series[boxes.element[number], 0], point / ROOM)).max() < 1e-12
 
 
-def test_elements_without_numbers_or_with_a_flat_map_have_no_model() -> None:
+def test_elements_with_nan_or_flat_maps_have_no_model() -> None:
     series = random_series(3, 3, 5)
     series[1, 3] = np.nan
     series[2, 2] = 0.0
@@ -201,7 +201,7 @@ def test_only_sums_products_and_quotients_have_models() -> None:
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_no_box_has_no_halves(axis: int) -> None:
+def test_an_empty_list_of_boxes_has_no_halves(axis: int) -> None:
     """A search halves boxes of which none may hold the level."""
     assert half_along(np.zeros((0, 3, 4, 4, 4)), axis, 1).shape == (0, 3, 4, 4, 4)
     assert shells_of(np.zeros((0, 4, 4, 4))).shape == (0, 4)

@@ -53,7 +53,7 @@ def test_level_sets_through_the_apex_of_pyramids():
         assert abs(found.value - truth) <= found[0].error < 1e-3 * truth
 
 
-def test_the_error_of_an_integral_that_is_zero_is_told_as_it_is():
+def test_the_error_of_a_zero_integral_is_absolute():
     """Not in parts of a size that is rounding: p on a parabola p = 0 that touches the border of a square."""
     bare = Dataset(grid(Shape.QUADRILATERAL, 1))
     level = approximated(bare, "p", lambda p: p[:, 1] - (p[:, 0] - 0.5) ** 2, 4)

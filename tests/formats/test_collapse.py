@@ -27,7 +27,7 @@ def test_every_shape_is_listed():
 
 
 @pytest.mark.parametrize("shape", Shape)
-def test_there_and_back(shape):
+def test_round_trip(shape):
     eta = inside(shape)
     assert np.abs(collapse(shape, uncollapse(shape, eta)) - eta).max() < 1e-12
 
@@ -50,7 +50,7 @@ def test_the_jacobian_integrates_to_the_volume(shape):
 
 
 @pytest.mark.parametrize("shape", Shape)
-def test_vertices_go_to_finite_points_and_back(shape):
+def test_vertices_map_to_finite_points_and_back(shape):
     eta = collapse(shape, shape.vertices)
     assert np.isfinite(eta).all()
     assert np.abs(uncollapse(shape, eta) - shape.vertices).max() < 1e-15

@@ -63,7 +63,7 @@ def test_turned_and_renumbered_elements_are_found(seed, bend):
     np.testing.assert_allclose(values, [(p[0] / 4, 0.25) for p in points], atol=1e-12)
 
 
-def test_some_elements_are_common_and_others_are_not():
+def test_only_equal_elements_are_common():
     """One of two quadrilaterals is two triangles in the second mesh: it alone is located in."""
     plane = mixed_plane()
     rows = {Shape.QUADRILATERAL: [[5, 4, 0, 1]], Shape.TRIANGLE: [[2, 6, 1], [6, 5, 1], [2, 3, 7], [2, 7, 6]]}
@@ -77,7 +77,7 @@ def test_some_elements_are_common_and_others_are_not():
     assert found[0].where[0] == pytest.approx(3, abs=1e-12)
 
 
-def test_maps_apart_by_rounding_are_told():
+def test_maps_that_differ_by_rounding_are_reported():
     """And by more they are not the same."""
     own = with_field(mixed_volume(), quadratic, 3)
     for shift, is_same in ((1e-12, True), (1e-9, False)):

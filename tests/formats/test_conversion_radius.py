@@ -53,7 +53,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_each_term_covers_what_a_perturbation_does(name):
+def test_each_term_covers_the_effect_of_a_perturbation(name):
     perturbed, errors, place, text = CASES[name]
     truth = with_field(grid(Shape.HEXAHEDRON, 1), flow, 3)
     data = recorded(perturbed(), **errors)
@@ -86,6 +86,6 @@ def test_exact_data_state_no_error():
     assert quantity_norms(truth, [Expression.of(truth, "u^2")])["u^2"].l2_error == 0
 
 
-def test_what_is_not_known_is_infinite():
+def test_unknown_radii_are_infinite():
     data = recorded(with_field(grid(Shape.HEXAHEDRON, 1), flow, 3), field=(SIZE, SIZE))
     assert sample(data, "d(d(u,x),y)", PLACE).errors[0, 0] == np.inf

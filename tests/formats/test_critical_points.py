@@ -74,7 +74,7 @@ def brute_force(functions, dimension, starts=400):
 @pytest.mark.parametrize("bend", [0.0, 0.04])
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.sampled(least=10, free=("seed",))
-def test_none_is_missed_and_none_invented(shape, bend, seed):
+def test_all_are_found_and_none_is_spurious(shape, bend, seed):
     """Of fields in straight elements; in bent ones of polynomials of the coordinates, which are in every space there.
 
     A polynomial of the coordinates itself is not: on a bent pyramid it is rational in the reference coordinates.
@@ -265,7 +265,7 @@ def above_floor(shape, functions, bend):
 @pytest.mark.parametrize("bend", [0.0, 1.0])
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.sampled(least=6, free=("seed",))
-def test_on_walls_none_is_missed_and_none_invented(shape, bend, seed):
+def test_all_on_walls_are_found_and_none_is_spurious(shape, bend, seed):
     functions = random_field(2, 2, seed)
     found = wall_points(above_floor(shape, functions, bend), "floor")
     truth = brute_force(functions, 2)
@@ -342,7 +342,7 @@ def test_a_cavity_has_one_point_on_its_floor():
     assert point.place == pytest.approx((0.4, 0.6, 0), abs=1e-10)
 
 
-def test_a_fluid_that_slides_is_told():
+def test_slip_at_walls_is_reported():
     dataset = data(grid(Shape.PRISM, 1), [lambda p: 1 + p[:, 0], lambda p: p[:, 1], lambda p: p[:, 2]])
     with pytest.raises(ElvisError, match="zero on the wall all, found"):
         wall_points(dataset, "all")

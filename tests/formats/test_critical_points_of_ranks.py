@@ -27,7 +27,7 @@ def at_vertices(mesh):
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PYRAMID, None])
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.sampled(least=5)
-def test_critical_points_of_parts_are_those_of_the_whole(shape, size):
+def test_critical_points_of_parts_match_those_of_the_whole(shape, size):
     """Zeros on sides between parts are found once."""
     dataset = at_vertices(mixed_volume() if shape is None else grid(shape, 2))
     whole = critical_points(dataset)
@@ -42,7 +42,7 @@ def test_critical_points_of_parts_are_those_of_the_whole(shape, size):
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.PRISM])
-def test_points_on_the_outer_boundary_are_left_out_whoever_has_the_side(shape):
+def test_points_on_the_outer_boundary_are_skipped_by_every_rank(shape):
     """Of parts of an element each some touch the boundary with a vertex or an edge alone, where there is a zero."""
     dataset = at_vertices(grid(shape, 2))
     ids = dataset.mesh.of(shape).ids

@@ -44,7 +44,7 @@ def around(corners, random):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_rays_wind_as_often_as_solid_angles_say(seed):
+def test_winding_numbers_of_rays_match_solid_angles(seed):
     random = np.random.default_rng(seed)
     corners = bodies(random)
     places = around(corners, random)
@@ -54,7 +54,7 @@ def test_rays_wind_as_often_as_solid_angles_say(seed):
     assert len(np.unique(found)) > 1
 
 
-def test_points_on_triangles_are_left_to_solid_angles():
+def test_points_on_triangles_are_decided_by_solid_angles():
     corners = np.asarray(trimesh.creation.box((1, 1, 1)).triangles)
     found, rest = windings(corners, np.zeros((12, 3)), np.array([[0.5, 0.1, 0.2], [0.4, 0.1, 0.2], [0.5, 0.5, 0.5]]))
     assert rest.tolist() == [0, 2]
@@ -62,7 +62,7 @@ def test_points_on_triangles_are_left_to_solid_angles():
 
 
 @pytest.mark.parametrize("bend", [0.05, 0.2])
-def test_sides_of_bent_faces_are_those_by_solid_angles(monkeypatch, bend):
+def test_sides_of_curved_faces_match_solid_angles(monkeypatch, bend):
     # maps of order 4, whose patches are cut more finely on one side than on the other
     dataset = Dataset(curved(mixed_volume(), ripple(bend), 4))
     sure = []
@@ -96,7 +96,7 @@ def test_a_ray_through_a_gap_is_not_counted(monkeypatch):
     assert len(rest) < 1000
 
 
-def test_rays_in_the_plane_cross_as_many_lines_as_without_a_tree():
+def test_rays_in_the_plane_cross_the_same_lines_with_a_tree():
     random = np.random.default_rng(4)
     ends = np.concatenate([random.uniform(-1, 1, (300, 2, 2)), np.zeros((300, 2, 1))], axis=2)
     ends[:50] = np.round(ends[:50])

@@ -82,13 +82,13 @@ def test_even_steps_of_length():
         ("normal:0.5,0.5,0:1", "expected normal:BOUNDARY:POINT:LENGTH"),
     ],
 )
-def test_what_is_no_curve_is_refused(over, sentence):
+def test_invalid_curves_are_rejected(over, sentence):
     with pytest.raises(ElvisError) as error:
         integrate(Dataset(grid(Shape.HEXAHEDRON, 1)), "length", over)
     assert sentence in str(error.value)
 
 
-def test_normals_and_layers_need_what_they_are_of():
+def test_normals_and_layers_need_their_boundary():
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
     with pytest.raises(ElvisError, match="nx is only known on boundaries and cuts, not on line"):
         integrate(dataset, "nx", "line:0,0:1,1")

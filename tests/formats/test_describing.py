@@ -41,7 +41,7 @@ def test_its_parts_are_one_line_each(dataset):
     ],
     ids=["solid", "flat"],
 )
-def test_data_without_fields_say_so(mesh, told):
+def test_data_without_fields_are_described_as_such(mesh, told):
     assert repr(Dataset(mesh)) == told
 
 
@@ -51,7 +51,7 @@ def test_many_fields_are_counted(dataset):
     assert len(repr(many)) < 200
 
 
-def test_a_notebook_gets_a_table_whatever_names_hold(dataset):
+def test_a_notebook_gets_a_table_for_all_names(dataset):
     wild = replace(dataset, fields=(*dataset.fields, Field("<b>&", ())))
     table = ElementTree.fromstring(wild._repr_html_())
     assert [row[0].text for row in table.iter("tr")] == ["field", "p", "u", "<b>&"]

@@ -124,7 +124,7 @@ def common_points(composition, boxes, inner, count):
 
 
 @pytest.mark.parametrize("shape", [*PLANE, *SPACE])
-def test_nets_of_elements_are_off_by_less_than_is_told(shape):
+def test_errors_of_nets_of_elements_are_below_the_stated_bound(shape):
     """Of the field and the coordinates, far from the origin, at first and after halving."""
     patch = placed(shape, 1, 0.05, 1000.0)
     d, row, rng = patch.dimension, 1 % len(patch), np.random.default_rng(2)
@@ -150,7 +150,7 @@ def test_nets_of_elements_are_off_by_less_than_is_told(shape):
 
 
 @pytest.mark.parametrize("shape", [shape for shape in (*PLANE, *SPACE) if shape is not Shape.PYRAMID])
-def test_inverse_maps_are_off_by_less_than_is_told(shape):
+def test_errors_of_inverse_maps_are_below_the_stated_bound(shape):
     """In elements that lie far from the origin, so that hexahedra are affine to rounding alone."""
     patch = placed(shape, 4, 0.0, 1000.0)
     (side,) = sides([patch])
@@ -162,7 +162,7 @@ def test_inverse_maps_are_off_by_less_than_is_told(shape):
 
 
 @pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.TETRAHEDRON])
-def test_halving_and_cutting_add_their_own_rounding(shape):
+def test_bisecting_and_cutting_add_rounding(shape):
     """To nets that are exact at first, many times: in each direction of a box around one place."""
     patch = placed(shape, 7)
     d, rng = patch.dimension, np.random.default_rng(8)
@@ -202,7 +202,7 @@ def test_parts_of_boxes_are_exact(degree):
 
 
 @pytest.mark.parametrize("shape", [*PLANE, *SPACE])
-def test_extremes_hold_what_nets_are_rounded_by(shape):
+def test_extrema_include_rounding_of_nets(shape):
     """A difference of polynomials of other degrees, and its halves, against exact values."""
     rng = np.random.default_rng(1)
     one, two = placed(shape, 1), placed(shape, 2)
@@ -246,7 +246,7 @@ def beyond(space, net, xi):
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(("outer", "inner"), PAIRS)
-def test_values_of_differences_are_off_by_less_than_is_told_far_beyond_elements(outer, inner):
+def test_errors_of_differences_far_beyond_elements_are_below_the_stated_bound(outer, inner):
     """At Chebyshev points of a box, for the polynomial of its own nets; a part of that is reached."""
     one, two = placed(outer, 3, 0.05), placed(inner, 4)
     (ours,), (theirs,) = sides([one]), sides([two])

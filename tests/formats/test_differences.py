@@ -28,7 +28,7 @@ def with_p(mesh, function=cubic, modes=4):
 
 
 @pytest.mark.parametrize(("first", "second"), [(Shape.TETRAHEDRON, Shape.HEXAHEDRON), (Shape.PYRAMID, Shape.PRISM)])
-def test_one_function_on_two_meshes_does_not_differ(first, second):
+def test_one_function_on_two_meshes_has_no_difference(first, second):
     """Range 2: every norm is below 1e-11 of it, and so is what the maximum is proved to be at most."""
     found = diff(with_p(grid(first, 1)), with_p(grid(second, 1), modes=5), error=0.1)[0]
     assert max(found.l1, found.l2, found.linf) < 2e-11
@@ -49,7 +49,7 @@ def turned(mesh):
     ("first", "second"),
     [(a, b) for a in Shape for b in Shape if 1 < a.dimension == b.dimension and b is not Shape.PYRAMID],
 )
-def test_the_maximum_of_what_is_one_function_is_proved_to_be_rounding(first, second, bend):
+def test_the_maximum_difference_of_one_function_is_proved_to_be_rounding(first, second, bend):
     """1e-11 of the range, 2, whichever elements meet; x is one on bent elements, too."""
     mesh = grid(first, 2)
     mesh = curved(mesh, ripple(bend), 3) if bend else mesh
@@ -106,7 +106,7 @@ def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
     assert row.linf == pytest.approx(abs(y**2 / 2 + x / 4), abs=1e-3 * any(bends) + 1e-12)
 
 
-def test_the_greatest_value_is_that_of_corners_where_points_have_less():
+def test_the_maximum_at_corners_is_found():
     """A peak that no point of the search lies on is found by halving boxes, within 1e-4, and has the value."""
 
     def peak(p):
@@ -126,7 +126,7 @@ def test_the_greatest_value_is_that_of_corners_where_points_have_less():
     assert found.element == sample(own, "p", [found.place]).location.element_id[0]
 
 
-def test_fields_on_bent_elements_of_both_are_bounded_by_their_ranges_on_boxes():
+def test_fields_on_curved_elements_of_both_are_bounded_by_ranges_on_boxes():
     meshes = [curved(grid(shape, 1), ripple(0.05), 3) for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL)]
     own, other = with_p(meshes[0], lambda p: p[:, 0], 5), with_p(meshes[1], lambda p: 3 - p[:, 0], 5)
     found = diff(own, other, error=0.5)
@@ -136,7 +136,7 @@ def test_fields_on_bent_elements_of_both_are_bounded_by_their_ranges_on_boxes():
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.sampled(least=2, free=("seed",))
-def test_no_point_has_a_greater_difference_on_bent_meshes(seed):
+def test_no_point_on_curved_meshes_exceeds_the_maximum_difference(seed):
     """Of waves and a narrow peak on two bent meshes: no sample is greater, and the bound is close."""
     rng = np.random.default_rng(seed)
     d = 2 + seed % 2
@@ -167,7 +167,7 @@ def test_no_point_has_a_greater_difference_on_bent_meshes(seed):
     assert told == (found[0].bound > 1.001 * found[0].linf)
 
 
-def test_elements_of_parallel_sides_are_bounded_as_closely():
+def test_parallelepipeds_are_bounded_as_closely():
     """Cubic waves on two grids of hexahedra, whose difference is about the same at thousands of places."""
 
     def wave(p):
@@ -183,7 +183,7 @@ def test_elements_of_parallel_sides_are_bounded_as_closely():
     assert values.values.max() <= found.bound <= found.value * 1.0002
 
 
-def test_cubic_fields_on_bent_hexahedra_are_bounded_as_closely():
+def test_cubic_fields_on_curved_hexahedra_are_bounded_as_closely():
     """Differences have degree 18 each way in these; nets of a lower one are near enough."""
 
     def wave(p):
@@ -218,7 +218,7 @@ def test_families_show_their_order(modes):
 
 @pytest.mark.sampled(least=3, free=("shape",))
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
-def test_inverted_elements_hold_what_they_cover(shape):
+def test_inverted_elements_contain_the_points_they_cover(shape):
     """The second mesh is a mirror image, with negative Jacobians: points inside, on borders and corners have values."""
     first = Shape.HEXAHEDRON if shape.dimension == 3 else Shape.TRIANGLE
     mesh = grid(shape, 1)
@@ -237,7 +237,7 @@ def test_inverted_elements_hold_what_they_cover(shape):
     assert np.isnan(sample(own.with_others(ref=other), "p - ref:p", [(1.5, 0, 0)]).values).all()
 
 
-def test_a_folded_element_of_the_second_covers_what_its_map_reaches():
+def test_a_folded_element_of_the_second_covers_the_image_of_its_map():
     """A corner of a quadrilateral is moved so far that it folds: values there are those of either sheet, x + y."""
     mesh = grid(Shape.QUADRILATERAL, 2)
     vertices = mesh.vertices.copy()
@@ -257,7 +257,7 @@ def half(points):
     return points * [0.5, 1, 1]
 
 
-def test_where_the_second_has_nothing_is_left_out_and_told():
+def test_the_part_outside_the_second_mesh_is_excluded_and_reported():
     """The second fills x < 0.5: the integral of (p - q)^2 = x^2 there is 1/24; points of its border count."""
     small = grid(Shape.TRIANGLE, 2)
     small = replace(small, vertices=half(small.vertices))
@@ -276,7 +276,7 @@ def test_where_the_second_has_nothing_is_left_out_and_told():
     assert "has no value on 0.5 of domain" in whole.remarks[0]
 
 
-def test_data_without_a_common_place_have_no_difference():
+def test_data_without_overlap_have_no_difference():
     flat, solid = (with_p(grid(shape, 1), lambda p: p[:, 0]) for shape in (Shape.QUADRILATERAL, Shape.HEXAHEDRON))
     far = with_p(replace(flat.mesh, vertices=9 + flat.mesh.vertices), lambda p: p[:, 0])
     for other in (solid, far):
@@ -285,7 +285,7 @@ def test_data_without_a_common_place_have_no_difference():
             diff(other, flat)
 
 
-def test_the_covered_part_has_an_error_that_holds():
+def test_the_error_of_the_covered_part_is_valid():
     """The second fills x < 0.45, inside elements of the first."""
     small = grid(Shape.TRIANGLE, 2)
     small = replace(small, vertices=small.vertices * [0.45, 1, 1])
@@ -293,7 +293,7 @@ def test_the_covered_part_has_an_error_that_holds():
     assert abs(row.covered - 0.45) < row.covered_error < 0.1
 
 
-def test_what_cannot_be_compared_or_named():
+def test_invalid_comparisons_are_rejected():
     own = with_p(grid(Shape.TRIANGLE, 1))
     with pytest.raises(ElvisError, match="expected fields of the same names in both datasets, found p and none"):
         diff(own, Dataset(own.mesh))

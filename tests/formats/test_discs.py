@@ -95,7 +95,7 @@ def test_values_of_powers_lie_in_the_discs(exponent):
 
 
 @pytest.mark.parametrize("name", ["abs", "sign", "min", "max", "step", "atan2"])
-def test_branches_are_told_only_where_real_numbers_in_the_discs_share_them(name):
+def test_branches_are_decided_only_if_all_real_numbers_in_the_discs_share_them(name):
     rng = np.random.default_rng(5)
     operands = [random_discs(rng) for _ in range(EVERY[name].arity)]
     points = [inside(rng, own).real for own in operands]
@@ -161,7 +161,7 @@ def test_middle_eigenvalues_of_symmetric_matrices_lie_in_the_discs():
 
 
 @pytest.mark.parametrize("name", [name for name in ANALYTIC if EVERY[name].arity == 1])
-def test_small_discs_are_as_small_as_the_linear_map_makes_them(name):
+def test_small_discs_are_as_small_as_their_linear_map(name):
     middle, radius = np.linspace(0.2, 0.8, 7), 1e-5
     found = EVERY[name].disc((middle, np.full(7, radius)))[1]
     slopes = [abs(float(mpmath.diff(getattr(mpmath, name), m))) for m in middle]
@@ -183,7 +183,7 @@ def test_rounding_of_operations_is_in_the_radius():
     assert (found[1] < 1e-13 * np.maximum(1.0, np.abs(found[0]))).all()
 
 
-def test_a_branch_that_is_not_taken_counts_nothing():
+def test_an_unused_branch_has_no_effect():
     """0 times what may have a pole."""
     found = OPERATORS["*"].disc((np.zeros(1), np.zeros(1)), (np.array([np.nan]), np.array([np.inf])))
     assert found[0] == 0
@@ -229,7 +229,7 @@ def test_real_parts_of_squares_are_above_their_bounds():
 
 
 @pytest.mark.parametrize("part", [0.99, 1.01])
-def test_middle_eigenvalues_are_known_until_another_may_meet_them(part):
+def test_middle_eigenvalues_are_identified_until_another_may_coincide(part):
     """Matrices with eigenvalues -1, 0.5 and 1 may change by half the gap of 0.5: by their rows."""
     rng = np.random.default_rng(11)
     turns = np.linalg.qr(rng.normal(size=(COUNT, 3, 3)))[0]
@@ -248,7 +248,7 @@ def test_middle_eigenvalues_are_known_until_another_may_meet_them(part):
             assert np.abs(radius - 0.25 * part).max() < 1e-12
 
 
-def test_angles_are_known_off_the_half_line_that_they_jump_across():
+def test_angles_are_continuous_off_their_branch_cut():
     """As tight as the linear map: (r_y |x| + r_x |y|) / (x^2 + y^2)."""
     turn = np.linspace(-np.pi, np.pi, COUNT, endpoint=False)
     x, y, r = np.cos(turn), np.sin(turn), 1e-3
@@ -282,7 +282,7 @@ def test_each_operation_is_rounded(monkeypatch):
 
 
 @pytest.mark.parametrize("part", [-0.55, 0.0, 0.4])
-def test_discs_that_come_within_rounding_of_a_pole_are_infinite(part):
+def test_discs_within_rounding_of_a_pole_are_infinite(part):
     """Poles of tan at pi/2, of tanh at i pi/2, of atan at i."""
     off = 1 + part * discs._ROUNDING
     for place in (0.0, 0.4, -0.4):

@@ -75,7 +75,7 @@ def with_points(mesh, seed, beyond, count):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
-def test_distances_to_curved_boundaries_are_those_of_subdivision(mesh):
+def test_distances_to_curved_boundaries_match_those_of_subdivision(mesh):
     _, surface, points = with_points(mesh, seed=1, beyond=0.5, count=25)
     found = nearest(surface, points)
     truth = [subdivided(surface, point) for point in points]
@@ -101,7 +101,7 @@ def shell(points):
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PRISM])
-def test_the_distance_to_a_sphere_is_off_by_no_more_than_the_mesh(shape):
+def test_the_distance_to_a_sphere_is_as_accurate_as_the_mesh(shape):
     mesh = with_sphere(curved(grid(shape, 2), shell, 6))
     surface = surface_of(Dataset(mesh), "sphere")
     spots = np.random.default_rng(5).uniform(-1, 1, (200, 2))
@@ -167,7 +167,7 @@ def test_the_distance_to_a_cube_is_known(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb"])
-def test_distances_to_files_are_those_of_libigl(tmp_path, suffix):
+def test_distances_to_files_match_those_of_libigl(tmp_path, suffix):
     ball = trimesh.creation.icosphere(2)
     spikes = ball.copy()
     spikes.vertices *= 1 + 0.9 * (np.arange(len(ball.vertices)) % 5 == 0)[:, None]
@@ -181,7 +181,7 @@ def test_distances_to_files_are_those_of_libigl(tmp_path, suffix):
     assert np.abs(found - truth).max() < 1e-13
 
 
-def test_hollow_turned_and_crossing_bodies_have_the_sign_of_the_winding_number(tmp_path):
+def test_hollow_inverted_and_crossing_bodies_have_the_sign_of_the_winding_number(tmp_path):
     ball, small = trimesh.creation.icosphere(2), trimesh.creation.icosphere(2, radius=0.5)
     hollow = trimesh.util.concatenate([ball, trimesh.Trimesh(small.vertices, small.faces[:, ::-1])])
     turned = trimesh.Trimesh(ball.vertices, ball.faces[:, ::-1])
@@ -208,7 +208,7 @@ def test_open_surfaces_have_no_sign(tmp_path):
     assert (nearest(surface, np.random.default_rng(1).uniform(-2, 2, (200, 3))).distance >= 0).all()
 
 
-def test_bounds_hold_all_distances_and_are_tight():
+def test_bounds_contain_all_distances_and_are_tight():
     dataset = with_field(curved(mixed_plane(seed=1), wavy, 4), lambda p: p[:, 0])
     for text in ("distance(all)", "min(distance(all) + 0.2, u) - 0.06"):
         expression = Expression.of(dataset, text)
@@ -221,7 +221,7 @@ def test_bounds_hold_all_distances_and_are_tight():
         assert np.isfinite(values).any()
 
 
-def test_distances_differ_by_no_more_than_the_way_between_points():
+def test_distances_are_lipschitz_continuous():
     surface = surface_of(Dataset(curved(mixed_volume(seed=1), wavy, 4)), "all")
     points = np.random.default_rng(9).uniform(-0.5, 3.5, (400, 3))
     step = 1e-3 * np.random.default_rng(10).normal(size=points.shape)
@@ -242,21 +242,21 @@ def test_distances_differ_by_no_more_than_the_way_between_points():
         ("d(distance(all), x)", "there is no derivative of distance(all)"),
     ],
 )
-def test_what_says_no_distance_is_refused(text, sentence):
+def test_invalid_distances_are_rejected(text, sentence):
     with pytest.raises(ElvisError) as found:
         Expression.of(with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[:, 0]), text)
     assert sentence in str(found.value)
 
 
 @pytest.mark.parametrize("content", ["", "solid\nendsolid\n", "nothing of the kind", "solid x\n facet normal"])
-def test_files_without_triangles_are_refused_in_a_sentence(tmp_path, content):
+def test_files_without_triangles_give_a_one_line_error(tmp_path, content):
     file = tmp_path / "broken.stl"
     file.write_text(content)
     with pytest.raises(ElvisError, match=r"broken\.stl: expected"):
         surface_of(None, str(file))
 
 
-def test_a_field_named_distance_stays_one():
+def test_a_field_named_distance_remains_a_field():
     mesh = grid(Shape.HEXAHEDRON, 1)
     field = approximated(Dataset(mesh), "distance", lambda p: p[:, 0], 3)
     names = Names.of(Dataset(mesh, (field,)))
@@ -264,7 +264,7 @@ def test_a_field_named_distance_stays_one():
     assert Expression.parse("distance + distance(all)", names).fields == ("distance",)
 
 
-def test_points_that_are_nowhere_have_no_distance():
+def test_points_that_are_not_finite_have_no_distance():
     surface = surface_of(Dataset(grid(Shape.HEXAHEDRON, 1)), "all")
     found = nearest(surface, np.array([[np.nan, 0, 0], [np.inf, 0, 0], [2.0, 0.5, 0.5]])).distance
     assert np.isnan(found[:2]).all()
@@ -283,7 +283,7 @@ BODIES = {
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_bodies_are_what_other_boundaries_surround(name):
+def test_bodies_are_enclosed_by_other_boundaries(name):
     low, high, wanted, size = BODIES[name]
     mesh = grid(Shape.HEXAHEDRON, 4)
     faces, edges = mesh.of(Shape.QUADRILATERAL), mesh.of(Shape.SEGMENT)

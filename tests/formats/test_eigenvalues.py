@@ -22,13 +22,13 @@ def entries(matrices):
 
 @pytest.mark.parametrize("gap", [0.0, 1e-15, 1e-12, 1e-8, 1e-4, 0.5])
 @pytest.mark.parametrize("shape", [(1, 1, -3), (1, 1, 1), (-1e6, 1, 1), (0, 0, 1), (-1, -1, 1e-9)])
-def test_middle_eigenvalues_lose_nothing_where_others_are_near(shape, gap):
+def test_middle_eigenvalues_are_accurate_near_others(shape, gap):
     wanted = np.array(shape, float) * (1 + gap * np.array([0, 1, 2]))
     middle = np.sort(wanted)[1]
     assert np.abs(middle_eigenvalue(*entries(turned(wanted))) - middle).max() < 12 * UNIT * np.abs(wanted).max()
 
 
-def test_middle_eigenvalues_are_those_of_lapack_whatever_the_size():
+def test_middle_eigenvalues_match_lapack_at_every_magnitude():
     matrices = np.random.default_rng(4).normal(size=(5000, 3, 3))
     matrices = matrices + matrices.transpose(0, 2, 1)
     truth = np.linalg.eigvalsh(matrices)[:, 1]
@@ -57,7 +57,7 @@ def test_squares_of_imaginary_roots_are_right_to_rounding():
 
 
 @pytest.mark.parametrize("name", ["middle_eigenvalue", "imaginary_root"])
-def test_bounds_shrink_with_what_they_are_of(name):
+def test_bounds_shrink_with_their_boxes(name):
     """In proportion to the operands, where eigenvalues are apart; infinite ones bound nothing."""
     function, widths = FUNCTIONS[name], []
     place = np.random.default_rng(3).uniform(1, 2, (function.arity, 300))

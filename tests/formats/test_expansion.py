@@ -120,7 +120,7 @@ COUNTS = {
 @pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "modes"), ANISOTROPIC)
 @pytest.mark.parametrize("family", [MODIFIED, ORTHO])
-def test_modes_come_in_the_order_of_the_format(shape, modes, family):
+def test_modes_are_in_the_order_of_the_format(shape, modes, family):
     expansion = Expansion(shape, family[shape], modes)
     assert [tuple(row) for row in mode_indices(expansion).tolist()] == EXPECTED[shape](modes)
     assert mode_count(expansion) == len(EXPECTED[shape](modes))
@@ -181,7 +181,7 @@ def test_vertex_modes_are_a_partition_of_unity(shape, n):
 
 
 @pytest.mark.parametrize(("shape", "n"), [case for case in UNIFORM if case[1] > 1])
-def test_at_a_vertex_its_own_mode_is_one_and_all_others_vanish(shape, n):
+def test_at_a_vertex_only_its_mode_is_one_and_all_others_vanish(shape, n):
     table = values(modified(shape, n), shape.vertices)
     expected = np.zeros_like(table)
     expected[np.arange(len(table)), vertex_columns(shape, n)] = 1
@@ -298,7 +298,7 @@ def differences(expansion, points, step=1e-3):
 
 
 @pytest.mark.parametrize(("shape", "bases"), EVERY)
-def test_gradients_are_those_of_the_values(shape, bases):
+def test_gradients_match_those_of_the_values(shape, bases):
     n = 2 if Basis.FOURIER_SINGLE_MODE in bases else 6 if shape.dimension < 3 else 4
     expansion = Expansion(shape, bases, (n,) * shape.dimension)
     points = uncollapse(shape, np.random.default_rng(2).uniform(-0.9, 0.8, (25, shape.dimension)))
@@ -355,7 +355,7 @@ def test_homogeneous_modes_are_plane_by_plane(shape, planes):
 
 
 @pytest.mark.parametrize(("shape", "planes"), [(Shape.TRIANGLE, PLANES), (Shape.SEGMENT, LINES)])
-def test_homogeneous_gradients_are_those_of_the_values(shape, planes):
+def test_homogeneous_gradients_match_those_of_the_values(shape, planes):
     full = Expansion(shape, MODIFIED[shape], (4,) * shape.dimension, planes)
     points = np.hstack([0.9 * inside(shape, 9) - 0.05, np.random.default_rng(5).uniform(-1, 1, (9, len(planes.bases)))])
     table, derivatives = values_and_gradients(full, points)
@@ -390,11 +390,11 @@ def test_homogeneous_gradients_are_those_of_the_values(shape, planes):
         (Expansion(Shape.SEGMENT, (A,), (3,), Homogeneous((Basis.FOURIER,), (1.0,), (0,), strips=(1,))), "strips"),
     ],
 )
-def test_impossible_expansions_are_refused(expansion, message):
+def test_impossible_expansions_are_rejected(expansion, message):
     with pytest.raises(FormatError, match=message):
         mode_count(expansion)
 
 
-def test_points_of_another_dimension_are_refused():
+def test_points_of_another_dimension_are_rejected():
     with pytest.raises(ElvisError, match=r"expected points \(n, 3\)"):
         values(modified(Shape.TETRAHEDRON, 3), np.zeros((4, 2)))

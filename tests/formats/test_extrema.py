@@ -13,7 +13,7 @@ from elvis.core.testing import approximated, curved, grid, ripple, scattered
 
 
 @pytest.mark.parametrize("shape", Shape)
-def test_a_paraboloid_is_highest_where_it_should(shape):
+def test_the_maximum_of_a_paraboloid_is_at_its_apex(shape):
     top = np.array([0.37, 0.61, 0.29])[: shape.dimension]
     bare = Dataset(grid(shape, 2))
     field = approximated(bare, "u", lambda p: 2 - ((p[:, : len(top)] - top) ** 2).sum(axis=1), 3)
@@ -43,6 +43,6 @@ def test_no_sample_exceeds_the_bounds(shape):
     assert greatest.bound - greatest.value < 1e-11
 
 
-def test_fields_that_are_not_there():
+def test_missing_fields():
     with pytest.raises(ElvisError, match="expected a field of the dataset"):
         extrema(Dataset(grid(Shape.TRIANGLE, 1)), "u")

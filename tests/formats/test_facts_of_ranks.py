@@ -98,7 +98,7 @@ QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_si
     "case", ["mixed", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, "mapped", "waves"], ids=str
 )
 @pytest.mark.sampled(least=6)
-def test_facts_of_parts_are_those_of_the_whole(case, size, monkeypatch):
+def test_facts_of_parts_match_those_of_the_whole(case, size, monkeypatch):
     """Also where only few elements are looked at closely."""
     monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)
     monkeypatch.setattr(bounding, "_MOST", 3)
@@ -155,7 +155,7 @@ def rounded():
 @pytest.mark.parametrize(
     "case", ["mixed", "twins", "rounded", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON], ids=str
 )
-def test_extremes_of_parts_are_those_of_the_whole(case, many, monkeypatch):
+def test_extrema_of_parts_match_those_of_the_whole(case, many, monkeypatch):
     """To the last bit, in the same element of those that have the same, batch by batch, where few boxes are halved."""
     monkeypatch.setattr(extrema_module, "_MANY", many)
     made = {"twins": twins, "rounded": rounded, "mixed": bent}
@@ -201,7 +201,7 @@ EXPRESSIONS = (
     "case", ["bent", "not finite", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PYRAMID], ids=str
 )
 @pytest.mark.sampled(least=6)
-def test_extremes_of_expressions_of_parts_are_those_of_the_whole(case, text, many, monkeypatch):
+def test_extrema_of_expressions_of_parts_match_those_of_the_whole(case, text, many, monkeypatch):
     """As those of fields."""
     monkeypatch.setattr(quantity_extrema_module, "_MANY", many)
     dataset = symmetric(Shape.PRISM if isinstance(case, str) else case)
@@ -264,7 +264,7 @@ def test_signs_of_jacobians_depend_on_neither_batches_nor_parts(dataset, monkeyp
 
 
 @pytest.mark.parametrize("formats", [("hdf5", "hdf5"), ("compressed", "xml")], ids="-".join)
-def test_facts_of_parts_of_files_are_those_of_the_whole(formats, tmp_path):
+def test_facts_of_parts_of_files_match_those_of_the_whole(formats, tmp_path):
     """Counts are taken from files, of lists of ids with gaps; and so are bytes."""
     dataset = bent()
     entities = {

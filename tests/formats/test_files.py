@@ -53,7 +53,7 @@ def others(tmp_path):
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_what_is_no_plain_file_is_refused_unopened(door, others):
+def test_special_files_are_rejected_without_opening(door, others):
     action, suffix = DOORS[door]
     for kind, path in others(suffix).items():
         if kind == "a folder" and door.startswith("data"):
@@ -63,14 +63,14 @@ def test_what_is_no_plain_file_is_refused_unopened(door, others):
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_a_file_that_is_not_there(door, tmp_path):
+def test_a_missing_file(door, tmp_path):
     action, suffix = DOORS[door]
     for name in (f"none{suffix}", f"none/none{suffix}"):
         with pytest.raises(ElvisError, match=f"none{suffix}: there is no such file"):
             action(tmp_path / name)
 
 
-def test_a_converter_or_plugin_that_looks_into_a_file_opens_none_but_plain_ones(others, monkeypatch):
+def test_converters_and_plugins_open_only_regular_files(others, monkeypatch):
     for path in others(".msh").values():
         for candidate in installed_converters():
             if not (path.is_dir() and candidate.name == "native"):
@@ -79,13 +79,13 @@ def test_a_converter_or_plugin_that_looks_into_a_file_opens_none_but_plain_ones(
         assert names_in(path) == frozenset()
 
 
-def test_strict_checks_refuse_them_too(others):
+def test_strict_checks_reject_special_files(others):
     for kind, path in others(".xml").items():
         if kind != "a folder":
             assert f"found {kind}" in findings(path)[0].sentence
 
 
-def test_files_that_a_file_names_are_plain_too(tmp_path):
+def test_referenced_files_must_be_regular(tmp_path):
     os.mkfifo(tmp_path / "part.vtu")
     (tmp_path / "whole.pvtu").write_text(
         '<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid><Piece Source="part.vtu"/></PUnstructuredGrid></VTKFile>'
@@ -114,7 +114,7 @@ def test_links_to_plain_files_are_followed(tmp_path):
         (lambda path: open_files([path]), "a.json", '{"format": "elvis-nurbs", "x": '),
     ],
 )
-def test_lists_that_are_nested_too_deeply_are_refused(tmp_path, action, name, start):
+def test_deeply_nested_lists_are_rejected(tmp_path, action, name, start):
     (tmp_path / name).write_text(start + "[" * 100_000 + "]" * 100_000 + "}")
     with pytest.raises(ElvisError, match=f"{name}: expected JSON, found lists or tables that are nested too deeply"):
         action(tmp_path / name)

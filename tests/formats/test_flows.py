@@ -65,7 +65,7 @@ def test_total_states_and_entropy_of_gases_are_their_closed_forms(kind, dimensio
         assert np.abs(found - values).max() < 1e-10 * np.abs(values).max(), text
 
 
-def test_incompressible_flows_have_a_total_pressure_of_their_own():
+def test_incompressible_flows_have_their_total_pressure():
     names = Names(PLAIN)
     assert same("total_pressure", "p + 0.5*(u*u + v*v + w*w)", names, density=1.0)
     assert same("total_pressure(density=2)", "p + (u*u + v*v + w*w)", names, density=2.0)
@@ -90,7 +90,7 @@ def same(text, other, names, density):
     "fields", [GAS, PLAIN, ("u", "v", "w", "rho", "p", "T"), ("velocity_x", "velocity_y"), ("vx",)]
 )
 @pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_hints_promise_what_can_be_had(fields, dimension):
+def test_hints_are_correct(fields, dimension):
     """What is listed can be read, what waits for parameters as soon as it has them, and nothing else can."""
     names = Names(fields, dimension)
     for name in PUBLIC:
@@ -112,7 +112,7 @@ def test_every_velocity_has_its_components_by_one_name():
     assert "velocity_z" not in Names(PLAIN, 2).flow.available
 
 
-def test_numbers_in_parentheses_outdo_those_of_the_data():
+def test_numbers_in_parentheses_override_those_of_the_data():
     names = Names(PLAIN, 3, parameters={"mu": 0.5, "nu": 7.0})
     assert same("wall_shear_x(mu=1)", "2*wall_shear_x", names, 1.0)
     assert same("wall_shear_x(nu=1)", "2*wall_shear_x", names, 1.0)
@@ -160,14 +160,14 @@ def test_numbers_in_parentheses_outdo_those_of_the_data():
         ("traction", PLAIN, 3, "there is no 'traction'"),
     ],
 )
-def test_what_lacks_something_says_what_and_how_to_give_it(text, fields, dimension, sentence):
+def test_missing_inputs_are_named_with_a_remedy(text, fields, dimension, sentence):
     with pytest.raises(ElvisError) as error:
         Expression.parse(text, Names(fields, dimension))
     assert sentence in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_metadata_that_make_no_sense_are_passed_over():
+def test_invalid_metadata_are_skipped():
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1), metadata={"gamma": "0.9", "Kinvis": "1e-3", "mu": "-1", "pInf": "all"})
     assert Names.of(dataset).parameters == {"nu": 1e-3}
 

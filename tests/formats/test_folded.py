@@ -49,7 +49,7 @@ def folded_between_samples():
 @pytest.mark.parametrize("nodes", [2, 3, 5])
 @pytest.mark.parametrize("size", [0.05, 0.25, 0.6])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_folded_elements_are_those_of_the_proof(shape, size, nodes):
+def test_folded_elements_match_those_of_the_proof(shape, size, nodes):
     dataset = Dataset(curved(grid(shape, 2), ripple(size, seed=5), nodes))
     proved = validity(dataset)
     found = folded(dataset)
@@ -132,7 +132,7 @@ def bent(shape, bend, shift=0.0):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("space", [2, 3])
-def test_maps_pass_up_to_the_bend_at_which_they_fold(shape, space):
+def test_maps_pass_until_they_fold(shape, space):
     if space < shape.dimension:
         pytest.skip("no such map")
     for bend, expected in ((0.99, True), (-0.99, True), (1.01, False), (-1.01, False)):
@@ -140,7 +140,7 @@ def test_maps_pass_up_to_the_bend_at_which_they_fold(shape, space):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_maps_that_are_lost_in_rounding_do_not_pass(shape):
+def test_maps_within_rounding_do_not_pass(shape):
     assert are_regular(*bent(shape, 0.5, 1e3)).all()
     assert not are_regular(*bent(shape, 0.5, 1e14)).any()
 

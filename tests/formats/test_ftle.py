@@ -54,7 +54,7 @@ def test_the_double_gyre_against_another_integrator(shape, seed):
     assert found.arrays()["ftle"].shape == (1,)
 
 
-def test_where_there_is_no_exponent():
+def test_undefined_exponents():
     with pytest.raises(ElvisError, match="FTLE: expected 2D data in the plane or 3D data"):
         trace(bent(Shape.PRISM), [[0.5, 0.5, 0]], ["x", "y", "z"], wall="all", ftle=True)
     outside = trace(bent(Shape.TRIANGLE), [[3.0, 3.0]], ["x", "y"], ftle=True)

@@ -61,7 +61,7 @@ def volumes(mesh, count=10):
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("make", [mixed_volume, mixed_plane])
-def test_local_vertices_are_those_the_mesh_was_made_of(make, seed):
+def test_local_vertices_match_the_mesh(make, seed):
     mesh = make(seed)
     for shape in mesh.elements:
         np.testing.assert_array_equal(local_vertices(shuffled(mesh, seed), shape), local_vertices(mesh, shape))
@@ -87,7 +87,7 @@ def test_a_single_element_has_the_reference_vertices(shape):
 @pytest.mark.parametrize("faces", [True, False])
 @pytest.mark.parametrize("make", [mixed_volume, mixed_plane])
 @pytest.mark.sampled(least=24)
-def test_the_map_does_not_depend_on_how_edges_and_faces_are_entered(make, faces, n, seed):
+def test_the_map_is_independent_of_the_orientation_of_edges_and_faces(make, faces, n, seed):
     mesh, warp = make(seed), ripple(0.2, seed)
     one = by_element(curved(mesh, warp, n, faces=faces))
     other = by_element(curved(shuffled(mesh, seed), warp, n, faces=faces))
@@ -213,7 +213,7 @@ def test_grids_fill_the_unit_cube(shape, cells):
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON])
 @pytest.mark.parametrize("triangle", [*TRIANGLES, PointsType.GAUSS_LEGENDRE, PointsType.LOBATTO_LEGENDRE])
-def test_simplices_hold_cubic_maps_exactly(shape, triangle):
+def test_simplices_represent_cubic_maps_exactly(shape, triangle):
     mesh = one_element(shape)
     line = PointsType.LOBATTO_LEGENDRE if triangle.is_triangular else triangle
     ((expansion, coefficients),) = by_element(curved(mesh, shear, 4, line, triangle)).values()

@@ -39,6 +39,6 @@ def test_a_sample_takes_whole_elements_evenly(stretched):
     assert part.shares.sum() == pytest.approx(1.0)
 
 
-def test_what_has_no_finite_value_is_told(stretched):
+def test_quantities_without_finite_values_are_reported(stretched):
     with pytest.raises(ElvisError, match="no finite value"):
         histogram(stretched, Expression.parse("1 / (x - x)", names_of(stretched)))

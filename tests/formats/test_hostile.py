@@ -70,12 +70,12 @@ def bomb(megabytes):
         (b"<NEKTAR><GEOMETRY HDF5FILE='none.nekg'/></NEKTAR>", "expected the file none.nekg next to it"),
     ],
 )
-def test_files_that_are_nothing_or_something_else(content, message, tmp_path, refused):
+def test_empty_and_foreign_files(content, message, tmp_path, refused):
     (tmp_path / "wing.xml").write_bytes(content)
     refused(tmp_path / "wing.xml", match=message)
 
 
-def test_places_that_cannot_be_read(tmp_path, refused):
+def test_unreadable_paths(tmp_path, refused):
     refused(tmp_path / "none.xml", match=r"none\.xml: there is no such file")
     refused(tmp_path, match="expected P0000000.xml, or Info.xml and P0000000.fld, found neither")
     refused("/dev/null", match="/dev/null: expected a file, found a device")
@@ -83,7 +83,7 @@ def test_places_that_cannot_be_read(tmp_path, refused):
     refused("a\0b", match="there is no such file")
 
 
-def test_tags_that_are_put_out_of_use_are_passed_over(copied):
+def test_disabled_tags_are_skipped(copied):
     """The solver's parser knows no tag that begins with an exclamation mark, and goes on behind it."""
     mesh = copied("quad4") / "interpfield_4quad.xml"
     original = mesh.read_text()
@@ -95,7 +95,7 @@ def test_tags_that_are_put_out_of_use_are_passed_over(copied):
     assert np.array_equal(read(mesh).mesh.vertices, before.mesh.vertices)
 
 
-def test_a_vertex_may_stand_twice_at_one_place(copied, refused):
+def test_two_vertices_may_coincide(copied, refused):
     mesh = copied("quad4") / "interpfield_4quad.xml"
     original = mesh.read_text()
     before = read(mesh).mesh
@@ -216,7 +216,7 @@ def test_fourier_directions_beyond_three_coordinates(copied, refused):
     refused(folder / "chan3DH1D.xml", folder / "chan3DH1D.fld", match=message)
 
 
-def test_lists_of_ids_are_expanded_once_their_data_are_there(copied, refused):
+def test_lists_of_ids_are_expanded_after_their_data_are_checked(copied, refused):
     folder = copied("quad4")
     field, count = folder / "interpfield_4quad.fld", 4_000_000
     change(field, ('ID="1655-1658"', f'ID="1-{count}"'), ("UNIORDER:5,5", "UNIORDER:1,1"))
@@ -227,21 +227,21 @@ def test_lists_of_ids_are_expanded_once_their_data_are_there(copied, refused):
 
 
 @pytest.mark.parametrize("name", ["plane_h/>\n    <E\n COMPOSITE=", "a\u2028b\r\nc", "long" * 2000])
-def test_names_of_files_that_no_file_has(name, tmp_path, refused):
+def test_impossible_file_names(name, tmp_path, refused):
     head = f'<NEKTAR><GEOMETRY DIM="2" SPACE="2" HDF5FILE="{name.replace(">", "&gt;").replace("<", "&lt;")}"/></NEKTAR>'
     (tmp_path / "a.xml").write_text(head)
     refused(tmp_path / "a.xml", match="^[^\n]*: expected the file [^\n\u2028]{5,1000} found none$")
     assert all("\n" not in str(each) for each in findings(tmp_path / "a.xml"))
 
 
-def test_fourier_ids_that_old_files_lack_are_counted(copied):
+def test_missing_fourier_ids_of_old_files_are_generated(copied):
     folder = copied("chan3dh1d")
     change(folder / "chan3DH1D.fld", ('HOMOGENEOUSZIDS="0,1,2,3,4,5,6,7"', ""))
     (block,) = read(folder / "chan3DH1D.xml", folder / "chan3DH1D.fld").field("u").blocks
     assert block.expansion.homogeneous.z_ids == tuple(range(8))
 
 
-def test_pyramids_from_before_version_5_are_refused(copied, refused):
+def test_pyramids_before_version_5_are_rejected(copied, refused):
     folder = copied("gen_pyr_curved")
     change(folder / "gen_pyr_curved.fld", ("ModifiedPyr_C", "Modified_C"))
     message = "expected ModifiedPyr_C on pyramids, found Modified_C: written before version 5.0, in another layout"
@@ -336,7 +336,7 @@ def test_records_that_contradict_themselves(copied, refused):
     refused(mesh, match="expected records of 6 numbers, found 45 bytes in all")
 
 
-def test_info_files_that_lead_astray(nektar, tmp_path, refused):
+def test_misleading_info_files(nektar, tmp_path, refused):
     mesh = nektar / "chan_parallel" / "chan_interpfield_nparts_xml"
     folder = shutil.copytree(nektar / "chan_parallel" / "chan_interpfield_nparts.fld", tmp_path / "x.fld")
     info = (folder / "Info.xml").read_text()
@@ -354,7 +354,7 @@ def test_info_files_that_lead_astray(nektar, tmp_path, refused):
     refused(mesh, folder, match="which names others")
 
 
-def test_not_a_number_and_infinity_in_fields_are_kept(copied):
+def test_nan_and_infinity_in_fields_are_preserved(copied):
     folder = copied("quad4")
     field = folder / "interpfield_4quad.fld"
     values = np.resize([np.nan, np.inf, -np.inf, 1.0], 100)

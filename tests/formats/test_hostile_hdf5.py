@@ -185,7 +185,7 @@ def test_heaps_begin_anywhere(place, tmp_path):
         check_heaps(tmp_path / "a.h5")
 
 
-def test_a_root_that_cannot_be_looked_into(hdf5_field, refused):
+def test_an_unreadable_root_group(hdf5_field, refused):
     mesh, field = hdf5_field
     for part in (b"HEAP", b"TREE"):  # names and members of the root, which come first
         original = field.read_bytes()
@@ -195,7 +195,7 @@ def test_a_root_that_cannot_be_looked_into(hdf5_field, refused):
 
 
 @pytest.mark.parametrize("name", ["SHAPE", "FIELDS", "NUMMODESPERDIR"])
-def test_strings_that_claim_gigabytes(name, hdf5_field, refused):
+def test_strings_that_declare_gigabytes(name, hdf5_field, refused):
     mesh, field = hdf5_field
     with h5py.File(field) as file, field.open("rb") as raw:
         address = h5py.h5o.get_info(file["NEKTAR/18380036883355646697"].id).addr
@@ -205,7 +205,7 @@ def test_strings_that_claim_gigabytes(name, hdf5_field, refused):
     refused(mesh, field, match=r"damaged \(a string of 4026531840 bytes\)")
 
 
-def test_lists_of_strings_that_claim_gigabytes(copied, refused):
+def test_lists_of_strings_that_declare_gigabytes(copied, refused):
     mesh = copied("interptest_hdf5") / "interptest_hdf5.nekg"
     with h5py.File(mesh) as file:
         place = file["NEKTAR/GEOMETRY/MESH/COMPOSITE"].id.get_offset()

@@ -210,7 +210,7 @@ def damage(path, case, seed):
 
 
 @pytest.mark.parametrize("case", [*XML_CASES, *HDF5_CASES])
-def test_damaged_files_are_read_or_refused(case, nektar, tmp_path, slowness):
+def test_damaged_files_are_read_or_rejected(case, nektar, tmp_path, slowness):
     files = sorted(path for path in (nektar / case).iterdir() if path.suffix in SUFFIXES)
     for seed in range(ROUNDS):
         for path in files:

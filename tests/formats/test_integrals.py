@@ -60,7 +60,7 @@ def named(mesh, **places):
 @pytest.mark.parametrize("order", range(1, 7))
 @pytest.mark.parametrize("shape", BODIES)
 @pytest.mark.parametrize("nodes", [2, 3, 4])
-def test_what_flows_out_of_an_element_comes_from_its_divergence(shape, order, nodes):
+def test_the_flux_out_of_an_element_equals_its_divergence(shape, order, nodes):
     mesh = one_element(shape, shape.dimension)
     if nodes > 2:
         mesh = curved(mesh, ripple(0.15, seed=order), nodes)
@@ -205,7 +205,7 @@ def test_coefficients_by_pressure_and_friction(nektar):
             integrate(dataset, [], "1", coefficients=text)
 
 
-def test_coefficients_tell_what_is_lacking():
+def test_coefficients_with_missing_inputs_name_them():
     with pytest.raises(ElvisError, match=r"expression 'pressure_force_x': .* the data lack a pressure"):
         integrate(with_random_velocity(grid(Shape.TRIANGLE, 1), 1), [], "all", coefficients="1,1,1,x")
 
@@ -228,7 +228,7 @@ def test_squares_are_the_norms_of_the_solver(nektar):
     ],
 )
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON])
-def test_errors_of_what_is_no_polynomial_are_stated(text, truth, shape):
+def test_errors_of_nonpolynomial_integrands_are_stated(text, truth, shape):
     mesh = grid(shape, 1)
     for error in (1e-2, 1e-3) if "abs" in text else (1e-3, 1e-9):
         found = integrate(Dataset(mesh), text, error=error)[0]
@@ -243,7 +243,7 @@ def test_averages_and_measures():
     assert integrate(Dataset(grid(Shape.SEGMENT, 4)), "length").value == pytest.approx(1, rel=1e-14)
 
 
-def test_surfaces_and_curves_in_space_have_their_own_measure():
+def test_surfaces_and_curves_in_space_have_their_intrinsic_measure():
     mesh = grid(Shape.QUADRILATERAL, 3)
     tilted = replace(mesh, space=3, vertices=mesh.vertices + np.outer(mesh.vertices[:, 0], [0, 0, 2.0]))
     found = integrate(Dataset(tilted), ["area", "x"])
@@ -325,7 +325,7 @@ def test_elements_without_the_field_do_not_count():
         ("u +", "domain", "expected"),
     ],
 )
-def test_what_says_nothing_is_refused(field, over, sentence):
+def test_invalid_integrals_are_rejected(field, over, sentence):
     dataset = with_random_velocity(named(grid(Shape.TRIANGLE, 1), wall=lambda p: p[:, 0] == 0), 1)
     with pytest.raises(ElvisError) as error:
         integrate(dataset, field, over)
@@ -333,14 +333,14 @@ def test_what_says_nothing_is_refused(field, over, sentence):
     assert "\n" not in str(error.value)
 
 
-def test_a_pole_leaves_no_value_and_says_where():
+def test_a_pole_gives_nan_and_its_position():
     found = integrate(Dataset(grid(Shape.SEGMENT, 2)), ["1/(x - x)", "x"])
     assert np.isnan(found[0].value)
     assert found[1].value == pytest.approx(0.5)
     assert found.remarks[0].startswith("1/(x - x) has no value in domain at ")
 
 
-def test_boxes_that_matter_most_are_refined_where_not_all_can_be(monkeypatch):
+def test_the_most_important_boxes_are_refined_first(monkeypatch):
     """The root of (x - 0.31)^2 + 0.01^2 on a square, by its antiderivative; all boxes together want more points."""
 
     def primitive(x):

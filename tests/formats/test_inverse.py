@@ -69,7 +69,7 @@ def test_facets_bound_the_shape(shape):
 @pytest.mark.parametrize("n", STRONG)
 @pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
 @pytest.mark.sampled(least=28)
-def test_reference_points_come_back(shape, n, part):
+def test_reference_points_are_recovered(shape, n, part):
     patch = bent(shape, n, part * STRONG[n])
     points = scattered(shape, 400)
     rows = np.zeros(len(points), int)
@@ -90,7 +90,7 @@ def assert_residual(patch, rows, reference, world):
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", STRONG)
 @pytest.mark.sampled(least=6)
-def test_nothing_is_found_that_is_not_there(shape, n):
+def test_points_outside_are_not_found(shape, n):
     """Outside is proved: the share of random points found inside is the element's share of the volume."""
     patch = bent(shape, n, STRONG[n])
     rng = np.random.default_rng(2)
@@ -111,7 +111,7 @@ def test_nothing_is_found_that_is_not_there(shape, n):
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", [3, 5])
 @pytest.mark.sampled
-def test_the_search_alone_agrees_with_newton(shape, n):
+def test_the_search_agrees_with_newton(shape, n):
     patch = bent(shape, n, STRONG.get(n, 0.4))
     points = np.random.default_rng(4).uniform(-1.5, 1.5, (1500, 3))
     rows = np.zeros(len(points), int)
@@ -125,7 +125,7 @@ def test_the_search_alone_agrees_with_newton(shape, n):
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
 @pytest.mark.parametrize("n", [3, 5])
 @pytest.mark.sampled
-def test_no_point_of_an_element_or_near_to_it_is_excluded_and_most_others_are(shape, n):
+def test_only_points_away_from_an_element_are_excluded(shape, n):
     patch, reach = bent(shape, n, STRONG.get(n, 0.4)), 1e-3
 
     # points of the element, and points beyond its facets by less than the reach, on pyramids in collapsed coordinates
@@ -150,7 +150,7 @@ def exact_targets(patch, points):
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
-def test_points_just_inside_and_just_outside_are_told_apart(shape):
+def test_points_just_inside_and_just_outside_are_distinguished(shape):
     patch = bent(shape, 4, 0.3)
     border = scattered(shape, 4000)
     border = border[np.abs(margins(shape, border)) < 1e-15]
@@ -193,7 +193,7 @@ def test_points_on_the_line_that_folds_onto_a_vertex_are_outside(space, distance
 
 @pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("space", [1, 2, 3])
-def test_curves_and_surfaces_hold_what_lies_on_them(shape, space):
+def test_points_on_curves_and_surfaces_are_found(shape, space):
     if space < shape.dimension:
         return
     patch = bent(shape, 5, 0.3, space)
@@ -226,7 +226,7 @@ def test_a_folded_element_gives_some_root_or_fails():
     assert (invert(patch, np.zeros(1, int), np.array([[-0.1, 0, 0]])).status == Status.OUTSIDE).all()
 
 
-def test_large_coordinates_cost_digits_but_no_answers():
+def test_large_coordinates_cost_digits_but_points_are_found():
     mesh = curved(one_element(Shape.HEXAHEDRON), lambda x: 1e-3 * ripple(0.2)(x) + 1e3, 4)
     (patch,) = patches(Dataset(mesh))
     points = scattered(Shape.HEXAHEDRON, 300)

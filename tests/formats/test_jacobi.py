@@ -21,7 +21,7 @@ def exact(n, a, b, x):
 
 
 @pytest.mark.parametrize(("a", "b"), WHOLE)
-def test_values_are_those_of_the_explicit_sum(a, b):
+def test_values_match_those_of_the_explicit_sum(a, b):
     points = np.linspace(-1, 1, 17)
     table = jacobi(20, a, b, points)
     for n in range(21):

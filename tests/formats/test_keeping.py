@@ -16,7 +16,7 @@ def store(tmp_path):
     return Store(tmp_path / "kept", "number", 1 << 20)
 
 
-def test_what_is_written_is_read_again(store):
+def test_cached_results_are_read_again(store):
     path = store.write(b"pi", b"3.14")
     assert path == store.place(b"pi")
     assert store.read(path) == (b"pi", b"3.14")
@@ -24,7 +24,7 @@ def test_what_is_written_is_read_again(store):
     assert store.folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_any_bit_counts(store):
+def test_any_changed_bit_is_detected(store):
     whole = store.write(b"key", b"a number").read_bytes()
     assert store.parsed(whole) == (b"key", b"a number")
     for bit in range(8 * len(whole)):
@@ -34,21 +34,21 @@ def test_any_bit_counts(store):
     assert all(store.parsed(whole[:end]) is None for end in range(len(whole)))
 
 
-def test_files_of_another_kind_are_damaged_ones(store):
+def test_files_of_another_kind_count_as_damaged(store):
     path = store.write(b"key", b"a number")
     other = Store(store.folder, "letter", 1 << 20)
     assert other.read(path) is None
     assert [each.suffix for each in store.folder.iterdir()] == [".damaged"]
 
 
-def test_what_is_no_plain_file_is_not_opened(store, tmp_path):
+def test_special_files_are_not_opened(store, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
         with pytest.raises(OSError, match=r"plain|No such file"):
             store.read(path)
 
 
-def test_what_was_not_used_for_longest_makes_room(tmp_path):
+def test_the_least_recently_used_entries_are_evicted(tmp_path):
     store = Store(tmp_path, "number", 3500)
     files = [store.write(bytes([k]), bytes([k]) * 1000) for k in range(5)]
     now = time.time()
@@ -81,7 +81,7 @@ def test_the_folder_follows_the_base_directory_specification(monkeypatch, cache_
     assert cache_folder("kernels") == (None if expected is None else Path(expected))
 
 
-def test_the_command_lists_what_is_kept(tmp_path, monkeypatch):
+def test_the_command_lists_the_cache(tmp_path, monkeypatch):
     import json
 
     from click.testing import CliRunner
@@ -103,7 +103,7 @@ def test_the_command_lists_what_is_kept(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners")
-def test_what_another_user_wrote_is_not_read(tmp_path, monkeypatch):
+def test_files_of_another_user_are_not_read(tmp_path, monkeypatch):
     store = Store(tmp_path, "thing", 1000)
     path = store.write(b"key", b"content")
     assert store.read(path) == (b"key", b"content")

@@ -45,7 +45,7 @@ def displaced(mesh, functions, order):
 
 @pytest.mark.parametrize("name", CLOSED_FORMS)
 @pytest.mark.parametrize("shape", [*FLAT, *SOLIDS])
-def test_closed_forms_are_met_to_a_millionth(shape, name):
+def test_analytic_values_are_reached_to_a_millionth(shape, name):
     functions, order, expected = CLOSED_FORMS[name]
     found = largest_scale(*displaced(grid(shape, 1), functions, order))
     assert found.is_certified
@@ -81,7 +81,7 @@ def test_curved_elements_are_valid_up_to_the_bound_and_folded_beyond(shape):
     assert there < 0
 
 
-def test_elements_that_are_folded_without_a_displacement_have_no_valid_scale():
+def test_elements_folded_in_the_original_geometry_have_no_valid_scale():
     mesh = grid(Shape.QUADRILATERAL, 1)
     data, names = displaced(replace(mesh, vertices=mesh.vertices * [-1.0, 1.0, 1.0]), CLOSED_FORMS["bending"][0], 2)
     assert largest_scale(data, names).folded == 0

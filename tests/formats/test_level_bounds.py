@@ -101,7 +101,7 @@ def test_every_direction_has_its_part_of_the_error():
         assert level_error._analytic(radius, (3, 3, 3), 2)[0, 2].max() == 0
 
 
-def test_without_what_rounding_moves_errors_are_less_than_the_truth(monkeypatch):
+def test_errors_without_rounding_would_be_too_small(monkeypatch):
     """The volume between two planes is wrong by their distance times the shift."""
     dataset, distance = Dataset(grid(Shape.HEXAHEDRON, 1)), 1e-5
     options = {"clip": f"outside:(z-0.5)^2={distance**2 / 4!r}", "error": 1e-6}
@@ -110,7 +110,7 @@ def test_without_what_rounding_moves_errors_are_less_than_the_truth(monkeypatch)
     assert not is_true(dataset, distance, "volume", **options)
 
 
-def test_without_lost_boxes_errors_are_less_than_the_truth(monkeypatch):
+def test_errors_without_lost_boxes_would_be_too_small(monkeypatch):
     """Two planes that rounding can't tell apart have the area of both."""
     dataset, level = Dataset(grid(Shape.HEXAHEDRON, 1)), "(z-0.5)^2=2.5e-15"
     assert is_true(dataset, 2.0, "area", over=level)
@@ -118,7 +118,7 @@ def test_without_lost_boxes_errors_are_less_than_the_truth(monkeypatch):
     assert not is_true(dataset, 2.0, "area", over=level)
 
 
-def test_surfaces_that_moved_ones_miss_are_lost():
+def test_surfaces_missed_by_shifted_ones_count_as_lost():
     """Beyond the band of rounding there is none; inside of it the surface may be anywhere in a box."""
     nets = np.broadcast_to([1.0, 3.0], (1, 2, 2, 2)).copy()
     corners = np.zeros((1, 3)), np.ones((1, 3))
@@ -207,7 +207,7 @@ def gradient(net, place):
     return [np.einsum("abc,a,b,c->", to_powers(net), *table) for table in tables]
 
 
-def test_discs_hold_the_complex_places_of_parts():
+def test_discs_contain_the_complex_points_of_parts():
     """Roots at complex places, which are continued from the real centre, and ratios of slopes there."""
     nets = graphs(16, 5)
     parts = graph_parts(nets)

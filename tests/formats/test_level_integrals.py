@@ -40,7 +40,7 @@ def test_cells_fill_the_shape_and_have_their_derivatives(shape):
     assert volume == pytest.approx(truth.get(shape, 2**d), rel=1e-13)
 
 
-def test_points_of_graphs_are_where_the_polynomial_is_zero():
+def test_the_polynomial_is_zero_on_points_of_graphs():
     nets = np.random.default_rng(1).normal(size=(50, 3, 3, 3)) * 0.1 + np.linspace(-1, 1, 3)
     graph = on_graph(nets, (3, 3))
     assert len(graph.box) > 100
@@ -139,7 +139,7 @@ def test_a_surface_that_touches_borders_of_elements():
 @pytest.mark.parametrize("over", ["u = 0.25", "-u = -0.25"])
 @pytest.mark.parametrize("modes", [4, 5])
 @pytest.mark.parametrize("shape", [Shape.PRISM, Shape.HEXAHEDRON])
-def test_where_a_surface_touches_borders_its_error_covers_jumps_of_rounding(shape, modes, over):
+def test_errors_of_surfaces_touching_borders_cover_jumps_of_rounding(shape, modes, over):
     """The same cylinder of a field projected element by element: it jumps by 1e-13 to 1e-11 across the planes."""
     field = approximated(Dataset(grid(shape, 2)), "u", lambda p: p[:, 0] ** 2 + p[:, 1] ** 2, modes)
     found = integrate(Dataset(grid(shape, 2), (field,)), "area", over, error=1e-8)[0]
@@ -173,7 +173,7 @@ def test_a_field_may_be_small_in_some_elements(shape):
     assert abs(found.value - 0.15 * np.pi) <= found.error < 1e-7
 
 
-def test_what_is_zero_in_whole_elements_has_no_surface_there():
+def test_functions_that_vanish_on_elements_have_no_surface_there():
     bare = Dataset(grid(Shape.HEXAHEDRON, 2))
     field = approximated(bare, "u", lambda p: p[:, 0] - 0.75, 2)
     is_low = np.arange(8) < 4  # of the unit cube's eighths those below z = 0.5
@@ -195,19 +195,19 @@ def test_what_is_zero_in_whole_elements_has_no_surface_there():
         ("sin(x)*y=1", "sin(x)*y=1: expected a polynomial of fields and coordinates"),
     ],
 )
-def test_what_is_no_surface_is_refused(over, sentence):
+def test_invalid_surfaces_are_rejected(over, sentence):
     with pytest.raises(ElvisError) as error:
         integrate(Dataset(grid(Shape.HEXAHEDRON, 1)), "area", over)
     assert sentence in str(error.value)
 
 
 @pytest.mark.parametrize("value", [-5.0, 5.0])
-def test_a_value_that_a_field_has_nowhere_has_no_area(value):
+def test_a_value_outside_the_range_has_no_area(value):
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
     dataset = replace(dataset, fields=(approximated(dataset, "u", lambda p: p[:, 0], 2),))
     assert integrate(dataset, "area", f"u={value}")[0].value == 0.0
 
 
-def test_a_surface_that_meets_nothing_has_no_area():
+def test_a_surface_outside_the_mesh_has_no_area():
     found = integrate(Dataset(grid(Shape.TETRAHEDRON, 1)), ["area", "x"], "plane:0,0,3:0,0,1")
     assert [row.value for row in found] == [0, 0]

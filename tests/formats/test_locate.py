@@ -60,7 +60,7 @@ def test_every_element_finds_its_own_points(dimension):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_parts_of_elements_hold_them(dimension):
+def test_parts_of_elements_cover_them(dimension):
     """Every point of an element is in the box of a part of it, and parts are smaller than the element."""
     for patch in patches(bent_mesh(dimension)):
         points = scattered(patch.shape, 200, seed=1)
@@ -73,7 +73,7 @@ def test_parts_of_elements_hold_them(dimension):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_elements_that_are_cut_hold_the_same_points(dimension, monkeypatch):
+def test_subdivided_elements_contain_the_same_points(dimension, monkeypatch):
     parts = patches(bent_mesh(dimension))
     box = np.concatenate([positions(p, np.arange(len(p)), np.zeros((len(p), dimension))) for p in parts])
     points = np.random.default_rng(0).uniform(box.min(axis=0) - 0.7, box.max(axis=0) + 0.7, (3000, 3))
@@ -118,7 +118,7 @@ def test_points_on_shared_faces_belong_to_both_elements(dimension, seed):
     assert pairs >= set(zip(one.point.tolist(), one.element_id.tolist(), strict=True))
 
 
-def test_the_greatest_margin_wins():
+def test_the_largest_margin_wins():
     parts = patches(bent_mesh(3))
     world = np.random.default_rng(0).uniform([0, 0, 0], [3, 1, 1], (2000, 3))
     one, every = locate(parts, world), locate(parts, world, all=True)
@@ -212,7 +212,7 @@ def test_points_off_the_plane_and_odd_points_are_outside():
         locate(dataset, np.zeros((2, 2)))
 
 
-def test_a_mesh_without_elements_holds_nothing():
+def test_a_mesh_without_elements_contains_no_points():
     found = Locator(()).locate(np.zeros((3, 3)), all=True)
     np.testing.assert_array_equal(found.status, [Status.OUTSIDE] * 3)
 
@@ -243,7 +243,7 @@ def spoilt(vertices, how, rng):
 @pytest.mark.sampled
 @pytest.mark.parametrize("how", ["coincident", "tangled", "thin", "a point", "nan", "inf", "-1e300", "1e160"])
 @pytest.mark.parametrize("seed", range(4))
-def test_spoilt_meshes_give_right_answers_or_none(how, seed):
+def test_damaged_meshes_give_correct_answers_or_none(how, seed):
     rng = np.random.default_rng(seed)
     mesh = mixed_volume(seed) if seed % 2 else mixed_plane(seed)
     mesh = replace(mesh, vertices=spoilt(np.array(mesh.vertices), how, rng))
@@ -293,7 +293,7 @@ def test_both_values_of_a_jump_are_given():
     )
 
 
-def test_a_field_that_lacks_elements_is_nan_there():
+def test_a_field_is_nan_on_elements_where_it_is_missing():
     dataset = bent_mesh(3)
     partial = Field("v", dataset.fields[0].blocks[1:])
     taken = sample(
@@ -349,7 +349,7 @@ def test_two_fourier_directions():
     np.testing.assert_allclose(taken.values[:, 0], exact, rtol=0, atol=1e-12)
 
 
-def test_patches_without_a_field_say_so():
+def test_patches_without_a_field_are_reported():
     (patch, *_) = patches(bent_mesh(3))
     row, point = np.zeros(1, int), np.full((1, 3), -1.0)
     with pytest.raises(IndexError):
@@ -376,7 +376,7 @@ def truths(folder):
     return rows
 
 
-def test_the_points_of_real_elements_come_back(case, nektar, case_files):
+def test_points_of_real_elements_are_recovered(case, nektar, case_files):
     if not list((nektar / case).glob("*.truth.txt")):
         return
     parts = patches(read(case_files(case)[0]))

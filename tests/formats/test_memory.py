@@ -49,7 +49,7 @@ def test_without_groups_there_is_no_limit(tmp_path):
     assert free(tmp_path, ["0::/"]) == float("inf")
 
 
-def test_the_least_counts(monkeypatch):
+def test_the_lowest_limit_counts(monkeypatch):
     monkeypatch.setattr(memory, "_of_system", lambda: 900.0)
     monkeypatch.setattr(memory, "_of_groups", lambda: [float("inf"), 800.0])
     assert memory.free_memory() == 800.0
@@ -68,7 +68,7 @@ def test_the_least_counts(monkeypatch):
         (2.0**60, "1.05e+06 TiB"),
     ],
 )
-def test_sizes_in_words_are_those_that_an_option_takes(size, text):
+def test_printed_sizes_are_valid_option_values(size, text):
     assert memory.size_text(size) == text
     if "bytes" not in text:
         assert parameters.memory(text) == pytest.approx(size, rel=0.005)

@@ -75,7 +75,7 @@ def test_norms_scale_with_the_map(shape):
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension < 3])
-def test_surfaces_and_curves_in_space_use_their_own_measure(shape):
+def test_surfaces_and_curves_in_space_use_their_intrinsic_measure(shape):
     random = np.random.default_rng(0)
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     flat = alone(shape, space=3)
@@ -103,7 +103,7 @@ def test_the_maximum_has_its_sign():
     assert found.linf == pytest.approx(4, rel=1e-13)
 
 
-def test_a_mesh_alone_uses_its_expansions_or_its_own_orders():
+def test_a_mesh_without_fields_uses_its_expansions_or_orders():
     mesh = alone(Shape.TRIANGLE)
     composite = mesh.composites[0].id
     fine = Dataset(mesh, expansions=(ExpansionRule((composite,), "MODIFIED", (9,)),))
@@ -141,7 +141,7 @@ def test_a_single_wave_has_four_planes(sign):
 
 
 @pytest.mark.parametrize(("basis", "place"), [(Basis.FOURIER_HALF_MODE_RE, 1 / 2), (Basis.FOURIER_HALF_MODE_IM, 1 / 4)])
-def test_half_a_wave_has_one_plane_of_the_whole_length(basis, place):
+def test_half_mode_expansions_have_one_plane_over_the_whole_length(basis, place):
     """FieldConvert takes the cosine at one point, the middle, with the weight of the midpoint rule."""
     expansion = Expansion(Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (2, 2), Homogeneous((basis,), (2.5,), (2,)))
     found = norms(Dataset(alone(Shape.QUADRILATERAL), (field("f", expansion, np.repeat(3.0, 4)),)))
@@ -171,7 +171,7 @@ def test_segments_with_one_homogeneous_direction_sum_over_planes():
     assert found["f"].l2 == pytest.approx(np.sqrt(2 * 4), rel=1e-14)
 
 
-def test_elements_that_a_field_lacks_do_not_count():
+def test_elements_without_the_field_do_not_count():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]])
     mesh = connected(vertices, {Shape.QUADRILATERAL: np.array([[0, 1, 2, 3], [1, 4, 5, 2]])}, 2)
     found = norms(Dataset(mesh, (field("f", modified(Shape.QUADRILATERAL, (2, 2)), [2.0, 2, 2, 2]),)))

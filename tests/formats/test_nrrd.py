@@ -36,7 +36,7 @@ def places(header, shape):
     return origin + index @ steps
 
 
-def test_points_run_along_x_first_and_hold_the_ends():
+def test_points_run_along_x_first_and_include_both_ends():
     points = GRID.planes(0, 5).reshape(5, 3, 12, 3)
     assert points[0, 0, 0].tolist() == [-0.5, 0.0, 0.25]
     assert points[-1, -1, -1].tolist() == [1.0, 1.0, 0.75]
@@ -48,7 +48,7 @@ def test_points_run_along_x_first_and_hold_the_ends():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_what_is_written_lies_where_the_header_says(tmp_path, count):
+def test_written_samples_match_the_header(tmp_path, count):
     weights = np.random.default_rng(0).random((3, count))
     parts = (GRID.planes(first, first + 2) @ weights for first in range(0, 5, 2))
     write_nrrd(tmp_path / "a.nrrd", GRID, [f"u{i}" for i in range(count)], parts)
@@ -122,7 +122,7 @@ def test_a_grid_of_data_is_exact_inside_and_nan_outside(files, tmp_path, monkeyp
         (("--line", "0,0,0:1,1,1", "-o", "a.nrrd"), ElvisError, "expected a name that ends in .csv, .npz or .parquet"),
     ],
 )
-def test_what_is_wrong_is_said_and_nothing_is_written(files, tmp_path, monkeypatch, arguments, error, sentence):
+def test_bad_input_is_reported_and_nothing_is_written(files, tmp_path, monkeypatch, arguments, error, sentence):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(error, match=sentence):
         run(*files, *arguments)

@@ -13,7 +13,7 @@ from elvis.core.files.output import replacing, write_text
 from elvis.core.needing import MissingPackageError
 
 
-def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
+def test_the_file_appears_complete_without_leftovers(tmp_path):
     with replacing(tmp_path / "out.csv") as temporary:
         assert temporary.stat().st_dev == tmp_path.stat().st_dev
         assert temporary.name == "out.csv"
@@ -24,7 +24,7 @@ def test_the_file_appears_whole_and_nothing_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
-def test_a_failure_leaves_the_old_file_and_nothing_beside_it(tmp_path, failure):
+def test_a_failure_preserves_the_old_file_without_leftovers(tmp_path, failure):
     (tmp_path / "out.csv").write_text("old")
 
     def fail():
@@ -49,7 +49,7 @@ def test_the_mode_is_that_of_the_old_file_or_of_a_new_one(tmp_path):
     assert new.stat().st_mode == plain.stat().st_mode
 
 
-def test_a_link_keeps_pointing_where_it_did(tmp_path):
+def test_a_link_keeps_its_target(tmp_path):
     (tmp_path / "link").symlink_to("target")
     write_text(tmp_path / "link", "text")
     assert (tmp_path / "link").is_symlink()
@@ -57,7 +57,7 @@ def test_a_link_keeps_pointing_where_it_did(tmp_path):
 
 
 @pytest.mark.parametrize(("path", "reason"), [("no/out.csv", "there is no folder"), (".", "it is a folder")])
-def test_impossible_places_are_said(tmp_path, path, reason):
+def test_impossible_paths_are_reported(tmp_path, path, reason):
     with pytest.raises(ElvisError, match=reason):
         write_text(tmp_path / path, "")
 
@@ -67,7 +67,7 @@ def test_devices_are_written_directly():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "text"
 
 
-def test_what_is_open_is_not_cut_off(tmp_path):
+def test_open_files_are_not_truncated(tmp_path):
     """Standard output may be a log that others write to."""
     log = tmp_path / "log"
     log.write_text("before\n")
@@ -111,7 +111,7 @@ def test_an_empty_table_has_its_header():
     assert list(csv_lines({"point": np.arange(0)})) == ["point\n"]
 
 
-def test_parquet_is_what_pandas_reads(tmp_path):
+def test_pandas_reads_the_parquet_file(tmp_path):
     pandas = pytest.importorskip("pandas")
     columns = {"point": np.arange(3), "d(u,x)": np.array([0.1, np.nan, 1 / 3]), "over": np.array(["a", "b,c", "d"])}
     if importlib.util.find_spec("pyarrow") is None:
@@ -125,7 +125,7 @@ def test_parquet_is_what_pandas_reads(tmp_path):
         np.testing.assert_array_equal(found[name].to_numpy(column.dtype.type), column)
 
 
-def test_other_suffixes_are_refused(tmp_path):
+def test_other_suffixes_are_rejected(tmp_path):
     with pytest.raises(ElvisError, match=r"ends in \.csv, \.npz or \.parquet, found \.xlsx"):
         write_columns(tmp_path / "out.xlsx", {})
     assert not os.listdir(tmp_path)

@@ -69,7 +69,7 @@ def test_all_take_their_places_at_the_end(tmp_path, swapping):
     assert sorted(os.listdir(tmp_path)) == ["a", "b", "report"]
 
 
-def test_a_link_goes_without_what_it_leads_to(tmp_path):
+def test_a_link_is_removed_without_its_target(tmp_path):
     (tmp_path / "data").write_text("data")
     (tmp_path / "stale").symlink_to("data")
     with Outputs() as outputs:
@@ -77,7 +77,7 @@ def test_a_link_goes_without_what_it_leads_to(tmp_path):
     assert os.listdir(tmp_path) == ["data"]
 
 
-def test_nothing_changes_before(tmp_path):
+def test_nothing_changes_before_the_commit(tmp_path):
     prepare(tmp_path)
     with Outputs() as outputs, outputs.file(tmp_path / "a") as temporary:
         temporary.write_text("new")
@@ -205,7 +205,7 @@ def test_a_kill_at_any_operation_leaves_whole_files():
     assert found[-1][1] == AFTER
 
 
-def test_what_a_living_run_writes_is_left_alone(tmp_path):
+def test_files_of_a_running_process_are_untouched(tmp_path):
     with Outputs() as outputs, outputs.file(tmp_path / "long") as temporary:
         temporary.write_text("half")
         write_text(tmp_path / "short", "whole")
@@ -213,7 +213,7 @@ def test_what_a_living_run_writes_is_left_alone(tmp_path):
     assert state(tmp_path) == {"long": "half", "short": "whole"}
 
 
-def test_only_scratch_folders_of_ours_are_leftovers(tmp_path):
+def test_only_scratch_folders_of_elvis_are_leftovers(tmp_path):
     for name in (".elvis-0123456789ab.tmp", ".elvis-short.tmp", "elvis-0123456789ab.tmp", ".elvis-0123456789ab.tmp2"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "new").write_text("")
@@ -233,7 +233,7 @@ def test_only_scratch_folders_of_ours_are_leftovers(tmp_path):
     assert (tmp_path / "elsewhere" / "new").exists()
 
 
-def test_a_folder_taken_for_a_leftover_is_made_again(tmp_path, monkeypatch):
+def test_a_scratch_folder_removed_as_leftover_is_recreated(tmp_path, monkeypatch):
     """Another run may see a new scratch folder before it is locked: remove it, or hold its lock and then do so."""
     lock, made = scratch._lock, []
 
@@ -254,7 +254,7 @@ def test_a_folder_taken_for_a_leftover_is_made_again(tmp_path, monkeypatch):
     assert state(tmp_path) == {"a": "text"}
 
 
-def test_a_folder_that_is_removed_can_not_be_locked_on_the_way(tmp_path, monkeypatch):
+def test_a_folder_being_removed_cannot_be_locked(tmp_path, monkeypatch):
     """Whoever opened its lock before that finds it gone; a lock that is made once it is free keeps the folder."""
     close, found = os.close, []
 
@@ -304,7 +304,7 @@ def test_a_disk_that_is_full_only_when_synced(tmp_path, monkeypatch):
     assert not os.listdir(tmp_path)
 
 
-def test_errors_of_other_files_keep_their_names(tmp_path):
+def test_errors_of_other_files_name_them(tmp_path):
     with pytest.raises(FileNotFoundError, match="data"), output.replacing(tmp_path / "out"):
         (tmp_path / "data").read_text()
 
@@ -367,7 +367,7 @@ def test_one_name_for_two_outputs(tmp_path, monkeypatch, other):
     assert sorted(os.listdir(tmp_path)) == ["link", "sub"]
 
 
-def test_inputs_are_no_outputs(tmp_path):
+def test_inputs_are_not_outputs(tmp_path):
     (tmp_path / "data").mkdir()
     for name in ("in", "data/in"):
         (tmp_path / name).write_text("input")
@@ -383,7 +383,7 @@ def test_inputs_are_no_outputs(tmp_path):
     check_places([tmp_path / "new", tmp_path / "data" / "new"], inputs)
 
 
-def test_write_protection_is_noticed_before(tmp_path, monkeypatch):
+def test_write_protection_is_detected_before_writing(tmp_path, monkeypatch):
     (tmp_path / "kept").write_text("")
     protected = {tmp_path / "kept"}
     access = os.access
@@ -395,7 +395,7 @@ def test_write_protection_is_noticed_before(tmp_path, monkeypatch):
         check_places([tmp_path / "new"])
 
 
-def test_what_cannot_be_put_back_stays(tmp_path, monkeypatch):
+def test_files_that_cannot_be_restored_are_left(tmp_path, monkeypatch):
     """A killed run had set a file aside, which the next one may not move."""
     leftover = tmp_path / ".elvis-0123456789ab.tmp"
     (leftover / "old").mkdir(parents=True)

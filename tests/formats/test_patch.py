@@ -22,7 +22,7 @@ def by_element(mesh):
     return {int(id): (b.expansion, c) for b in blocks for id, c in zip(b.element_ids, b.coefficients, strict=True)}
 
 
-def test_straight_elements_stay_apart_from_curved_ones():
+def test_straight_and_curved_elements_form_separate_patches():
     mesh = grid(Shape.TETRAHEDRON, 2)
     bent = curved(mesh, ripple(0.1), 3)
     some = np.flatnonzero((mesh.vertices[mesh.of(Shape.SEGMENT).members] == 0).all(axis=1)[:, 0])
@@ -38,7 +38,7 @@ def test_straight_elements_stay_apart_from_curved_ones():
         np.testing.assert_array_equal(coefficients, straight[id][1])
 
 
-def test_only_the_domain_counts():
+def test_only_elements_of_the_domain_count():
     mesh = mixed_volume()
     tetrahedra = replace(mesh, domains={0: (0,)})
     (block,) = geometry(Dataset(tetrahedra))
@@ -79,7 +79,7 @@ def test_a_map_needs_its_fields():
         geometry(Dataset(mesh, (*fields[:2], less), metadata={"GeometryMap": ""}))
 
 
-def test_patches_group_by_all_expansions_and_copy_nothing_they_need_not():
+def test_patches_group_by_expansions_without_needless_copies():
     dataset = Dataset(curved(mixed_volume(), ripple(0.2), 3))
     whole = approximated(dataset, "u", lambda x: x[:, 0], 3)
     split = Field("v", tuple(part for block in whole.blocks for part in halves(block)))
@@ -103,7 +103,7 @@ def halves(block):
     return [Block(block.expansion, block.element_ids[r], block.coefficients[r]) for r in rows if len(r)]
 
 
-def test_patches_tell_what_does_not_fit():
+def test_mismatched_patches_are_reported():
     dataset = Dataset(mixed_volume())
     field = approximated(dataset, "u", lambda x: x[:, 0], 3)
     with pytest.raises(ElvisError, match=r"\(u\), found p"):

@@ -10,7 +10,7 @@ from elvis.core.testing import approximated, curved, mixed_volume, ripple
 
 
 @pytest.mark.parametrize("shape", Shape)
-def test_shapes_stay_the_same_objects(shape):
+def test_shapes_are_unpickled_as_the_same_objects(shape):
     assert pickle.loads(pickle.dumps(shape)) is shape
 
 

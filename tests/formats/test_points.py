@@ -15,7 +15,7 @@ REPEATED = (PointsType.TRIANGLE_FEKETE, 11)  # the published table has one node 
 TRIANGLE = [family for family in PointsType if family.is_triangular]
 
 
-def test_labels_go_both_ways_and_number_as_in_binary_files():
+def test_labels_round_trip_and_number_as_in_binary_files():
     assert [PointsType.from_label(family.label) for family in PointsType] == list(PointsType)
     assert len(PointsType) == 34
     known = {4: "GaussLobattoLegendre", 12: "GaussRadauMAlpha2Beta0", 17: "PolyEvenlySpaced", 22: "NodalTriElec"}
@@ -76,7 +76,7 @@ def test_triangle_nodes_follow_the_order_of_files(family, count):
     assert np.all(inside.sum(axis=1) < 0)
 
 
-def test_triangle_nodes_are_those_of_the_library():
+def test_triangle_nodes_match_those_of_the_library():
     if not TABLE.is_file():
         pytest.skip("no shared data here")
     for label, by_count in json.loads(TABLE.read_text())["points"].items():
@@ -98,7 +98,7 @@ def test_triangle_nodes_are_those_of_the_library():
         (PointsType.TRIANGLE_FEKETE, 4),
     ],
 )
-def test_a_line_has_no_other_nodes(family, count):
+def test_other_nodes_of_a_line_are_rejected(family, count):
     with pytest.raises(FormatError, match=family.label):
         nodes(family, count)
 
@@ -113,6 +113,6 @@ def test_a_line_has_no_other_nodes(family, count):
         (PointsType.LOBATTO_LEGENDRE, 4),
     ],
 )
-def test_a_triangle_has_no_other_nodes(family, count):
+def test_other_nodes_of_a_triangle_are_rejected(family, count):
     with pytest.raises(FormatError, match=family.label):
         triangle_nodes(family, count)

@@ -35,7 +35,7 @@ CASES = [(rule, n) for rule in RULES for n in COUNTS if n >= RULES[rule][0]]
 @pytest.mark.sampled(least=40)
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
 @pytest.mark.parametrize(("rule", "count"), CASES)
-def test_rules_integrate_what_they_claim(rule, count, a, b):
+def test_rules_have_their_stated_degree(rule, count, a, b):
     nodes, weights = rule(count, a, b)
     degree = 2 * count + RULES[rule][1]
     table = jacobi(degree, a, b, np.append(nodes, [-1, 1]))
@@ -48,7 +48,7 @@ def test_rules_integrate_what_they_claim(rule, count, a, b):
 @pytest.mark.sampled(least=40)
 @pytest.mark.parametrize(("a", "b"), WEIGHTS)
 @pytest.mark.parametrize(("rule", "count"), CASES)
-def test_nodes_ascend_and_hold_the_ends_they_claim(rule, count, a, b):
+def test_nodes_ascend_and_include_their_stated_ends(rule, count, a, b):
     nodes = rule(count, a, b)[0]
     assert len(nodes) == count
     assert (np.diff(nodes) > 0).all()
@@ -109,7 +109,7 @@ def test_every_family_has_nodes_on_the_line(family):
         assert np.abs(nodes).max() <= 1
 
 
-def test_unknown_families_and_counts_are_refused():
+def test_unknown_families_and_counts_are_rejected():
     with pytest.raises(FormatError, match="found NodalTriElec"):
         line_nodes("NodalTriElec", 4)
     with pytest.raises(FormatError, match="at least 2 GaussLobattoLegendre nodes, found 1"):

@@ -155,7 +155,7 @@ def test_gases_are_the_closed_forms_of_their_state():
         ("t*4", 2.0),
     ],
 )
-def test_expressions_mean_what_mathematics_says(text, value):
+def test_expressions_follow_mathematics(text, value):
     vertices = np.array([[3.0, -5.0, 7.0]]) + 0.25 * Shape.HEXAHEDRON.vertices
     mesh = replace(grid(Shape.HEXAHEDRON, 1), vertices=vertices[[0, 1, 3, 2, 4, 5, 7, 6]])
     dataset = Dataset(mesh, time=0.5)
@@ -193,14 +193,14 @@ def test_expressions_mean_what_mathematics_says(text, value):
         ("d(" * 20 + "tan(x)^tan(x)" + ",x)" * 20, "at most 20000 parts"),
     ],
 )
-def test_what_is_no_expression_is_refused_in_a_sentence(text, sentence):
+def test_invalid_expressions_give_a_one_line_error(text, sentence):
     with pytest.raises(ElvisError) as error:
         Expression.parse(text, NAMES)
     assert sentence in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_texts_put_together_at_random_are_expressions_or_refused():
+def test_random_texts_are_expressions_or_rejected():
     words = [
         "u",
         "v",
@@ -270,7 +270,7 @@ def evaluated(root, given):
 # what is known of elements
 
 
-def test_attributes_are_those_of_straight_elements():
+def test_attributes_match_those_of_straight_elements():
     """A box is stretched by (2, 3, 5): its Jacobian is that of (1, 3/2, 5/2); its corners stay right ones."""
     mesh = grid(Shape.HEXAHEDRON, 1)
     mesh = replace(mesh, vertices=mesh.vertices * [2.0, 3.0, 5.0])
@@ -310,7 +310,7 @@ def test_ideal_elements_have_quality_one(shape):
 
 
 @pytest.mark.parametrize("kind", [*MESHES, "line"])
-def test_jumps_are_those_of_a_field_with_a_constant_in_each_element(kind):
+def test_jumps_match_those_of_a_field_with_a_constant_in_each_element(kind):
     """x plus a constant jumps by the difference of the constants; a continuous field doesn't jump."""
     mesh = grid(Shape.SEGMENT, 5) if kind == "line" else MESHES[kind]
     dataset = Dataset(mesh)
@@ -367,7 +367,7 @@ BOUNDED = (
 @pytest.mark.sampled
 @pytest.mark.parametrize("kind", MESHES)
 @pytest.mark.parametrize("text", BOUNDED)
-def test_ranges_hold_every_value_and_are_close_to_what_is_attained(kind, text):
+def test_ranges_contain_every_value_and_are_tight(kind, text):
     dataset = flowing(MESHES[kind])
     expression = Expression.of(dataset, text)
     found = quantity_range(dataset, expression)
@@ -380,21 +380,21 @@ def test_ranges_hold_every_value_and_are_close_to_what_is_attained(kind, text):
     assert found.upper - found.lower <= 1.1 * (found.greatest - found.least)
 
 
-def test_ranges_without_bounds_are_infinite_and_those_without_values_are_none():
+def test_unbounded_ranges_are_infinite_and_empty_ones_none():
     dataset = flowing(MESHES["plane"])
     assert quantity_range(dataset, Expression.of(dataset, "1/(x-1)")).upper == np.inf
     assert quantity_range(dataset, Expression.of(dataset, "laplacian(u)")).lower == -np.inf
     assert quantity_range(dataset, Expression.of(dataset, "sqrt(-1-u^2)")) is None
 
 
-def test_ranges_of_what_has_values_in_a_small_part_alone():
+def test_ranges_of_functions_with_small_support():
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
     found = quantity_range(dataset, Expression.of(dataset, "sqrt(0.03 - (x-0.3)^2 - (y-0.3)^2 - (z-0.3)^2)"))
     assert 0.1 < found.greatest <= found.upper
 
 
 @pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])
-def test_intervals_hold_what_functions_do_in_them(name):
+def test_intervals_contain_the_values_of_functions(name):
     function, rng = {**FUNCTIONS, **OPERATORS}[name], np.random.default_rng(6)
     ends = np.sort(rng.normal(size=(6, 500, 2)) * rng.choice([0.3, 1, 4], (1, 500, 1)), axis=2)
     intervals = [(a[:, 0], a[:, 1]) for a in ends][: function.arity]
@@ -424,7 +424,7 @@ PUBLISHED = {
 
 
 @pytest.mark.parametrize("case", PUBLISHED)
-def test_norms_of_predefined_quantities_are_the_published_ones(nektar, case):
+def test_norms_of_predefined_quantities_match_published_values(nektar, case):
     folder, name, text = case
     dataset = read(*(nektar / folder / f"{name}.{end}" for end in ("xml", "fld")))
     norm = quantity_norms(dataset, [Expression.of(dataset, text)])[text]

@@ -22,7 +22,7 @@ def of(dataset, text):
     return quantity_extrema(dataset, Expression.of(dataset, text))
 
 
-def test_nets_are_added_and_multiplied_as_polynomials_are():
+def test_nets_are_added_and_multiplied_like_polynomials():
     """At the corners of the box and of its halves, of degrees that differ."""
     random = np.random.default_rng(3)
     one, other = random.uniform(-1, 1, (4, 3, 2, 4)), random.uniform(-1, 1, (4, 2, 3, 3))
@@ -49,7 +49,7 @@ def test_polynomials_and_their_roots(shape):
     assert 0 <= least.bound <= least.value < 1e-6
 
 
-def test_what_is_no_polynomial_is_bounded_by_intervals():
+def test_nonpolynomial_quantities_are_bounded_by_intervals():
     dataset = Dataset(curved(grid(Shape.QUADRILATERAL, 2), lambda p: p + 0.05 * np.sin(np.pi * p) * [1, 1, 0], 4))
     least, greatest = of(dataset, "sin(3*x)*y")
     assert greatest.value == pytest.approx(1, abs=1e-9)
@@ -76,7 +76,7 @@ def test_no_sample_exceeds_the_bounds(shape, text):
     assert greatest.bound - greatest.value < 0.02 * (greatest.value - least.value)
 
 
-def test_what_is_left_out_is_bounded(monkeypatch):
+def test_omitted_terms_are_bounded(monkeypatch):
     """Where few boxes are looked at, greater values may be missed, but none is above the bound."""
     bare = Dataset(grid(Shape.TRIANGLE, 3))
     is_missed = []
@@ -101,6 +101,6 @@ def test_second_derivatives_have_places_without_bounds():
     assert least.value <= greatest.value
 
 
-def test_what_has_no_value_is_refused():
+def test_quantities_without_values_are_rejected():
     with pytest.raises(ElvisError, match="expected elements of the domain with a value of log"):
         of(Dataset(grid(Shape.TRIANGLE, 1)), "log(-1 - x)")

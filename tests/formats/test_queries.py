@@ -8,7 +8,7 @@ from elvis.core.errors import FormatError
 from elvis.core.queries import points_in_table, points_on_line, points_on_plane
 
 
-def test_a_line_holds_its_ends_exactly():
+def test_a_line_includes_its_ends_exactly():
     points = points_on_line((0.1, 0.2, 0.3), (0.7, -0.1, 1e6), 7)
     assert points.shape == (7, 3)
     np.testing.assert_array_equal(points[[0, -1]], [(0.1, 0.2, 0.3), (0.7, -0.1, 1e6)])
@@ -41,7 +41,7 @@ def test_tables_in_many_dresses(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "points"), [("1\n2", [(1, 0, 0), (2, 0, 0)]), ("y,x\n1,2", [(2, 1, 0)]), ("x\n", np.zeros((0, 3)))]
 )
-def test_coordinates_that_lack_are_zero(tmp_path, text, points):
+def test_missing_coordinates_are_zero(tmp_path, text, points):
     (tmp_path / "points.csv").write_text(text)
     np.testing.assert_array_equal(points_in_table(tmp_path / "points.csv"), points)
 
@@ -77,7 +77,7 @@ def test_faults_are_placed(tmp_path, monkeypatch, text, message):
 @pytest.mark.parametrize(
     "text", ["1 2 3\r4 5 6\r", "y;x\n# note\n 2; 1\n\n5;4\n", "name,x,y,z\na,1,2,3\n", "x,y\n1_0,2\n", '"1",2\n3,4\n']
 )
-def test_tables_are_read_at_once_as_line_by_line(tmp_path, monkeypatch, text):
+def test_tables_read_at_once_match_those_read_by_line(tmp_path, monkeypatch, text):
     path = tmp_path / "points.txt"
     path.write_bytes(text.encode())
     found = points_in_table(path)
@@ -86,7 +86,7 @@ def test_tables_are_read_at_once_as_line_by_line(tmp_path, monkeypatch, text):
 
 
 @pytest.mark.parametrize("content", [b"\x00\xff\xfe\x01", b"\x89PNG\r\n\x1a\n" + bytes(100)])
-def test_binary_files_are_refused(tmp_path, content):
+def test_binary_files_are_rejected(tmp_path, content):
     (tmp_path / "points.csv").write_bytes(content)
     with pytest.raises(FormatError, match="expected columns x, y, z or numbers"):
         points_in_table(tmp_path / "points.csv")

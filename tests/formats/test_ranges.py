@@ -38,7 +38,7 @@ def test_every_shape_is_here():
 
 
 @pytest.mark.parametrize(("shape", "n"), EVERY_SPACE)
-def test_no_value_leaves_the_range(shape, n):
+def test_no_value_is_outside_the_range(shape, n):
     expansion, coefficients = elements(shape, n)
     found = value_range([(expansion, coefficients)])
     values = evaluate(expansion, coefficients, grid(shape, 17))
@@ -63,7 +63,7 @@ def test_blocks_of_several_shapes_make_one_range():
     assert together.lower == pytest.approx(min(part.lower for part in apart), abs=1e-7 * spread)
 
 
-def test_many_equal_extremes_stay_bounded_in_time_and_certain():
+def test_many_equal_extrema_stay_bounded_in_time_and_certain():
     expansion, coefficients = elements(Shape.HEXAHEDRON, 6, count=1)
     found = value_range([(expansion, np.repeat(coefficients, 3000, axis=0))])
     single = value_range([(expansion, coefficients)])
@@ -72,20 +72,20 @@ def test_many_equal_extremes_stay_bounded_in_time_and_certain():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_elements_that_are_not_finite_are_left_out(bad):
+def test_elements_that_are_not_finite_are_skipped(bad):
     expansion, coefficients = elements(Shape.TRIANGLE, 4)
     spoiled = np.vstack([coefficients, np.full((1, coefficients.shape[1]), bad)])
     assert value_range([(expansion, spoiled)]) == value_range([(expansion, coefficients)])
 
 
-def test_nothing_has_no_range():
+def test_empty_data_have_no_range():
     expansion, coefficients = elements(Shape.TRIANGLE, 4)
     assert value_range([]) is None
     assert value_range([(expansion, coefficients[:0])]) is None
     assert value_range([(expansion, coefficients * np.nan)]) is None
 
 
-def test_fourier_directions_are_bounded_too():
+def test_fourier_directions_are_also_bounded():
     planes = Homogeneous((Basis.FOURIER,), (2.0,), (0, 1, 2, 3))
     expansion = Expansion(Shape.TRIANGLE, (A, B, Basis.FOURIER)[:2], (4, 4), planes)
     coefficients = np.random.default_rng(3).standard_normal((9, mode_count(expansion)))

@@ -62,7 +62,7 @@ def bent():
         ({"SLURM_STEP_NUM_TASKS": "5"}, 1),
     ],
 )
-def test_processes_that_know_of_each_other_are_counted(environment, count):
+def test_processes_of_one_communicator_are_counted(environment, count):
     assert started_together(environment) == count
 
 
@@ -150,7 +150,7 @@ def test_points_between_parts_are_in_the_elements_that_one_process_finds(bent, s
     assert set(alone["status"]) == {0, 1}
 
 
-def test_what_was_in_doubt_counts_for_points_that_nothing_else_holds():
+def test_ambiguous_hits_count_for_points_found_nowhere_else():
     """As in one process, which doesn't search elements in doubt for others; each part is asked for points 0 to 3."""
 
     def found(point, element, margin, status, is_late):
@@ -178,7 +178,7 @@ def rows(columns):
 
 
 @pytest.mark.parametrize("numbers", [[1e16, 1, 1e-16, 1], [], [1e308, 1e308], [1, np.inf], [1, np.nan]], ids=str)
-def test_few_numbers_stand_for_many(numbers):
+def test_compressed_lists_expand_to_all_numbers(numbers):
     halves = [parts_of_sum(np.array(some, float)) for some in (numbers[:1], numbers[1:])]
     assert repr(rounded_sum([*halves[0], *halves[1]])) == repr(rounded_sum(numbers))
     assert max(map(len, halves)) <= 3
@@ -226,7 +226,7 @@ def walled():
     ],
     ids=str,
 )
-def test_integrals_over_parts_are_those_of_the_whole(walled, size, over, clip):
+def test_integrals_over_parts_match_those_of_the_whole(walled, size, over, clip):
     """Rows and their names are the same, whatever parts have elements or sides there; faces between parts are inner."""
     fields = ("u", "average(u)", "nx" if over in (("all",), ("wall", "one")) else "x")
     alone = integrate(walled, fields, over, 1e-4, clip=clip)
@@ -254,18 +254,18 @@ def test_integrals_over_parts_are_those_of_the_whole(walled, size, over, clip):
     ],
     ids=str,
 )
-def test_what_needs_more_than_parts_is_told(walled, field, over):
+def test_computations_that_need_more_than_parts_are_reported(walled, field, over):
     assert played(3, lambda ranks: comes_apart(own(walled, ranks), [field], [over], ranks=ranks)) == [False] * 3
 
 
-def test_a_field_on_some_elements_makes_no_sides(walled):
+def test_a_field_on_some_elements_creates_no_boundary(walled):
     """Sides are inner ones of the elements that have it, not of all."""
     (field,) = walled.fields
     some = replace(walled, fields=(replace(field, blocks=field.blocks[:1]),))
     assert played(2, lambda ranks: comes_apart(own(some, ranks), ["1"], ["all"], ranks=ranks)) == [False] * 2
 
 
-def test_what_is_clipped_is_shared(bent):
+def test_clipped_data_are_shared(bent):
     clip = "sphere:0.5,0.5,0.5:0.3"
     alone = integrate(bent, "u", error=1e-4, clip=clip)
     found = shared(2, lambda ranks: integrate(bent, "u", error=1e-4, clip=clip, ranks=ranks))
@@ -289,7 +289,7 @@ def files(bent, tmp_path_factory):
     ],
     ids=lambda words: " ".join(words[:2]),
 )
-def test_a_table_is_printed_once_and_is_that_of_one_process(files, started, words, monkeypatch, capfd):
+def test_a_table_is_printed_once_and_equals_that_of_one_process(files, started, words, monkeypatch, capfd):
     command = (words[0], "bent.xml", "bent.fld", *words[1:])
     monkeypatch.chdir(files)
     with pytest.raises(SystemExit):
@@ -305,14 +305,14 @@ def test_a_table_is_printed_once_and_is_that_of_one_process(files, started, word
 @pytest.mark.parametrize(
     ("words", "status"), [("integrate bent.xml", 2), ("convert --wrong", 2), ("info none.xml", 1)], ids=str
 )
-def test_what_is_wrong_is_told_once(files, started, words, status):
+def test_errors_are_printed_once(files, started, words, status):
     ranks = started.ranks(files, (2, *words.split()))
     assert (ranks.returncode, ranks.stdout) == (status, "")
     (sentence,) = ranks.stderr.splitlines()
     assert sentence.startswith("elvis: error: ")
 
 
-def test_ranks_with_commands_of_their_own_are_told(files, started):
+def test_ranks_with_different_commands_are_reported(files, started):
     one, other = (("convert", "bent.xml", "bent.fld", "-o", name) for name in ("none1.xml", "none2.xml"))
     ranks = started.ranks(files, (1, *one), (1, *other))
     assert ranks.returncode == 1
@@ -320,7 +320,7 @@ def test_ranks_with_commands_of_their_own_are_told(files, started):
     assert not [path for path in files.iterdir() if "none" in path.name]
 
 
-def test_what_a_rank_starts_is_none(started, tmp_path):
+def test_child_processes_of_a_rank_are_not_ranks(started, tmp_path):
     """Though it takes over the channel to the starter, which MPICH closes, Open MPI keeps open."""
     count = "from elvis.core.ranks import started_together; print(started_together())"
     start = (
@@ -369,7 +369,7 @@ raise SystemExit(ranks.end(status, reason))
     ],
     ids=["none", "before", "while messages are made", "after messages that nobody takes"],
 )
-def test_each_rank_gets_what_the_others_have_for_it(started, tmp_path, fault, told):
+def test_each_rank_receives_the_data_of_the_others(started, tmp_path, fault, told):
     ranks = started.processes(tmp_path, (3, sys.executable, "-c", SENDS.format(fault=fault)))
     assert ranks.returncode == (fault != "pass")
     assert ranks.stderr == ""

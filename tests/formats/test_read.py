@@ -157,7 +157,7 @@ def test_coordinates_beyond_the_space_are_ignored(square):
         [("<NEKTAR>", "<NEKTAR note='>'>"), ("</NEKTAR>", "</NEKTAR> trailing")],
     ],
 )
-def test_xml_that_strict_parsers_refuse(changes, square, assert_same):
+def test_xml_rejected_by_strict_parsers(changes, square, assert_same):
     assert_same(square(*changes), square())
 
 
@@ -174,7 +174,7 @@ def test_files_are_merged_tag_by_tag(tmp_path, square):
     assert read(*names, tmp_path / "last.xml").mesh.of(Shape.QUADRILATERAL).ids.tolist() == [8]
 
 
-def test_gzip_is_seen_by_content(square, tmp_path, assert_same):
+def test_gzip_is_recognised_by_content(square, tmp_path, assert_same):
     dataset = square()
     packed = gzip.compress(SQUARE[:300].encode()) + gzip.compress(SQUARE[300:].encode())
     (tmp_path / "plain_name.xml").write_bytes(packed)
@@ -189,7 +189,9 @@ def moved(nektar, tmp_path):
     return tmp_path
 
 
-def test_hdf5_meshes_are_found_beside_in_the_working_folder_or_among_the_files(moved, monkeypatch, assert_same):
+def test_hdf5_meshes_are_found_next_to_the_file_in_the_working_folder_or_among_the_arguments(
+    moved, monkeypatch, assert_same
+):
     dataset = read(moved / "interptest_hdf5.xml", moved / "interptest_hdf5.fld")
     elsewhere = moved / "elsewhere"
     elsewhere.mkdir()
@@ -208,7 +210,7 @@ def test_hdf5_meshes_are_found_beside_in_the_working_folder_or_among_the_files(m
     assert_same(read(moved / "interptest_hdf5.xml", moved / "interptest_hdf5.fld"), dataset)
 
 
-def test_bare_hdf5_meshes_have_the_least_dimensions(case_files, nektar):
+def test_bare_hdf5_meshes_have_the_minimum_dimension(case_files, nektar):
     for case, expected in (("bfs_tq7_hdf5", (2, 2)), ("gen_tet_p8_nekg2", (3, 3))):
         (path,) = (nektar / case).glob("*.nekg")
         bare, full = read(path), read(case_files(case)[0])
@@ -260,7 +262,7 @@ def test_reading_needs_no_hdf5_library_for_xml(case_files):
     assert result.stdout.strip() == "False"
 
 
-def test_no_mesh_no_files_and_two_meshes(case_files, nektar):
+def test_missing_and_duplicate_meshes(case_files, nektar):
     _, fields = case_files("quad4")
     with pytest.raises(ElvisError, match="expected files to read, found none"):
         read()

@@ -39,7 +39,7 @@ def test_mixed_orders_make_a_block_for_each(case, case_files):
         assert sorted(ids.tolist()) == dataset.mesh.domain_ids().tolist()
 
 
-def test_coefficients_are_counted_as_modes_are():
+def test_coefficients_are_counted_like_modes():
     rng = np.random.default_rng(5)
     families = {
         Shape.TETRAHEDRON: (Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C),
@@ -130,7 +130,7 @@ def test_wrapped_padded_and_bare_payloads(case_files, tmp_path, assert_same):
         assert_same(read(mesh, tmp_path / "f.fld"), read(mesh, fields))
 
 
-def test_elements_that_the_mesh_lacks_are_skipped(case_files, tmp_path):
+def test_elements_missing_from_the_mesh_are_skipped(case_files, tmp_path):
     dataset = read(*case_files("gen_allelem_n4"))
     write(dataset, field_path=tmp_path / "f.fld")
     text = (tmp_path / "f.fld").read_text()
@@ -186,7 +186,7 @@ def test_two_fourier_directions_and_strips(field_format, case_files, tmp_path, a
         assert 'NUMMODESPERDIR="UNIORDER:3,2,4"' in head
 
 
-def test_strips_stay_apart(case_files, tmp_path):
+def test_strips_remain_separate(case_files, tmp_path):
     dataset = read(*case_files("chan3dh1d"))
     (block,) = dataset.field("u").blocks
     strips = tuple(
@@ -224,7 +224,7 @@ def test_planes_of_parallel_runs_are_united(case_files, tmp_path):
     assert np.array_equal(whole.coefficients, block.coefficients)
 
 
-def test_hdf5_files_as_other_programs_may_write_them(case_files, tmp_path, assert_same):
+def test_hdf5_files_of_other_writers(case_files, tmp_path, assert_same):
     mesh, fields = case_files("bfs_tq7_hdf5")
     shutil.copy(fields, tmp_path / "f.h5")
     with h5py.File(tmp_path / "f.h5", "r+") as file:
@@ -255,7 +255,7 @@ def renumbered(path, version=None):
 
 
 @pytest.mark.parametrize("case", ["chan3dh1d", "triquad_h1d", "hex_gll8"])
-def test_numbers_of_bases_from_before_pyramids_had_their_own(case, case_files, tmp_path, assert_same):
+def test_old_basis_numbers_without_pyramids(case, case_files, tmp_path, assert_same):
     mesh, fields = case_files(case)
     paths = write(read(mesh, fields), tmp_path / "a.xml", field_format="hdf5")
     renumbered(paths[-1])
@@ -265,7 +265,7 @@ def test_numbers_of_bases_from_before_pyramids_had_their_own(case, case_files, t
 @pytest.mark.parametrize(
     ("version", "basis"), [("4.4.1", Basis.GAUSS_LAGRANGE), ("5.0.0", Basis.FOURIER), (None, Basis.FOURIER)]
 )
-def test_numbers_that_mean_something_both_ways_go_by_the_version(version, basis, case_files, tmp_path):
+def test_ambiguous_basis_numbers_are_decided_by_the_version(version, basis, case_files, tmp_path):
     mesh, fields = case_files("hex_gll8")
     data = read(mesh, fields)
     blocks = tuple(

@@ -18,7 +18,7 @@ IDS = st.lists(st.integers(0, 40) | st.integers(0, 10**12), max_size=30)
 
 
 @given(IDS)
-def test_lists_of_ids_go_both_ways(ids):
+def test_lists_of_ids_round_trip(ids):
     text = numbers.format_ids(np.array(ids, np.int64))
     parsed = numbers.parse_ids(f" {text} ")
     assert parsed.count == len(ids)
@@ -26,7 +26,7 @@ def test_lists_of_ids_go_both_ways(ids):
 
 
 @given(IDS, st.sets(st.integers(0, 60)))
-def test_existing_ids_are_those_of_the_list_that_are_there(ids, present):
+def test_existing_ids_of_a_list_are_selected(ids, present):
     found = numbers.parse_ids(numbers.format_ids(np.array(ids, np.int64))).existing(np.array(sorted(present), np.int64))
     assert found.tolist() == [id for id in ids if id in present]
 
@@ -34,12 +34,12 @@ def test_existing_ids_are_those_of_the_list_that_are_there(ids, present):
 @pytest.mark.parametrize(
     "text", ["1,,2", "1-", "-1", "3-1", "1-2-3", "a", "1;2", "1 2", "1.5", ",", "1e3", "٣", "1-2,"]
 )
-def test_lists_that_are_none(text):
+def test_invalid_lists(text):
     with pytest.raises(FormatError, match="expected"):
         numbers.parse_ids(text)
 
 
-def test_a_list_may_claim_more_than_memory_holds():
+def test_a_list_may_declare_more_than_memory():
     claimed = numbers.parse_ids("0-99999999999999999,5")
     assert claimed.count == 10**17 + 1
     assert claimed.existing(np.array([3, 5])).tolist() == [3, 5, 5]
@@ -101,7 +101,7 @@ def test_expressions(text, value):
         "nan",
     ],
 )
-def test_what_is_no_expression_is_refused(text):
+def test_invalid_expressions_are_rejected(text):
     with pytest.raises(FormatError, match="expected"):
         evaluate(text)
 
@@ -114,7 +114,7 @@ def test_what_is_no_expression_is_refused(text):
         ("1/0", r"expected an expression with a value, found '1/0' \(float division by zero\)"),
     ],
 )
-def test_what_is_wrong_with_an_expression_is_told_with_its_place(text, message):
+def test_errors_in_expressions_state_their_position(text, message):
     with pytest.raises(FormatError, match=f"^{message}$"):
         evaluate(text)
 
@@ -125,7 +125,7 @@ def encoded(array, level=6, tail=b"\0"):
 
 @pytest.mark.parametrize("size", [0, 1, 7, 200_001])
 @pytest.mark.parametrize("level", [0, 6])
-def test_payloads_are_decoded_whatever_their_tail(size, level):
+def test_payloads_are_decoded_with_any_padding(size, level):
     values = np.random.default_rng(size).standard_normal(size)
     for tail in (b"", b"\0", b"\0\0", b"anything"):
         text = encoded(values, level, tail)

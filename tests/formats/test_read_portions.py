@@ -82,7 +82,7 @@ def test_a_part_of_files_is_that_of_the_whole(name, formats, tmp_path, monkeypat
         assert {own.dtype for own in (found.sides, *found.rows.values())} == {np.dtype(np.int32)}
 
 
-def test_waves_of_several_files_are_those_of_the_whole(tmp_path):
+def test_waves_of_several_files_match_those_of_the_whole(tmp_path):
     """As of runs that were split along a Fourier direction."""
     files = in_files(waves(0, 1), tmp_path, "hdf5", "hdf5")
     files += [path for path in write(waves(2, 3), tmp_path / "b.xml", field_format="hdf5") if path.suffix == ".fld"]
@@ -107,7 +107,7 @@ def contents(value):
 
 @pytest.mark.parametrize("form", ["compressed", "text"])
 @pytest.mark.parametrize("more", [2**31 - 70, 2**31 + 5])
-def test_ids_in_xml_may_be_great(more, form, tmp_path):
+def test_ids_in_xml_may_be_large(more, form, tmp_path):
     mesh = grid(Shape.TETRAHEDRON, 2)
     great = {shape: replace(own, ids=own.ids + more) for shape, own in mesh.entities.items()}
     whole = with_field(replace(mesh, entities=great, composites=(), domains={}), function, 3)
@@ -143,7 +143,7 @@ SHARES = {
 
 
 @pytest.mark.parametrize("formats", SHARES, ids="-".join)
-def test_a_part_takes_little_more_than_its_share_of_memory(formats, tmp_path, monkeypatch):
+def test_a_part_uses_little_more_than_its_share_of_memory(formats, tmp_path, monkeypatch):
     monkeypatch.setattr(hdf5, "_LONG", 0)
     monkeypatch.setattr(payload, "_STEP", 1 << 12)
     for module in (assembly, geometry_parts):

@@ -55,7 +55,7 @@ def test_polynomials_of_one_degree_more_are_recovered(shape, make):
 
 @pytest.mark.parametrize("make", [approximated, interpolated])
 @pytest.mark.parametrize("mesh", [mixed_plane, lambda: one_element(Shape.QUADRILATERAL, 2)])
-def test_meshes_that_are_one_element_thick_lose_nothing(mesh, make):
+def test_meshes_of_one_layer_are_recovered_exactly(mesh, make):
     bare = Dataset(mesh())
     dataset = Dataset(bare.mesh, (make(bare, "u", lambda p: np.exp(p[:, 0] / 2 - p[:, 1]), 4),))
     truth = "exp(x/2 - y)"
@@ -97,7 +97,7 @@ def test_recovered_derivatives_are_one_order_more_accurate_in_space(shape):
 @pytest.mark.parametrize(
     "mesh", [lambda: curved(grid(Shape.QUADRILATERAL, 3), ripple(0.05), 3), lambda: mixed_volume(1)]
 )
-def test_recovered_fields_are_continuous_and_say_how_far_they_are(mesh):
+def test_recovered_fields_are_continuous_and_state_their_distance(mesh):
     bare = Dataset(mesh())
     dataset = Dataset(bare.mesh, (approximated(bare, "u", lambda p: np.exp(p[:, 0] + p[:, 1]), 2),))
     for text in ("recovered(u)", "recovered(d(u,y))"):

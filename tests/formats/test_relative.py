@@ -10,14 +10,14 @@ EPS = 2.0**-52
 
 
 @pytest.mark.parametrize("magnitude", [1e-300, 1e-9, 1.0, 101325.0, 1e300])
-def test_the_range_of_a_constant_measures_nothing(magnitude):
+def test_the_range_of_a_constant_is_not_a_scale(magnitude):
     for spread in (0.0, EPS * magnitude, 100 * EPS * magnitude):
         assert scale(spread, magnitude) == magnitude
     for spread in (1e-12 * magnitude, magnitude, 2 * magnitude):
         assert scale(spread, magnitude) == spread
 
 
-def test_digits_that_a_source_lacks_count_as_rounding():
+def test_missing_digits_of_a_source_count_as_rounding():
     assert scale(1e-7, 1.0) == 1e-7
     assert scale(1e-7, 1.0, precision=2.0**-23) == 1.0
 
@@ -28,7 +28,7 @@ def test_rounding_of_large_numbers_is_within_any_bound():
     assert error_limit(0.0, 1.0, 1e6) == 64 * EPS * 1e6
 
 
-def test_zero_and_nothing():
+def test_zero_and_empty_arrays():
     assert scale(0.0, 0.0) == 1.0
     assert error_limit(1e-3, 0.0, 0.0) == 1e-3
     assert scale(-math.inf, math.inf) == 1.0

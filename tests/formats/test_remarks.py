@@ -79,7 +79,7 @@ def test_faces_are_selected_by_them(commented):
         faces.select(["wall"])
 
 
-def test_names_of_the_file_come_before_them(commented):
+def test_file_names_precede_remarks(commented):
     mesh = read_native(commented).mesh
     named = replace(mesh, composites=(replace(mesh.composites[1], name="Top side"), *mesh.composites[2:]))
     assert set(boundaries(named)["Top side"]) == set(boundaries(mesh)["1"])

@@ -108,7 +108,7 @@ def test_growth_in_one_element_is_found(shape):
 
 
 @pytest.mark.parametrize("shape", Shape)
-def test_maximum_of_what_is_removed_is_certified(shape):
+def test_the_maximum_of_the_removed_part_is_certified(shape):
     mesh = curved(one_element(shape), ripple(0.05), n=3) if shape is not Shape.PYRAMID else one_element(shape)
     bare = Dataset(mesh)
     field = approximated(bare, "u", lambda p: np.exp(p[:, 0]) * np.cos(2 * p[:, 1] + p[:, 2]), 5)
@@ -189,7 +189,7 @@ def test_decay_and_tail_are_quantities():
         Expression.of(dataset, "decay(u*u)")
 
 
-def test_truncated_fields_are_fields_like_any_other():
+def test_truncated_fields_are_ordinary_fields():
     bare = Dataset(grid(Shape.TRIANGLE, 2))
     own = approximated(bare, "u", lambda p: np.exp(2 * p[:, 0] + p[:, 1]), 5)
     dataset = Dataset(bare.mesh, (own,))

@@ -50,13 +50,13 @@ def test_fields_are_found_by_name(plane):
     assert "speed" not in plane
 
 
-def test_a_wrong_name_is_told_with_a_near_one(plane):
+def test_a_wrong_name_is_reported_with_a_similar_one(plane):
     with pytest.raises(KeyError, match=r"no field 'V' \(perhaps v\); the fields are u, v"):
         plane["V"]
 
 
 @pytest.mark.parametrize("quantities", ["u*v", ["u*v"], ("u*v",)], ids=["text", "list", "tuple"])
-def test_quantities_are_what_probe_takes(plane, quantities):
+def test_sample_accepts_the_quantities_of_probe(plane, quantities):
     x, y = np.transpose(POINTS[:2])
     found = sample(plane, quantities, POINTS)
     assert found["u*v"][:2] == pytest.approx(x * y * (x - 2 * y), abs=1e-13)
@@ -64,7 +64,7 @@ def test_quantities_are_what_probe_takes(plane, quantities):
     assert found.location.element_id[2] == -1
 
 
-def test_what_is_sampled_is_let_go_of_at_once(plane):
+def test_sampled_data_are_released_at_once(plane):
     """Data that are done with take no memory until Python looks for circles, which may be long."""
     places = ElementPoints(patches(plane, ["u"])[0], np.array([0, 1]), np.zeros((2, 2)))
     for order in (0, 1, 2):
@@ -85,7 +85,7 @@ def test_predefined_quantities_and_derivatives(plane):
     assert found["d(u,x)"] == pytest.approx(y, abs=1e-12)
 
 
-def test_none_is_all_fields(plane):
+def test_none_means_all_fields(plane):
     assert sample(plane, None, POINTS).names == ("u", "v")
 
 
@@ -108,7 +108,7 @@ def test_one_point(plane, point):
         ([(0, 0, 0), (0, 0)], r"expected points as numbers (n, 3)"),
     ],
 )
-def test_points_of_another_shape_are_refused(solid, points, told):
+def test_points_of_another_shape_are_rejected(solid, points, told):
     with pytest.raises(ElvisError, match=re.escape(told)):
         sample(solid, "w", points)
 
@@ -120,7 +120,7 @@ def test_no_points_are_no_results(solid):
     assert "0 points" in repr(found)
 
 
-def test_an_unknown_quantity_is_told(plane):
+def test_an_unknown_quantity_is_reported(plane):
     with pytest.raises(ElvisError, match=r"there is no 'sped' \(perhaps speed\)"):
         sample(plane, "sped", POINTS)
     with pytest.raises(KeyError, match=r"'U' was not requested \(perhaps u\): there are u"):
@@ -162,7 +162,7 @@ def test_a_missing_library_is_named(plane, monkeypatch):
         sample(plane, "u", POINTS).to_pandas()
 
 
-def test_near_names_go_by_letters_first():
+def test_similar_names_are_ranked_by_letters_first():
     assert nearest("TURBO", ["turbo", "turbid"]) == "turbo"
     assert nearest("velocty", ["velocity", "p"]) == "velocity"
     assert perhaps("zzz", ["velocity", "p"]) == ""

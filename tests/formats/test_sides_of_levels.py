@@ -78,7 +78,7 @@ def level(dataset, text):
 @pytest.mark.sampled(least=12)
 @pytest.mark.parametrize("own", ["u", "w", "s", "d(u,x)", "-d(u,x)"])
 @pytest.mark.parametrize("form", [*OF_ONE, *OF_SEVERAL])
-def test_clips_leave_the_side_on_which_the_expression_is_less(form, own):
+def test_clips_leave_the_side_where_the_expression_is_smaller(form, own):
     # in solids quotients of derivatives and coordinates take seconds each
     shapes = PLANES if "x" in form and "d(" in own else SHAPES
     shape = shapes[(len(form) + len(own)) % len(shapes)]
@@ -107,7 +107,7 @@ def test_a_factor_of_unknown_sign_keeps_its_sign():
     "form",
     ["f", "1 - f", "-2*f", "f/(-3)", "f/(-1 - x)", "abs(f)", "exp(-f)", "f^3", "sqrt(2 - f)", "-max(f, y - 0.5)"],
 )
-def test_fluxes_through_level_sets_are_those_of_the_divergence(form, own):
+def test_fluxes_through_level_sets_match_those_of_the_divergence(form, own):
     """The vector (x (1 - x), y (1 - y), 0) has no flux through the sides of the cube, whose normals are axes."""
     shape = SHAPES[(len(form) + len(own)) % len(SHAPES)]
     dataset, text = gas(shape), form.replace("f", f"({own})")
@@ -119,7 +119,7 @@ def test_fluxes_through_level_sets_are_those_of_the_divergence(form, own):
     assert max(np.abs(truth)) > NOISE
 
 
-def test_poles_bound_a_clip_and_are_no_surface():
+def test_poles_bound_a_clip_but_are_not_surfaces():
     """1/(x - 0.3) < 2 holds for x < 0.3 and x > 0.8; the value 2 is attained at x = 0.8 only, decreasing."""
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
     assert integrate(dataset, "volume", clip="outside:1/(x-0.3)=2", error=1e-10).value == pytest.approx(0.5, rel=1e-12)
@@ -128,7 +128,7 @@ def test_poles_bound_a_clip_and_are_no_surface():
     assert [row.value for row in found] == pytest.approx([1, -1], rel=1e-12)
 
 
-def test_what_has_no_value_is_on_no_side():
+def test_points_without_a_value_are_on_neither_side():
     """sqrt(x - 0.3) is less than 0.5 from 0.3 to 0.55, and greater beyond."""
     dataset = Dataset(grid(Shape.PRISM, 1))
     assert integrate(dataset, "volume", clip="outside:sqrt(x-0.3)=0.5", error=1e-10).value == pytest.approx(

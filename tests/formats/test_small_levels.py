@@ -23,7 +23,7 @@ def is_covered(found, truth):
 
 @pytest.mark.sampled(least=2, free=("distance",))
 @pytest.mark.parametrize("distance", [1e-2, 1e-4, 1e-6, 1e-7])
-def test_two_sheets_near_to_each_other(distance):
+def test_two_close_surfaces(distance):
     """The planes z = 0.5 +- distance / 2: sheets that rounding can't tell apart are in the error as a whole."""
     dataset, level = Dataset(grid(Shape.HEXAHEDRON, 1)), f"(z-0.5)^2={distance**2 / 4!r}"
     area = integrate(dataset, "area", over=level)[0]
@@ -107,7 +107,7 @@ def test_levels_on_sides_count_once(shape, level):
 
 
 @pytest.mark.parametrize("level", ["x^2=0", "(x-0.5)^2=0", "x*(y-0.3)=0"])
-def test_levels_on_sides_that_cannot_be_told_are_in_the_error(level):
+def test_undecided_levels_on_sides_are_part_of_the_error(level):
     """Zeros of second order are no borders of parts; where signs change along a side, a part of it is in no element."""
     truth = 2.0 if "y" in level else 1.0
     (area,) = integrate(Dataset(grid(Shape.QUADRILATERAL, 2)), "area", over=level, error=1e-3)

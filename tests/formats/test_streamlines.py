@@ -45,7 +45,7 @@ def turned(seed, time):
     return np.array([0.5 + c * x - s * y, 0.5 + s * x + c * y, seed[2]])
 
 
-def test_coefficients_are_those_of_another_library():
+def test_coefficients_match_those_of_another_library():
     assert (dop853_coefficients.A[1:] == dop853.STAGES).all()
     assert (dop853.ERRORS[:, :13] == [dop853_coefficients.E5, dop853_coefficients.E3]).all()
     assert (dop853.DENSE == dop853_coefficients.D).all()
@@ -100,7 +100,7 @@ def test_first_roots_behind_a_slow_rise():
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.parametrize(("tolerance", "bound"), [(None, 3e-10), (1e-13, 4e-13)])
 @pytest.mark.sampled(free=("shape", "tolerance", "bound"))
-def test_three_turns_in_bent_elements(shape, tolerance, bound):
+def test_three_turns_in_curved_elements(shape, tolerance, bound):
     d = shape.dimension
     mesh = curved(grid(shape, 2 if d == 2 else 1), ripple(0.05), 3)
     seeds = np.array([[0.75, 0.5, 0.45], [0.55, 0.45, 0.55]])
@@ -155,7 +155,7 @@ def test_errors_fall_with_the_tolerance_down_to_rounding(shape):
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.parametrize("modes", range(2, 8))
 @pytest.mark.sampled(least=2, free=("shape", "modes"))
-def test_where_the_speed_jumps_at_every_border_lines_keep_their_course(shape, modes):
+def test_lines_stay_straight_if_the_speed_jumps_at_every_border(shape, modes):
     """Of the orders 1 to 6: a rotation, by a factor of its own in each element, after two turns by its length."""
     d = shape.dimension
     mesh = grid(shape, 2 if d == 2 or shape is Shape.HEXAHEDRON else 1)
@@ -181,7 +181,7 @@ def hill(t, p):
     return np.stack([x * z, y * z, 0.1 - 2 * (x * x + y * y) - z * z], axis=-1)
 
 
-def test_hills_vortex_as_another_integrator_has_it():
+def test_hills_vortex_matches_another_integrator():
     mesh = curved(grid(Shape.TETRAHEDRON, 1), ripple(0.03), 2)
     fields = {name: lambda p, axis=axis: hill(0, p)[:, axis] for axis, name in enumerate("uvw")}
     seed, time = [0.62, 0.53, 0.5], 12.0
@@ -206,7 +206,7 @@ def test_closed_orbits_of_a_stream_function_stay_closed():
         assert np.abs(values - values[0]).max() < 1e-11
 
 
-def test_lines_against_the_stream_come_back():
+def test_lines_against_the_stream_return():
     dataset = data(curved(mixed_plane(1), ripple(0.05), 3), {"u": constant(1), "v": lambda p: 0.1 * p[:, 0]}, 4)
     there = trace(dataset, [[0.2, 0.4]], length=1.5)
     back = trace(dataset, there[0][-1:, :2], length=1.5, direction="backward")
@@ -231,7 +231,7 @@ RIGHT = {"u": constant(1), "v": constant(0)}
 
 
 @pytest.mark.parametrize(("factor", "end"), [(-1.0, "jump"), (np.nan, "nan"), (2.0, "boundary")])
-def test_jumps_and_what_is_no_number(factor, end):
+def test_jumps_and_nan(factor, end):
     found = trace(altered(data(mixed_plane(), RIGHT), "u", 1, factor), [[0.1, 0.3]])
     assert found.counts() == {end: 1}
     assert found[0][-1, 0] == pytest.approx(3 if end == "boundary" else 1, abs=1e-13)
@@ -249,7 +249,7 @@ def test_lines_along_sides_and_through_vertices():
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON, Shape.PYRAMID])
 @pytest.mark.sampled(free=("shape",))
-def test_circles_that_touch_sides_between_elements_go_on(shape):
+def test_circles_that_touch_sides_between_elements_continue(shape):
     """Seeds are the points of contact, in planes of the mesh; lines ended as jumps there."""
     d = shape.dimension
     still = {**ROTATION, "w": constant(0)}
@@ -293,7 +293,7 @@ def test_lines_that_begin_at_vertices_of_curved_elements(seed):
         assert np.abs(points - expected).max() < 1e-10
 
 
-def test_a_step_is_believed_only_where_its_dense_output_follows_the_velocity(monkeypatch):
+def test_a_step_is_accepted_only_if_its_dense_output_follows_the_velocity(monkeypatch):
     """Even if the embedded methods find no error at all in the widest steps."""
     monkeypatch.setattr(Tracer, "_error", lambda self, active, taken: np.zeros(len(active)))
     mesh = curved(grid(Shape.QUADRILATERAL, 1), ripple(0.1), 4)
@@ -347,7 +347,7 @@ def test_an_inverted_element_ends_lines():
     assert [found.ends[end] for end in found.end] == ["inverted", "boundary"]
 
 
-def test_quasi_3d_data_go_round_their_period():
+def test_lines_in_quasi_3d_data_cross_the_period():
     mesh = curved(grid(Shape.QUADRILATERAL, 1), ripple(0.04), 3)
     plane = data(mesh, of_dimension(ROTATION, 2), 5)
     waves = Homogeneous((Basis.FOURIER,), (0.5,), (0, 1))
@@ -388,12 +388,12 @@ def test_velocities_that_are_guessed():
         ({"seeds": []}, "expected at least one seed"),
     ],
 )
-def test_what_is_refused(arguments, match):
+def test_invalid_input_is_rejected(arguments, match):
     with pytest.raises(ElvisError, match=match):
         trace(data(mixed_plane(), RIGHT), **{"seeds": [[0.1, 0.3]], **arguments})
 
 
-def test_there_is_no_velocity_and_no_way_in_1d():
+def test_one_dimensional_data_have_no_streamlines():
     with pytest.raises(ElvisError, match="the data lack a velocity: u, v, w"):
         trace(data(mixed_plane(), {"p": constant(1)}), [[0.1, 0.3]])
     with pytest.raises(ElvisError, match="expected 2D or 3D data"):

@@ -100,7 +100,7 @@ FLOWS = {
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension == 3])
 @pytest.mark.parametrize("flow", FLOWS)
 @pytest.mark.sampled(free=("shape", "modes"))
-def test_lines_end_where_they_should(flow, shape, modes):
+def test_lines_end_at_the_right_places(flow, shape, modes):
     velocity, seed, time, end = FLOWS[flow]
     mesh = grid(shape, 1)
     dataset = Dataset(mesh if modes == 2 else curved(mesh, ripple(0.03), modes))

@@ -46,7 +46,7 @@ def volume():
 @pytest.mark.sampled
 @pytest.mark.parametrize("mesh", list(MESHES))
 @pytest.mark.parametrize("form", ["compressed", "text", "hdf5"])
-def test_written_files_keep_all_rules(mesh, form, tmp_path, monkeypatch):
+def test_written_files_pass_the_strict_checks(mesh, form, tmp_path, monkeypatch):
     dataset = with_fields(MESHES[mesh]())
     write(dataset, tmp_path / "a.xml", mesh_format=form, field_format="hdf5" if form == "hdf5" else "xml")
     assert findings(tmp_path / "a.xml", tmp_path / "a.fld") == ()
@@ -66,7 +66,7 @@ def of_two_orders(mesh, few):
     return replace(high, fields=(replace(high.fields[0], blocks=tuple(blocks)),))
 
 
-def test_mixed_orders_keep_all_rules(tmp_path):
+def test_mixed_orders_pass_the_strict_checks(tmp_path):
     dataset = of_two_orders(grid(Shape.TETRAHEDRON, 1), 2)
     for form in ("xml", "hdf5"):
         write(dataset, tmp_path / "a.xml", field_format=form)
@@ -82,7 +82,7 @@ def test_modes_that_one_part_needs_are_needed(few, tmp_path):
     assert_found("modes", "NUMMODES of 4 or more", path, tmp_path / "a.fld")
 
 
-def test_values_on_elements_that_no_part_has_are_found(tmp_path):
+def test_values_on_elements_of_no_part_are_detected(tmp_path):
     write(with_fields(grid(Shape.TETRAHEDRON, 2)), tmp_path / "a.xml", field_format="hdf5")
     write(with_fields(grid(Shape.TETRAHEDRON, 1)), tmp_path / "b.xml", mesh_format="text", field_format="hdf5")
     assert_found("ids", "expected elements of the mesh, found 42 others", tmp_path / "b.xml", tmp_path / "a.fld")
@@ -289,7 +289,7 @@ def test_a_missing_file_is_found(volume, tmp_path):
     assert "expected the file a.nekg next to it" in str(findings(tmp_path / "a.xml")[0])
 
 
-def test_real_files_are_checked_and_rewritten_ones_keep_the_rules(case, case_files, tmp_path):
+def test_real_files_are_checked_and_rewritten_ones_pass(case, case_files, tmp_path):
     paths = [path for path in case_files(case) if path]
     dataset = read(*paths)
     before = {str(each) for each in findings(*paths) if "elements" in each.place}
@@ -299,18 +299,18 @@ def test_real_files_are_checked_and_rewritten_ones_keep_the_rules(case, case_fil
     assert [each for each in after if each not in before and not any(word in each for word in kept)] == []
 
 
-def test_genuine_files_keep_what_is_required(case, case_files):
+def test_genuine_files_satisfy_all_requirements(case, case_files):
     """They were written by the format's own programs, and are read by them."""
     paths = [path for path in case_files(case) if path]
     assert [str(each) for each in findings(*paths) if each.is_required] == []
 
 
-def test_genuine_files_don_t_keep_all_advice(case_files):
+def test_genuine_files_do_not_follow_all_recommendations(case_files):
     broken = [case for case in ("bfs_tq7", "chan3d_tet", "helmholtz_tq", "triquad_h5") if findings(*case_files(case))]
     assert len(broken) == 4
 
 
-def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
+def test_the_command_fails_on_violated_requirements(volume, tmp_path):
     files = [str(file) for file in write(volume, tmp_path / "a.xml", mesh_format="text")]
     strict = lambda *more: CliRunner().invoke(info, ["--strict", *more, *files], standalone_mode=False)  # noqa: E731
     assert strict().exception is None
@@ -338,7 +338,7 @@ def test_the_command_fails_where_what_is_required_is_broken(volume, tmp_path):
     assert sentence in advised
 
 
-def test_findings_are_one_line_whatever_a_file_holds(tmp_path):
+def test_findings_take_one_line_for_every_file(tmp_path):
     files = [tmp_path / "a.xml", tmp_path / "a.fld"]
     write(approximated_plane(), files[0], mesh_format="compressed")
     text = files[1].read_text()
@@ -391,7 +391,7 @@ def pages(count):
     ("made", "sentence"),
     [(torn_between_parts, "edges: expected each once"), (pages, "edges: expected at most two elements on each")],
 )
-def test_what_is_wrong_between_parts_is_found(made, sentence, size, tmp_path):
+def test_errors_between_parts_are_found(made, sentence, size, tmp_path):
     """Each part is sound by itself."""
     write(made(max(size, 3) if made is pages else size), tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
     files = tmp_path / "a.xml", tmp_path / "a.fld"

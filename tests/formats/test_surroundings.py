@@ -55,7 +55,7 @@ def borrowed(dataset, parts, texts=QUANTITIES):
 @pytest.mark.sampled
 @pytest.mark.parametrize("cut", range(3))
 @pytest.mark.parametrize("name", MESHES)
-def test_surfaces_and_jumps_are_those_of_the_whole(name, cut):
+def test_surfaces_and_jumps_match_those_of_the_whole(name, cut):
     dataset = bent(MESHES[name]())
     every = borrowed(dataset, cuts(dataset)[cut])
     for target in ("all", "boundary"):
@@ -76,7 +76,7 @@ def test_surfaces_and_jumps_are_those_of_the_whole(name, cut):
     assert np.nanmax(Attributes(dataset).constant("jump(u)", shape, entities.ids)) > 0.01
 
 
-def test_sides_of_faces_are_found_once_among_all(monkeypatch):
+def test_sides_of_faces_are_found_once_over_all_ranks(monkeypatch):
     counts = []
 
     def counted(corners, gaps, places):
@@ -89,7 +89,7 @@ def test_sides_of_faces_are_found_once_among_all(monkeypatch):
     assert sorted(counts) == [16, 16, 16]
 
 
-def test_tables_of_parts_are_those_of_the_whole():
+def test_tables_of_parts_match_those_of_the_whole():
     dataset = bent(grid(Shape.QUADRILATERAL, 3))
     expressions = [Expression.of(dataset, text) for text in QUANTITIES]
     parts = cuts(dataset)[1]
@@ -106,7 +106,7 @@ def test_tables_of_parts_are_those_of_the_whole():
 
 
 @pytest.mark.thorough
-def test_integrals_of_parts_are_those_of_the_whole():
+def test_integrals_of_parts_match_those_of_the_whole():
     dataset = bent(grid(Shape.TETRAHEDRON, 1))
     wanted, over = ["jump(u)", "1+distance(all)"], ["domain"]
     parts = cuts(dataset)[1]
@@ -123,7 +123,7 @@ def test_integrals_of_parts_are_those_of_the_whole():
     assert not list(second)
 
 
-def test_neighbours_alone_are_sent():
+def test_only_neighbours_are_sent():
     """Of a part's border, not of all elements: a rank sends some layers of a cube."""
     dataset = bent(grid(Shape.HEXAHEDRON, 8))
     parts = along_curve(dataset, 2)
@@ -137,7 +137,7 @@ def test_neighbours_alone_are_sent():
         assert 0.1 * whole < own < 0.6 * whole
 
 
-def test_what_names_no_surface_is_told_where_distances_are_measured():
+def test_unknown_surfaces_are_reported_for_distances():
     dataset = bent(grid(Shape.TETRAHEDRON, 2))
     composites = tuple(
         replace(own, parts=(("F", np.array([999])),)) if own.name == "boundary" else own

@@ -18,7 +18,7 @@ def test_a_picture_of_every_character():
     assert one_line("a\n  b\x1b") == "a b?"
 
 
-def test_nothing_that_a_terminal_acts_on_is_printed(capsys, on):
+def test_control_characters_are_not_printed(capsys, on):
     print_table(("name", "value"), [(HOSTILE, f"two\nlines {HOSTILE}")], title=HOSTILE)
     say(HOSTILE)
     warn(f"{HOSTILE}\n{HOSTILE}")
@@ -31,7 +31,7 @@ def test_nothing_that_a_terminal_acts_on_is_printed(capsys, on):
     assert captured.err.count("\n") == 1
 
 
-def test_json_has_escapes_of_its_own(capsys):
+def test_json_uses_its_escapes(capsys):
     print_json({HOSTILE: HOSTILE})
     said = capsys.readouterr().out
     assert said.isascii()

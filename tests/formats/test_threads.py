@@ -17,7 +17,7 @@ def test_a_single_job_starts_no_thread():
     assert list(results([threading.get_ident])) == [threading.get_ident()]
 
 
-def test_the_first_failure_comes_out():
+def test_the_first_failure_is_raised():
     """After the results before it."""
     found, jobs = [], [lambda: 1, lambda: [][0], lambda: 1 / 0]
     with pytest.raises(IndexError):
@@ -25,7 +25,7 @@ def test_the_first_failure_comes_out():
     assert found == [1]
 
 
-def test_what_is_started_is_at_work_meanwhile():
+def test_started_work_runs_meanwhile():
     begun, once = threading.Event(), Once()
     with once.started(lambda: begun.set() or 7) as result:
         assert begun.wait(5)
@@ -34,7 +34,7 @@ def test_what_is_started_is_at_work_meanwhile():
         assert result() == 7
 
 
-def test_what_has_failed_is_tried_again():
+def test_failed_work_is_retried():
     once = Once()
     with once.started(lambda: 1 / 0) as result, pytest.raises(ZeroDivisionError):
         result()

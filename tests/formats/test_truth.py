@@ -169,7 +169,7 @@ def test_norms_of_field_convert(case):
         assert computed(case)[name].maximum == pytest.approx(maximum, rel=5.1e-6, abs=1e-12), name
 
 
-def test_norms_of_a_mesh_alone():
+def test_norms_of_a_mesh_without_fields():
     text = re.search(r"x L2 (\S+) max (\S+); y L2 (\S+) max (\S+) ", SECTIONS["scale_compressed"])
     found = computed("scale_compressed")
     numbers = [found["x"].l2, found["x"].maximum, found["y"].l2, found["y"].maximum]

@@ -76,7 +76,7 @@ def test_some_of_those_elements_are_tangled():
 
 @pytest.mark.sampled
 @pytest.mark.parametrize(("shape", "nodes"), EVERY_MAP)
-def test_least_values_are_attained_where_they_are_said_to_be(shape, nodes):
+def test_minima_are_attained_at_the_stated_points(shape, nodes):
     dataset = tangled(shape, nodes)
     found = validity(dataset)
     for block in geometry(dataset):
@@ -167,7 +167,7 @@ def dip(depth, shape=Shape.QUADRILATERAL):
     return GeometryBlock(expansion, np.array([7]), coefficients)
 
 
-def test_products_in_boxes_of_a_lattice_are_those_of_lists(monkeypatch):
+def test_products_in_boxes_of_a_lattice_match_those_of_lists(monkeypatch):
     random = np.random.default_rng(3)
     a, b = (
         Polynomials(BernsteinSpace(Shape.HEXAHEDRON, degrees), random.normal(size=(count, 7)), np.zeros(7))
@@ -195,7 +195,7 @@ def wavy(count, modes):
     return GeometryBlock(blocks[0].expansion, np.arange(count), coefficients)
 
 
-def test_quick_bounds_hold_and_need_the_terms_beyond_the_net(monkeypatch):
+def test_quick_bounds_are_valid_and_need_the_terms_beyond_the_net(monkeypatch):
     block = wavy(3, 7)
     found = enclosures(block.expansion, block.coefficients)
     seen = sampled(block, 3, n=21)
@@ -238,7 +238,7 @@ def test_quick_bounds_cover_errors_of_the_tangents(monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.HEXAHEDRON])
-def test_a_dip_smaller_than_any_sampling_is_found(shape):
+def test_a_dip_between_samples_is_found(shape):
     dataset = Dataset(one_element(shape, shape.dimension))
     found = validity(dataset, [dip(1e-9, shape)])
     assert found.status.tolist() == [ValidityStatus.NOT_POSITIVE]
@@ -290,7 +290,7 @@ def test_thin_valleys_are_decided_in_every_direction(shape, direction):
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.TETRAHEDRON])
 @pytest.mark.parametrize(("depth", "status"), [(-1e-10, ValidityStatus.NOT_POSITIVE), (0.0, ValidityStatus.UNDECIDED)])
-def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, status):
+def test_valleys_below_zero_are_refuted_and_at_zero_undecided(shape, depth, status):
     block = block_of(shape, 4, flat_valley((1.0, 0.5, 0.25), depth))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
     assert found.status.tolist() == [status]
@@ -300,13 +300,13 @@ def test_valleys_below_zero_are_refuted_and_at_zero_left_open(shape, depth, stat
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL])
-def test_curved_valleys_are_decided_too(shape):
+def test_curved_valleys_are_also_decided(shape):
     block = block_of(shape, 7, bent_valley(1e-10))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
     assert found.status.tolist() == [ValidityStatus.POSITIVE]
 
 
-def test_what_cannot_be_bounded_says_so(monkeypatch):
+def test_unbounded_determinants_are_reported(monkeypatch):
     monkeypatch.setattr("elvis.core.validity.validity._VALLEYS", 0)
     block = block_of(Shape.TRIANGLE, 4, flat_valley((1.0, 0.5), 1e-10))
     found = validity(Dataset(one_element(Shape.TRIANGLE, 2)), [block])
@@ -350,7 +350,7 @@ def test_reflected_elements_are_not_positive():
     assert (found.upper < 0).all()
 
 
-def test_maps_given_as_fields_are_the_ones_that_count():
+def test_maps_given_as_fields_are_checked():
     straight = Dataset(grid(Shape.TETRAHEDRON, 2))
     warp = ripple(0.6, seed=3)
     fields = tuple(approximated(straight, f"map_{'xyz'[i]}", lambda p, i=i: warp(p)[:, i], 3) for i in range(3))
@@ -384,7 +384,7 @@ def test_surfaces_and_curves_in_space_have_lengths_and_areas(shape, nodes):
     assert found.range.lower == pytest.approx(samples.min(), rel=0.05)
 
 
-def test_no_elements_have_no_range():
+def test_empty_meshes_have_no_range():
     mesh = grid(Shape.TETRAHEDRON, 1)
     found = validity(Dataset(replace(mesh, domains={0: ()}, composites=())))
     assert (len(found), found.range) == (0, None)

@@ -131,7 +131,7 @@ def test_axes_that_jump_far_are_two_lines(aside, ends):
     assert found.undecided == ()
 
 
-def test_an_end_above_a_wall_is_the_same_wherever_a_line_begins():
+def test_an_end_above_a_wall_is_independent_of_the_start():
     """A velocity that is zero where z is: its core ends where it turns as little as is asked for, each time.
 
     Steps go on beyond the wall, where what is zero on cores has derivatives of the other sign.

@@ -233,14 +233,14 @@ def check_random_fields(shape, cells, criterion, seed):
 @pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("seed", range(170))
 @pytest.mark.sampled(least=4, free=("seed",))
-def test_none_is_missed_and_none_invented(shape, criterion, seed):
+def test_all_are_found_and_none_is_spurious(shape, criterion, seed):
     """In 1,000 random quadratic velocities on tetrahedra, and some on hexahedra."""
     check_random_fields(shape, 1, criterion, seed)
 
 
 @pytest.mark.sampled(free=("seed",))
 @pytest.mark.parametrize("seed", [14, 15])
-def test_a_core_that_turns_again_behind_a_gap_is_found(seed):
+def test_a_core_continuing_behind_a_gap_is_found(seed):
     """In these fields a core fades and, in about the same direction, goes on in the same element."""
     check_random_fields(Shape.TETRAHEDRON, 1, "vorticity", seed)
 
@@ -289,7 +289,7 @@ def test_limits():
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)
-def test_where_nothing_turns_there_is_none(criterion):
+def test_flows_without_rotation_have_no_cores(criterion):
     """In uniform flow, shear, strain, and at rest."""
     matrices = [np.zeros((3, 3)), np.diag([1.0, 0, 0])[[1, 0, 2]], np.diag([1.0, -0.4, -0.6])]
     for matrix in matrices:
@@ -318,7 +318,7 @@ def test_bad_input():
         )
 
 
-def test_values_that_are_no_numbers_are_undecided():
+def test_nan_values_are_undecided():
     dataset = data(grid(Shape.HEXAHEDRON, 2), components(vortex(1.0)))
     (block,) = dataset.field("u").blocks
     coefficients = block.coefficients.copy()
@@ -329,7 +329,7 @@ def test_values_that_are_no_numbers_are_undecided():
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_boxes_where_nothing_turns_are_told(degree):
+def test_boxes_without_rotation_are_reported(degree):
     """None in which a sample turns; and shear layers, whose entries are large beside their eigenvalues."""
     rng = np.random.default_rng(degree)
     nets = rng.normal(size=(60, 9, *(degree + 1,) * 3)) * rng.choice([0.02, 0.2, 1.0], 60)[:, None, None, None, None]
@@ -347,7 +347,7 @@ def test_boxes_where_nothing_turns_are_told(degree):
     assert not found.all()
 
 
-def test_a_wall_without_slip_is_no_core():
+def test_a_no_slip_wall_is_not_a_core():
     """Where all velocity is zero it is parallel to everything: the axis ends above, where the flow turns too little."""
 
     def above_a_wall(points):

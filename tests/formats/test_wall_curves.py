@@ -49,7 +49,7 @@ def test_sections_enclose_the_area_of_the_cut(shape):
     assert np.abs((curve.curve.evenly(200)[0] - point) @ unit).max() < 1e-14
 
 
-def test_a_section_along_edges_of_elements_is_there_once():
+def test_a_section_along_edges_of_elements_appears_once():
     """The plane z = 1/2 holds edges of all elements, whose sides meet it nowhere else."""
     for data in (Dataset(grid(Shape.HEXAHEDRON, 2)), Dataset(grid(Shape.TETRAHEDRON, 2))):
         (curve,), _ = wall_curves(data, plane_name((0, 0, 0.5), (0, 0, 1)))
@@ -203,7 +203,7 @@ def test_walls_of_plane_data_in_order():
     assert table["x/c"].max() == pytest.approx(1, abs=1e-14)
 
 
-def test_bent_walls_are_as_long_as_their_integral():
+def test_curved_walls_have_the_length_of_their_integral():
     data = Dataset(curved(grid(Shape.TRIANGLE, 3), ripple(0.05), 4))
     (curve,), _ = wall_curves(data, "boundary:all")
     assert curve.length == pytest.approx(integrate(data, "1", over="all", error=1e-12).value, rel=1e-11)
@@ -220,12 +220,12 @@ def test_bent_walls_are_as_long_as_their_integral():
         ("section:wng:plane:0,0,1:0,0,1", "there is no boundary 'wng'"),
     ],
 )
-def test_what_is_no_curve_is_said(name, reason):
+def test_invalid_curves_are_reported(name, reason):
     with pytest.raises(ElvisError, match=reason):
         wall_curves(Dataset(mixed_volume(0)), name)
 
 
-def test_a_plane_that_touches_a_side_is_said():
+def test_a_plane_that_touches_a_side_is_reported():
     def bulge(points):
         return points + np.stack(
             [0 * points[..., 0], 0 * points[..., 0], 0.5 * points[..., 0] * (1 - points[..., 0])], -1
@@ -291,7 +291,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert not (tmp_path / "q.svg").exists()
 
 
-def test_points_snap_to_walls_and_are_as_far_as_closed_forms_say(tmp_path, monkeypatch):
+def test_points_snap_to_walls_at_the_analytic_distance(tmp_path, monkeypatch):
     """Points around a part of a ball, which come to the sphere along its normals."""
     from elvis.plugins.command import elvis
 

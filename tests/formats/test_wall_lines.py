@@ -33,7 +33,7 @@ def bent(shape, bend):
 @pytest.mark.parametrize("shape", SOLIDS)
 @pytest.mark.parametrize("bend", [0.0, 0.04])
 @pytest.mark.sampled(least=2, free=("shape", "bend"))
-def test_lines_keep_a_stream_function_of_the_whole_wall(shape, bend):
+def test_lines_preserve_a_stream_function_of_the_whole_wall(shape, bend):
     dataset = bent(shape, bend)
     seeds = trace(dataset, "boundary:all:1", AROUND, wall=ALL, length=1e-3).points[[0, -1]]
     found = trace(dataset, seeds, AROUND, wall=ALL, length=0.8)
@@ -63,7 +63,7 @@ def test_the_shear_of_a_turning_flow_is_followed(shape):
     assert found.values["z + x"] == pytest.approx(found.points[:, 0], abs=1e-12)
 
 
-def test_curves_on_walls_are_those_of_their_elements():
+def test_curves_on_walls_match_their_elements():
     dataset = Dataset(curved(mixed_volume(1), ripple(0.02), 3))
     flow = Flow.of(dataset, Course("boundary:all:1", AROUND, wall=ALL))
     pieces = curves(dataset, Course("boundary:all:1", AROUND, length=0.15, wall=ALL)).pieces

@@ -47,7 +47,7 @@ def shared(dataset, size, wall="floor"):
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(3), None], ids=str)
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.sampled(least=5)
-def test_points_on_walls_of_parts_are_those_of_the_whole(shape, size, monkeypatch):
+def test_points_on_walls_of_parts_match_those_of_the_whole(shape, size, monkeypatch):
     """Also where some parts have no face of the wall, and few are looked at together."""
     dataset = on_floor(mixed_volume() if shape is None else grid(shape, 2))
     whole = wall_points(dataset, "floor")
@@ -68,7 +68,7 @@ def test_lines_of_zeros_are_undecided_in_the_same_elements():
     assert shared(dataset, 5)[0].facts() == whole.facts()
 
 
-def test_a_wall_that_moves_in_one_part_is_refused_alike():
+def test_a_wall_that_moves_in_one_part_is_rejected_on_all_ranks():
     """Its speed is small beside what the velocity grows to elsewhere, and great beside that in its own elements."""
     for speed, is_refused in ((1e-3, True), (1e-12, False)):
         dataset = on_floor(grid(Shape.HEXAHEDRON, 3), speed)
@@ -82,7 +82,7 @@ def test_a_wall_that_moves_in_one_part_is_refused_alike():
         assert str(together.value) == str(alone.value)
 
 
-def test_walls_inside_of_the_data_are_no_outer_ones():
+def test_walls_inside_the_data_are_not_outer_walls():
     dataset = on_floor(grid(Shape.HEXAHEDRON, 2))
     mesh = dataset.mesh
     every = Composite(78, (("F", mesh.of(Shape.QUADRILATERAL).ids),), "faces")
@@ -91,6 +91,6 @@ def test_walls_inside_of_the_data_are_no_outer_ones():
     assert not any(is_outer_wall(part, name) for name in ("faces", "nothing"))
 
 
-def test_what_is_no_boundary_is_no_wall():
+def test_only_boundaries_are_walls():
     with pytest.raises(ElvisError, match="expected a wall, the name or id of a boundary, found domain"):
         wall_points(on_floor(grid(Shape.HEXAHEDRON, 1)), "domain")

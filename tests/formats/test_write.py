@@ -19,7 +19,7 @@ def dataset_of(case_files, case):
 
 
 @pytest.mark.parametrize("mesh_format", MESH_FORMATS)
-def test_meshes_come_back_bit_by_bit(case, mesh_format, case_files, assert_same, tmp_path):
+def test_meshes_round_trip_bit_by_bit(case, mesh_format, case_files, assert_same, tmp_path):
     dataset = replace(dataset_of(case_files, case), fields=())
     files = write(dataset, tmp_path / "mesh.xml", mesh_format=mesh_format)
     assert [file.name for file in files] == ["mesh.xml", "mesh.nekg"][: len(files)]
@@ -27,7 +27,7 @@ def test_meshes_come_back_bit_by_bit(case, mesh_format, case_files, assert_same,
 
 
 @pytest.mark.parametrize("field_format", FIELD_FORMATS)
-def test_fields_come_back_bit_by_bit(case, field_format, case_files, assert_same, tmp_path):
+def test_fields_round_trip_bit_by_bit(case, field_format, case_files, assert_same, tmp_path):
     dataset = dataset_of(case_files, case)
     if not dataset.fields:
         pytest.skip("the case has no fields")
@@ -40,14 +40,14 @@ def mixed(case_files, case="gen_allelem_n4"):
 
 
 @pytest.mark.parametrize("name", ["a.xml.gz", "b.xml"])
-def test_gzipped_where_the_name_says_so(name, case_files, assert_same, tmp_path):
+def test_files_named_gz_are_compressed(name, case_files, assert_same, tmp_path):
     dataset = mixed(case_files)
     write(dataset, tmp_path / name, tmp_path / "fields.fld.gz")
     assert (tmp_path / name).read_bytes()[:2] == (b"\x1f\x8b" if name.endswith(".gz") else b"<?")
     assert_same(read(tmp_path / name, tmp_path / "fields.fld.gz"), dataset)
 
 
-def test_fields_alone_and_beside(case_files, assert_same, tmp_path):
+def test_fields_with_and_without_a_mesh(case_files, assert_same, tmp_path):
     mesh, _ = case_files("tet_small")
     dataset = mixed(case_files, "tet_small")
     assert write(dataset, field_path=tmp_path / "only.chk") == (tmp_path / "only.chk",)
@@ -60,7 +60,7 @@ def test_fields_alone_and_beside(case_files, assert_same, tmp_path):
     assert_same(read(tmp_path / "x.nekg", tmp_path / "x.fld"), dataset)
 
 
-def test_time_and_metadata_are_written_with_whatever_is_written(case_files, tmp_path):
+def test_time_and_metadata_are_written_with_every_file(case_files, tmp_path):
     dataset = replace(mixed(case_files), time=0.1 + 0.2, metadata={"Kinvis": "1 < 2 & 3", "GeometryMap": "map_x"})
     for name, field_format in (("x", "xml"), ("h", "hdf5")):
         write(dataset, tmp_path / f"{name}.xml", field_format=field_format)
@@ -71,7 +71,7 @@ def test_time_and_metadata_are_written_with_whatever_is_written(case_files, tmp_
     assert read(tmp_path / "mesh.xml").metadata["Kinvis"] == "1 < 2 & 3"
 
 
-def test_special_values_come_back(case_files, tmp_path):
+def test_special_values_round_trip(case_files, tmp_path):
     dataset = mixed(case_files, "quad4")
     block = dataset.fields[0].blocks[0]
     values = block.coefficients.copy()
@@ -96,7 +96,7 @@ def test_a_mesh_without_domain_gets_one_of_all_elements(mesh_format, case_files,
 
 
 @pytest.mark.parametrize("mesh_format", MESH_FORMATS)
-def test_names_of_composites_are_kept_and_empty_composites_are_not(mesh_format, case_files, tmp_path):
+def test_names_of_composites_are_preserved_and_empty_composites_dropped(mesh_format, case_files, tmp_path):
     dataset = mixed(case_files)
     named = Composite(77, (("A", dataset.mesh.composites[0].parts[0][1][:3]),), "wall & <inflow>")
     empty = Composite(78, (("A", dataset.mesh.composites[0].parts[0][1][:0]),))
@@ -171,7 +171,7 @@ def facts(path):
 
 
 @pytest.mark.parametrize("case", ["bfs_tq7_hdf5", "interptest_hdf5", "gen_tet_p8_nekg2"])
-def test_hdf5_meshes_have_the_types_of_real_ones(case, nektar, case_files, tmp_path):
+def test_hdf5_meshes_have_the_types_of_real_files(case, nektar, case_files, tmp_path):
     (real,) = (nektar / case).glob("*.nekg")
     write(dataset_of(case_files, case), tmp_path / "m.xml", mesh_format="hdf5")
     # names that comments or regions give stand in an attribute that other readers pass over
@@ -185,7 +185,7 @@ def test_hdf5_meshes_have_the_types_of_real_ones(case, nektar, case_files, tmp_p
 
 
 @pytest.mark.parametrize("case", ["bfs_tq7_hdf5", "kova_varp", "gen_allelem_var_h5", "triquad_h5", "gen_hex_xscale"])
-def test_hdf5_fields_have_the_types_of_real_ones(case, case_files, tmp_path):
+def test_hdf5_fields_have_the_types_of_real_files(case, case_files, tmp_path):
     _, real = case_files(case)
     dataset = dataset_of(case_files, case)
     metadata = {key: text for key, text in dataset.metadata.items() if key != "NekMeshCommandLine"}  # of the mesh
@@ -199,14 +199,14 @@ def test_hdf5_fields_have_the_types_of_real_ones(case, case_files, tmp_path):
 
 
 @pytest.mark.parametrize("case", ["chan3dh1d", "naca_h1d_line", "triquad_h1d"])
-def test_orders_of_fourier_directions_are_written_as_the_solver_does(case, case_files, tmp_path):
+def test_orders_of_fourier_directions_are_written_like_the_solver(case, case_files, tmp_path):
     _, real = case_files(case)
     write(dataset_of(case_files, case), field_path=tmp_path / "f.fld")
     pattern = r'(?:NUMMODESPERDIR|HOMOGENEOUSZIDS|SHAPE|BASIS)="[^"]*"'
     assert set(re.findall(pattern, (tmp_path / "f.fld").read_text())) == set(re.findall(pattern, real.read_text()))
 
 
-def test_a_failed_write_leaves_everything_as_it_was(case_files, tmp_path, monkeypatch):
+def test_a_failed_write_changes_nothing(case_files, tmp_path, monkeypatch):
     dataset = mixed(case_files)
     old = {name: (tmp_path / name).write_text(name) and name for name in ("m.xml", "m.nekg", "m.fld")}
 
@@ -231,7 +231,7 @@ def test_a_failed_write_leaves_everything_as_it_was(case_files, tmp_path, monkey
         ({"path": "nowhere/a.xml"}, "nowhere/a.xml: cannot be written: there is no folder"),
     ],
 )
-def test_what_cannot_be_written_is_said_in_a_sentence(arguments, message, case_files, tmp_path, monkeypatch):
+def test_unwritable_data_give_a_one_line_error(arguments, message, case_files, tmp_path, monkeypatch):
     dataset = mixed(case_files)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ElvisError) as caught:
@@ -240,7 +240,7 @@ def test_what_cannot_be_written_is_said_in_a_sentence(arguments, message, case_f
     assert os.listdir(tmp_path) == []
 
 
-def test_names_and_ids_that_a_format_cannot_hold(case_files, tmp_path):
+def test_names_and_ids_beyond_a_format(case_files, tmp_path):
     dataset = mixed(case_files, "quad4")
     comma = replace(dataset, fields=(replace(dataset.fields[0], name="a,b"),))
     with pytest.raises(ElvisError, match="without commas"):
@@ -259,7 +259,7 @@ def test_names_and_ids_that_a_format_cannot_hold(case_files, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_writing_leaves_the_dataset_alone(case_files, assert_same, tmp_path):
+def test_writing_does_not_change_the_dataset(case_files, assert_same, tmp_path):
     dataset, untouched = (mixed(case_files, "interptest") for _ in range(2))
     for mesh_format in MESH_FORMATS:
         write(dataset, tmp_path / "m.xml", mesh_format=mesh_format)

@@ -41,12 +41,12 @@ READERS = (*OWN.split(","), "exodus", "hopr", "pyfr", "ngsolve", "gmsh", "vtk", 
 READERS += ("live blueprint", "live ngsolve", "live mfem")
 
 
-def test_damaged_files_are_read_or_refused(tmp_path):
+def test_damaged_files_are_read_or_rejected(tmp_path):
     done = run("--small", "--cases", "120", "--seed", "14", "--only", OWN, "--keep", str(tmp_path))
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_sum_tells_readers_without_a_case(tmp_path):
+def test_readers_without_a_case_are_listed(tmp_path):
     cases = [{"reader": name, "seed": 1, "case": 0, "kind": "read", "seconds": 0.1, "ratio": 1.0} for name in READERS]
     for count, missing in ((len(cases), ""), (len(cases) - 2, f"no cases of {READERS[-2]}, {READERS[-1]}\n")):
         (tmp_path / "log").write_text("".join(json.dumps(case) + "\n" for case in cases[:count]))
@@ -76,7 +76,7 @@ def test_each_reader_has_files(tmp_path):
         ("while True: pass", "hang"),
     ],
 )
-def test_each_kind_of_failure_is_noticed(tmp_path, body, kind):
+def test_each_kind_of_failure_is_detected(tmp_path, body, kind):
     (tmp_path / "run_bad.py").write_text(
         f"import os, sys\nsys.path.insert(0, {str(HERE)!r})\n"
         "import reading, run, work\nfrom elvis import ElvisError\n"
@@ -118,7 +118,7 @@ def test_libraries_read_sound_files_in_their_copies(tmp_path, reader, library):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes of processes are found in /proc")
-def test_time_of_those_that_others_started_counts(tmp_path):
+def test_time_of_child_processes_counts(tmp_path):
     spin = "import time\nwhile time.process_time() < 0.5: pass"
     starting = f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {spin!r}])\nprint(flush=True)\ninput()"
     (tmp_path / "a.py").write_text(
@@ -133,7 +133,7 @@ def test_time_of_those_that_others_started_counts(tmp_path):
     assert 0.45 < float(done.stdout) < 5, done.stderr
 
 
-def test_a_case_is_damaged_alike_each_time(tmp_path):
+def test_a_case_is_damaged_reproducibly(tmp_path):
     mutations = loaded("mutations")
     sound = "".join(f"<V ID='{i}'>{i / 7} 0 1</V>\n" for i in range(50)).encode()
     found = []

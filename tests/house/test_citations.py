@@ -43,6 +43,6 @@ def test_citations_resolve(root, project_files, sections):
     assert not {place for place in cited if place[1] not in sections}
 
 
-def test_every_form_of_citation_is_seen():
+def test_every_form_of_citation_is_recognised():
     text = 'Format notes 1.4 and\n# 2.3.  See (format notes\n    1.1 to 1.7), "format notes 3, 7" and format notes.'
     assert list(citations(text)) == ["1.4", "2.3", "1.1", "1.7", "3", "7", None]

@@ -43,7 +43,7 @@ def slice_of(path):
     return {"__main__.py": "plugins", "__init__.py": "api"}.get(path.parts[2], path.parts[2])
 
 
-def test_imports_go_down(root, nodes):
+def test_imports_point_downwards(root, nodes):
     wrong = []
     for path, own_nodes in nodes.items():
         own = slice_of(path.relative_to(root))
@@ -82,7 +82,7 @@ def test_the_api_is_one_table(modules, root):
         elvis.render_all  # noqa: B018
 
 
-def test_modules_that_are_named_in_text_are_below_too(root, nodes):
+def test_modules_named_in_text_are_also_below(root, nodes):
     """What ``import_module``, ``lazy_names`` and their like are told."""
     wrong = []
     for path, own_nodes in nodes.items():
@@ -107,7 +107,7 @@ def test_the_core_reaches_the_api_in_one_place(root, nodes):
     assert callers == {"formats/elvis/core/lazy.py"}
 
 
-def test_no_command_is_handed_what_stands_above_it(root, nodes):
+def test_no_command_receives_objects_from_above_it(root, nodes):
     """The object of click's context holds the settings of a run and nothing else; it is read where it is made."""
     readers = {
         path.relative_to(root).as_posix()
@@ -118,7 +118,7 @@ def test_no_command_is_handed_what_stands_above_it(root, nodes):
     assert readers == {"plugins/elvis/plugins/running.py"}
 
 
-def test_entry_points_are_there_for_other_distributions_too(root):
+def test_entry_points_are_also_open_to_other_distributions(root):
     """A group that only our own slices used would be an import upwards in disguise."""
     page = (root / "plugins" / "README.md").read_text(encoding="utf-8")
     assert groups(root) == set(re.findall(r"^\| `(elvis\.\w+)` \|", page, re.M))
@@ -130,7 +130,7 @@ def groups(root):
     return set(re.findall(r'^\[project\.entry-points\."([\w.]+)"\]', text, re.M))
 
 
-def test_every_way_to_import_is_seen():
+def test_every_form_of_import_is_recognised():
     source = "import elvis.plugins.x\nfrom elvis import renderer\nfrom elvis.reference.y import z\nimport numpy"
     assert list(imported_slices(ast.walk(ast.parse(source)))) == [(1, "plugins"), (2, "renderer"), (3, "reference")]
 

@@ -32,7 +32,7 @@ def test_no_element_has_one_encoding(renderer):
     assert sorted(names) == ["pixels.py", "pixels.slang"]
 
 
-def test_there_is_one_camera(renderer):
+def test_there_is_one_camera_record(renderer):
     """Records that need a camera hold it: no other has an eye, or the way from world points to pixels, of its own."""
     shaders = {path.name: text for path, text in renderer.items() if path.suffix == ".slang"}
     assert [name for name, text in shaders.items() if "struct Camera" in text] == ["camera.slang"]

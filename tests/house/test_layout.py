@@ -49,7 +49,7 @@ def base_names(paths):
 
 
 @pytest.mark.parametrize("area", AREAS)
-def test_no_base_name_stands_twice_in_an_area(root, modules, area):
+def test_base_names_are_unique_in_an_area(root, modules, area):
     paths = [path.relative_to(root) for path in modules]
     names = base_names([path for path in paths if path.parts[0] == area])
     assert [name for name, count in Counter(names).items() if count > 1] == []
@@ -60,7 +60,7 @@ def test_base_names_are_counted_with_folders():
     assert Counter(base_names(paths)) == {"files": 2, "other": 1}
 
 
-def test_modules_that_are_called_long_are_there(root):
+def test_modules_listed_as_long_exist(root):
     names = (root / "tests" / "long.txt").read_text(encoding="utf-8").split()
     assert len(names) > 10
     assert [name for name in names if not (root / "tests" / f"{name}.py").is_file()] == []
@@ -75,7 +75,7 @@ def test_files_name_no_registry_and_no_machine(root, project_files, pattern):
     assert not found
 
 
-def test_the_patterns_catch_what_they_should():
+def test_the_patterns_match_their_examples():
     assert REGISTRIES.search("https://" + "py" + "pi.org/simple")
     assert MACHINE_PATHS.search("see /" + "work/main")
     assert not MACHINE_PATHS.search("framework/main ../work/x")

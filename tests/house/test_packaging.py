@@ -50,7 +50,7 @@ def requirements(lines):
     return {(name.lower(), bound or "") for name, bound in found}
 
 
-def test_the_recipe_needs_what_the_wheel_needs(project):
+def test_the_recipe_has_the_requirements_of_the_wheel(project):
     recipe = (ROOT / "packaging" / "conda" / "elvis-viz" / "recipe.yaml").read_text(encoding="utf-8")
     needs = yaml.safe_load(recipe)["requirements"]
     wanted = {(CONDA.get(name, name), bound) for name, bound in requirements(project["dependencies"])}
@@ -77,7 +77,7 @@ def test_the_citation_is_of_this_version(project):
     assert re.fullmatch(r"10\.\d{4,9}(\.\d+)?/\S+", cited["references"][0]["doi"])
 
 
-def test_extras_that_sentences_name_exist(project, project_files):
+def test_extras_named_in_messages_exist(project, project_files):
     extras = set(project["optional-dependencies"])
     named = set()
     for path in project_files:
@@ -87,7 +87,7 @@ def test_extras_that_sentences_name_exist(project, project_files):
     assert {"draw", "distances", "figures"} <= named <= extras
 
 
-def test_work_goes_well_with_neither_driver_nor_home(wheels, tmp_path):
+def test_commands_work_without_driver_and_home(wheels, tmp_path):
     """A trial in this environment: what is not to be had is said, and all else works."""
     generate = runpy.run_path(str(ROOT / "examples" / "generate.py"))
     generate["write"](generate["blocks"](), tmp_path / "blocks.xml", tmp_path / "blocks.fld")

@@ -12,14 +12,14 @@ LINK = re.compile(r"\]\(([^)#:]+)\)")
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_links_lead_somewhere(root, page):
+def test_links_have_targets(root, page):
     text = (root / page).read_text(encoding="utf-8")
     missing = [link for link in LINK.findall(text) if not (root / page).parent.joinpath(link).exists()]
     assert not missing
 
 
 @pytest.mark.parametrize("page", DOCS)
-def test_pictures_of_a_page_are_what_its_commands_draw(page):
+def test_pictures_of_a_page_match_its_commands(page):
     drawn = {word for words in commands(page) for word in words}
     shown = re.findall(r"\]\((?:\.\./)?pictures/([^)]+)\)", (ROOT / page).read_text(encoding="utf-8"))
     assert set(shown) <= drawn

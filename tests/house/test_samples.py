@@ -35,7 +35,7 @@ def cases(mark):
 
 
 @pytest.mark.parametrize("name", ["a", "b", "c"])
-def test_each_value_occurs_and_no_more_cases_than_that_takes(tests, name):
+def test_each_value_occurs_in_a_minimal_sample(tests, name):
     chosen = tests.sample(name, cases(SimpleNamespace(kwargs={"free": ("seed",)})))
     assert {case.shape for case in chosen} == set(range(4))
     assert {case.view for case in chosen} == {0, 1}
@@ -43,12 +43,12 @@ def test_each_value_occurs_and_no_more_cases_than_that_takes(tests, name):
     assert len({case.seed for case in tests.sample(name, cases(SimpleNamespace(kwargs={})))}) == 10
 
 
-def test_more_are_taken_where_so_many_are_asked_for(tests):
+def test_a_larger_sample_is_chosen_on_request(tests):
     chosen = tests.sample("a", cases(SimpleNamespace(kwargs={"least": 7, "free": ("seed",)})))
     assert len(chosen) == len(set(chosen)) == 7
 
 
-def test_a_seed_has_a_sample_of_its_own(tests, monkeypatch):
+def test_each_seed_has_its_sample(tests, monkeypatch):
     family = cases(SimpleNamespace(kwargs={"free": ("seed",)}))
     first, again = tests.sample("a", family), tests.sample("a", family)
     assert first == again
@@ -64,7 +64,7 @@ def test_families_without_the_marker_are_whole(tests):
 @pytest.mark.sampled
 @pytest.mark.parametrize("shape", range(3))
 @pytest.mark.parametrize("view", range(3))
-def test_pytest_tells_values_as_these_cases_do(request, shape, view):
+def test_pytest_formats_values_like_these_cases(request, shape, view):
     """This family itself is sampled, unless it is named or all run."""
     assert request.node.callspec.params == {"shape": shape, "view": view}
     cases = [item for item in request.session.items if item.originalname == request.node.originalname]

@@ -39,7 +39,7 @@ def machine(root, tmp_path):
     return run
 
 
-def test_a_driver_that_works_is_left_alone(machine):
+def test_a_working_driver_is_unchanged(machine):
     said, calls = machine("bookworm", user=0, works="true")
     assert said == "setup: Vulkan device: llvmpipe\n"
     assert calls == []
@@ -65,7 +65,7 @@ def test_without_root_the_command_is_printed(machine):
     assert calls == []
 
 
-def test_a_failure_is_said_and_set_up_goes_on(machine):
+def test_a_failure_is_reported_and_setup_continues(machine):
     said, calls = machine("noble", user=0, apt='echo "E: Could not get lock" >&2; exit 100')
     assert calls == ["update"]
     assert "E: Could not get lock" in said

@@ -11,7 +11,7 @@ HEAD = re.compile(r"\b(\w+)\s*(?:<[^<>;{}]*>)?\s*\((?:[^(){};]|\([^(){};]*\))*\)
 NO_FUNCTION = ("if", "for", "while", "switch")
 
 
-def test_size_faults_name_what_is_too_large_and_what_is_listed_for_nothing(root):
+def test_size_faults_name_oversized_and_needlessly_listed_items(root):
     sizes = loaded(root / "tools" / "sizes.py")
     faults = list(sizes.size_faults({"a.py:f": 401, "b.py": 4001}, {"b.py", "c.py"}))
     assert faults == [
@@ -41,7 +41,7 @@ def test_slang_functions_are_short(project_files):
     assert not lines
 
 
-def test_no_handler_swallows_everything(root, nodes):
+def test_no_handler_catches_everything_silently(root, nodes):
     silent = [
         f"{path.relative_to(root)}:{node.lineno}"
         for path, own_nodes in nodes.items()

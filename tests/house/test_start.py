@@ -15,7 +15,7 @@ REPETITIONS = 4
 HELP = "from elvis.plugins.command import main; main(['--help'])"
 
 
-def test_help_takes_little_more_than_its_library():
+def test_help_costs_little_more_than_its_library():
     """Processor time of the help, as a multiple of what loading click takes: 4.5 on a quiet machine.
 
     A ratio, so that no slower machine breaks it; the tolerance in seconds is one of the benchmark ``start``.
@@ -67,7 +67,7 @@ def test_a_scene_of_options_loads_no_pydantic():
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
-def test_native_files_are_told_of_without_converters_and_what_writes_documents(tmp_path):
+def test_native_files_are_described_without_converters_and_document_writers(tmp_path):
     """Each of several ranks has what is loaded: nothing that looks for other formats, fetches, or writes XML."""
     mesh = Dataset(grid(Shape.TETRAHEDRON, 1))
     dataset = replace(mesh, fields=(approximated(mesh, "u", lambda p: p[:, 0], 2),))

@@ -63,12 +63,12 @@ def test_every_file_of_the_areas_is_in_the_wheel(root, wheel, project_files):
     assert sum(name.endswith("py.typed") for name in wanted) == 10
 
 
-def test_nothing_else_is_in_the_wheel(wheel):
+def test_the_wheel_contains_nothing_else(wheel):
     others = {name for name in zipfile.ZipFile(wheel).namelist() if not name.startswith(("elvis/", "elvis_viz-"))}
     assert not others
 
 
-def test_the_installed_modules_are_those_of_the_wheel(environment, tmp_path):
+def test_the_installed_modules_match_the_wheel(environment, tmp_path):
     code = "import elvis.core.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
     for line in run([environment / "python", "-c", code], cwd=tmp_path).splitlines():
         assert line.startswith(str(environment.parent))

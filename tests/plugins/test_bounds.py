@@ -175,7 +175,7 @@ def stated(renderer):
     return bounds
 
 
-def test_distances_reach_over_boxes_as_far_as_their_corners(stated):
+def test_distances_over_boxes_extend_to_their_corners(stated):
     """Computed places are off, too: corners are the farthest."""
 
     def claim(rng):
@@ -185,7 +185,7 @@ def test_distances_reach_over_boxes_as_far_as_their_corners(stated):
     check(claim)
 
 
-def test_patches_are_as_far_from_their_linear_part_as_taylors_theorem_says(stated):
+def test_deviation_of_patches_from_linear_follows_taylors_theorem(stated):
     """X = (a s^2 + 2 b s t + c t^2) / 2 for |s|, |t| <= h, whose derivatives are bounded by a, b and c."""
 
     def claim(rng):
@@ -242,7 +242,7 @@ def test_second_derivatives_of_squared_distances_change_within_their_bounds(stat
     check(claim, 0.9)
 
 
-def test_places_move_as_far_as_the_least_second_derivatives_let_them(stated):
+def test_positions_move_as_the_minimum_second_derivatives_allow(stated):
     """(|s| |X_s| + |t| |X_t|)^2 in parts of a form in s and t whose mixed part has the worse sign."""
     turn = np.linspace(0, np.pi / 2, 400)
     u, v = np.cos(turn), np.sin(turn)
@@ -277,7 +277,7 @@ def test_distances_change_by_no_more_than_one_moves_and_are_computed(stated):
     check(claim, 0.99)
 
 
-def test_fields_beside_rays_are_as_far_from_linear_as_taylors_theorem_says(stated):
+def test_deviation_of_fields_along_rays_follows_taylors_theorem(stated):
     """x . H x / 2 at the corners of a cube; half of the bound is room for steps that are linear, too."""
 
     def claim(rng):
@@ -291,7 +291,7 @@ def test_fields_beside_rays_are_as_far_from_linear_as_taylors_theorem_says(state
     check(claim, 0.49)
 
 
-def test_rays_meet_levels_between_the_depths_that_are_stated(stated):
+def test_rays_meet_levels_between_the_stated_depths(stated):
     """Of a linear field, off by a remainder and by noise; and of what is in the cube, off by a deviation."""
     rng = np.random.default_rng(2)
     start = np.array([0.1, -0.2, 0.3])
@@ -320,7 +320,7 @@ def test_rays_meet_levels_between_the_depths_that_are_stated(stated):
         assert ((low <= high) == is_met).all()
 
 
-def test_depths_of_roots_are_as_uncertain_as_errors_over_slopes_and_rounding(stated):
+def test_uncertainty_of_root_depths_is_error_over_derivative_plus_rounding(stated):
     first = np.array([[0.1, 2.0, 5.0], [0.1, 0.0, 5.0], [0.0, 2.0, -5.0]])
     found = stated(8, first)
     assert found[0] == pytest.approx(0.05, abs=1e-14)

@@ -105,7 +105,7 @@ def test_an_unknown_option_names_it(elvis):
         ("wordless", 1, "unexpected AssertionError; this is a bug in ElVis, --debug shows where"),
     ],
 )
-def test_failures_end_in_one_sentence(elvis, how, status, sentence):
+def test_failures_give_one_line_errors(elvis, how, status, sentence):
     process = elvis("fail", how)
     assert process.returncode == status
     assert one_sentence(process) == sentence
@@ -130,13 +130,13 @@ def test_debug_by_the_environment(elvis):
     ("name", "reason"), [("raises", "licence"), ("absent", "no_such_module"), ("text", "not a click")]
 )
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["a", "--b", "c"]])
-def test_a_broken_command_says_why(elvis, name, reason, arguments):
+def test_a_broken_command_states_its_reason(elvis, name, reason, arguments):
     process = elvis(name, *arguments)
     assert process.returncode == 1
     assert reason in one_sentence(process)
 
 
-def test_warnings_of_libraries_stay_inside(elvis):
+def test_warnings_of_libraries_are_not_printed(elvis):
     process = elvis("warn")
     assert (process.returncode, process.stderr) == (0, "")
 
@@ -145,7 +145,7 @@ def test_warnings_are_shown_on_request(elvis):
     assert "overflow" in elvis("warn", env={"PYTHONWARNINGS": "default"}).stderr
 
 
-def test_a_reader_that_leaves_early_hears_nothing(elvis):
+def test_a_closed_output_pipe_gives_no_message(elvis):
     reading, writing = os.pipe()
     os.close(reading)
     process = elvis("flood", stdout=writing)
@@ -155,7 +155,7 @@ def test_a_reader_that_leaves_early_hears_nothing(elvis):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")
-def test_a_full_disk_is_said_once(elvis):
+def test_a_full_disk_is_reported_once(elvis):
     with open("/dev/full", "w") as full:
         process = elvis("hello", stdout=full)
     assert process.returncode == 1
@@ -187,7 +187,7 @@ def interrupted(miniature):
 @pytest.mark.parametrize(
     ("how", "said"), [("import", "done\n"), ("destructor", "done\n"), ("translated", ""), ("constructor", "")]
 )
-def test_an_interrupt_ends_in_a_sentence_wherever_it_comes(interrupted, how, said):
+def test_an_interrupt_gives_one_line_at_every_point(interrupted, how, said):
     """While a module is loaded, it waits for that; where Python can't take it, it comes again.
 
     What it leaves half made says nothing when it is destroyed.
@@ -197,7 +197,7 @@ def test_an_interrupt_ends_in_a_sentence_wherever_it_comes(interrupted, how, sai
     assert said.startswith(out)
 
 
-def test_an_interrupt_that_is_ignored_stays_so():
+def test_an_ignored_interrupt_remains_ignored():
     """As in the background of a script."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -231,7 +231,7 @@ def test_closed_streams(elvis, tmp_path, closed, arguments):
         assert re.fullmatch("(standard output: )?Bad file descriptor", one_sentence(done))
 
 
-def test_names_that_are_no_text(elvis):
+def test_names_that_are_not_text(elvis):
     """File names are bytes."""
     name = os.fsdecode(b"wing\xff\x1b[31m.xml")
     process = elvis("info", name)

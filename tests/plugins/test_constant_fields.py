@@ -30,7 +30,7 @@ def source(shape=Shape.PRISM, order=5, **functions):
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PYRAMID])
-def test_constants_have_no_error_worth_mentioning(shape):
+def test_constants_have_negligible_errors(shape):
     report = convert(source(shape, **CONSTANTS)).report
     assert all(measure.is_exact for measure in report.fields)
     assert report.beyond(1e-13) == []
@@ -38,7 +38,7 @@ def test_constants_have_no_error_worth_mentioning(shape):
     assert max(measure.relative for measure in constant) < 1e-13
 
 
-def test_what_a_constant_has_beside_itself_is_found():
+def test_deviations_from_a_constant_are_found():
     wave = source(order=4, u=lambda points: 1 + 1e-6 * np.sin(9 * points[..., 0] * points[..., 1]))
     report = convert(wave, Settings(order=1)).report
     (beyond,) = report.beyond(1e-3)

@@ -60,7 +60,7 @@ def assert_exact(report):
 @pytest.mark.sampled
 @pytest.mark.parametrize("p", [1, 2, 3, 5])
 @pytest.mark.parametrize("shape", list(Shape))
-def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
+def test_polynomials_on_curved_meshes_are_exact(shape, p):
     fields = {"u": AnalyticField(polynomial(p), p, True), "w": AnalyticField(polynomial(p, 9), p, False)}
     source = Analytic(cells(shape), fields, bent(p), p, seed=p)
     conversion = convert(source)
@@ -71,7 +71,7 @@ def test_polynomials_on_curved_meshes_arrive_exactly(shape, p):
 
 @pytest.mark.sampled(least=2, free=("seed",))
 @pytest.mark.parametrize("seed", range(4))
-def test_mixed_meshes_turned_and_numbered_at_random_arrive_exactly(seed):
+def test_mixed_meshes_with_random_orientation_and_numbering_are_exact(seed):
     fields = {"u": AnalyticField(polynomial(3), 3, True)}
     for mesh in (mixed_volume(), mixed_plane()):
         conversion = convert(Analytic(mesh, fields, bent(2), 2, seed, is_numbered=seed % 2 == 0))
@@ -136,7 +136,7 @@ def test_every_element_around_a_point_gives_the_same_value(seed):
     assert np.abs(pairs[:, 0] - pairs[:, 1]).max() < 1e-11
 
 
-def test_jumps_stay():
+def test_jumps_are_preserved():
     def steps(points):
         # constant on every element of a grid: the number of its cell
         return np.broadcast_to(np.floor(2 * points.mean(axis=1, keepdims=True)[..., :1]).sum(-1), points.shape[:2])
@@ -147,7 +147,7 @@ def test_jumps_stay():
     assert found == pytest.approx([0, 1])
 
 
-def test_a_field_that_claims_to_be_continuous_keeps_its_jumps_and_is_told():
+def test_jumps_of_a_supposedly_continuous_field_are_preserved_and_reported():
     def steps(points):
         return np.broadcast_to(np.floor(2 * points.mean(axis=1, keepdims=True)[..., :1]).sum(-1), points.shape[:2])
 
@@ -168,7 +168,7 @@ def test_a_field_that_claims_to_be_continuous_keeps_its_jumps_and_is_told():
         (PyramidSpace.TENSOR, 4, True, Shape.HEXAHEDRON, Basis.MODIFIED_A),
     ],
 )
-def test_pyramids_take_the_smallest_form_that_holds_them(space, order, is_continuous, shape, last):
+def test_pyramids_use_the_smallest_sufficient_form(space, order, is_continuous, shape, last):
     fields = {"u": AnalyticField(polynomial(order), order, is_continuous)}
     conversion = convert(Analytic(grid(Shape.PYRAMID, 2), fields, pyramid=space, seed=2))
     assert_exact(conversion.report)
@@ -188,7 +188,7 @@ def test_native_pyramids_are_projected_and_the_error_is_measured():
 
 
 @pytest.mark.parametrize("shape", VOLUMES)
-def test_maps_that_curves_cannot_hold_travel_as_fields(shape):
+def test_maps_beyond_curves_are_stored_as_fields(shape):
     # a bubble inside: zero on all faces of the cells
     def bubble(points):
         x, y, z = np.moveaxis(2 * points, -1, 0)
@@ -212,7 +212,7 @@ def test_maps_that_curves_cannot_hold_travel_as_fields(shape):
         assert_exact(automatic.report)
 
 
-def test_a_map_that_curves_hold_stays_in_the_mesh_file():
+def test_a_map_representable_by_curves_is_stored_in_the_mesh_file():
     conversion = convert(Analytic(mixed_volume(), {}, bent(2), 2, seed=1))
     assert_exact(conversion.report)
     assert not conversion.report.has_map
@@ -243,7 +243,7 @@ def test_straight_meshes_get_no_curves():
 @pytest.mark.sampled
 @pytest.mark.parametrize("mesh", [mixed_volume(), grid(Shape.TETRAHEDRON, 3), grid(Shape.QUADRILATERAL, 4)])
 @pytest.mark.parametrize("is_continuous", [True, False])
-def test_orders_by_element_keep_the_tolerance(mesh, is_continuous):
+def test_orders_by_element_satisfy_the_tolerance(mesh, is_continuous):
     def front(points):
         return np.tanh(4 * (points[..., 0] - 0.5 * points[..., 1] - 0.4))
 
@@ -256,7 +256,7 @@ def test_orders_by_element_keep_the_tolerance(mesh, is_continuous):
     assert len(orders) > 1
 
 
-def test_a_tolerance_never_raises_orders_above_what_is_exact():
+def test_a_tolerance_never_raises_orders_above_the_exact_one():
     source = Analytic(cells(Shape.TETRAHEDRON), {"u": AnalyticField(polynomial(3), 3, True)}, seed=4)
     report = convert(source, Settings(tolerance=1e-9)).report
     assert_exact(report)
@@ -311,7 +311,7 @@ def spike(points):
     ("function", "is_polynomial", "times"),
     [(polynomial(2), True, 1), (lambda x: np.exp(x[..., 0]), False, 1), (spike, False, 2)],
 )
-def test_fields_are_projected_again_only_where_few_elements_could_not_tell(monkeypatch, function, is_polynomial, times):
+def test_fields_are_projected_again_only_if_few_elements_were_inconclusive(monkeypatch, function, is_polynomial, times):
     projected = []
     fit = converting.at_order
     monkeypatch.setattr(converting, "at_order", lambda *args: projected.append(1) or fit(*args))

@@ -51,7 +51,7 @@ def corners_of(mesh, shape):
 
 
 @pytest.mark.parametrize("shape", list(Shape))
-def test_left_handed_blocks_are_turned_as_a_whole(shape):
+def test_left_handed_blocks_are_reoriented_together(shape):
     corners = corners_of(grid(shape, 2), shape) * [-1, 1, 1]
     conversion = convert(Nodes(shape, corners))
     assert conversion.report.geometry.state == conversion.report.fields[0].state == "exact"
@@ -59,7 +59,7 @@ def test_left_handed_blocks_are_turned_as_a_whole(shape):
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
-def test_single_inverted_elements_are_kept_and_listed(shape):
+def test_single_inverted_elements_are_converted_and_listed(shape):
     source = Analytic(grid(shape, 2), {"u": AnalyticField(plain, 1)})
     (block,) = source.blocks
     corners = corners_of(grid(shape, 2), shape).copy()
@@ -71,7 +71,7 @@ def test_single_inverted_elements_are_kept_and_listed(shape):
     assert sum(conversion.report.elements.values()) == len(block)
 
 
-def test_flat_elements_are_kept_and_listed():
+def test_flat_elements_are_converted_and_listed():
     corners = corners_of(grid(Shape.HEXAHEDRON, 2), Shape.HEXAHEDRON).copy()
     corners[5] *= [1, 1, 0]
     report = convert(Nodes(Shape.HEXAHEDRON, corners)).report
@@ -79,7 +79,7 @@ def test_flat_elements_are_kept_and_listed():
     assert report.geometry.state == "exact"
 
 
-def test_elements_with_a_vertex_at_several_corners_are_kept_and_listed():
+def test_elements_with_repeated_vertices_are_converted_and_listed():
     corners = corners_of(one_element(Shape.HEXAHEDRON), Shape.HEXAHEDRON).copy()
     corners[:, [5, 6, 7]] = corners[:, [4]]
     numbers = np.array([[0, 1, 2, 3, 4, 4, 4, 4]])
@@ -88,7 +88,7 @@ def test_elements_with_a_vertex_at_several_corners_are_kept_and_listed():
     assert report.fields[0].state == "exact"
 
 
-def test_periodic_numbers_are_told_apart_by_place():
+def test_periodic_numbers_are_distinguished_by_position():
     mesh = grid(Shape.HEXAHEDRON, 3)
     source = Analytic(mesh, {"u": AnalyticField(plain, 1)})
     (block,) = source.blocks
@@ -99,7 +99,7 @@ def test_periodic_numbers_are_told_apart_by_place():
     assert conversion.report.fields[0].state == "exact"
 
 
-def test_vertices_with_different_numbers_at_one_place_stay_apart():
+def test_coincident_vertices_with_different_numbers_stay_separate():
     corners = corners_of(grid(Shape.HEXAHEDRON, 2), Shape.HEXAHEDRON)
     numbers = np.arange(corners[..., 0].size).reshape(-1, 8)
     mesh = convert(Nodes(Shape.HEXAHEDRON, corners, numbers)).dataset.mesh
@@ -140,14 +140,14 @@ def test_boundaries_by_vertices_and_by_sides_are_the_same_faces():
     assert not set(one.parts[0][1]) & set(rest.parts[0][1])
 
 
-def test_boundaries_of_no_element_are_told():
+def test_boundaries_of_no_element_are_reported():
     source = Analytic(mixed_volume(), {})
     source.boundaries = [Boundary("nowhere", vertices=[np.array([[1, 2, 77]])])]
     report = convert(source).report
     assert report.remarks()[1] == ": 1 entries of the boundary 'nowhere' are sides of no element"
 
 
-def test_values_that_are_not_numbers_are_kept_and_listed():
+def test_nan_values_are_converted_and_listed():
     def spoilt(points):
         return np.where(points[:, :1, 0].min(axis=1, keepdims=True) > 0.4, np.nan, plain(points))
 
@@ -208,7 +208,7 @@ def with_flat_answers(source):
         (with_flat_answers, r"sample of u: expected an array of shape \(1, (\d+)\), found \(\1,\)"),
     ],
 )
-def test_what_cannot_be_represented_is_refused_in_a_sentence(spoil, sentence):
+def test_unrepresentable_data_give_a_one_line_error(spoil, sentence):
     source = nothing()
     spoil(source)
     with pytest.raises(ElvisError, match=sentence) as caught:
@@ -237,6 +237,6 @@ def test_settings_are_checked(settings, sentence):
         Settings(**settings)
 
 
-def test_unknown_fields_are_named_with_those_that_there_are():
+def test_unknown_fields_are_reported_with_existing_ones():
     with pytest.raises(ElvisError, match="no field 'v'; the fields are u"):
         convert(nothing(), Settings(fields=("v",)))

@@ -57,7 +57,7 @@ def used(cells):
     return peak, sum(array.nbytes for array in arrays)
 
 
-def test_memory_grows_with_what_comes_out():
+def test_memory_grows_with_the_output():
     used(2)  # tables are made once; from 12 cells on pieces are as large as they get
     (few, small), (many, large) = used(12), used(15)
     assert (many - few) <= LIMIT * (large - small)

@@ -45,7 +45,7 @@ def moved_files(folder, kind, order):
 @pytest.mark.parametrize(
     ("kind", "order"), [(68, 4), (69, 3), (69, 8), (70, 1), (70, 6), (71, 2), (71, 5), (72, 2), (72, 3), (73, 2)]
 )
-def test_deformed_geometry_is_that_of_a_file_whose_nodes_were_moved(tmp_path, kind, order):
+def test_deformed_geometry_matches_a_file_with_moved_nodes(tmp_path, kind, order):
     before, after = (read(path, cache=False) for path in moved_files(tmp_path, kind, order))
     shape = LAGRANGE[kind]
     bent = deform(before, "d" if shape.dimension > 1 else "d_x", SCALE, gradients="deformed")
@@ -97,7 +97,7 @@ def test_points_move_by_the_displacement_and_keep_their_values_and_gradients(sha
 
 
 @pytest.mark.parametrize("n", [2, 4])
-def test_pyramids_of_polynomials_get_a_space_that_holds_their_sum(n):
+def test_pyramids_get_a_space_that_contains_map_and_displacement(n):
     data = polynomial_flow(Shape.PYRAMID, 2, n)
     rng, fields = np.random.default_rng(n), []
     for name in "uvw":
@@ -115,7 +115,7 @@ def test_pyramids_of_polynomials_get_a_space_that_holds_their_sum(n):
     assert np.abs(evaluate(after.expansion, after.coefficients, points) - expected).max() < 1e-13
 
 
-def test_expressions_move_as_the_fields_that_they_become():
+def test_deformation_by_expressions_matches_their_projection():
     data = polynomial_flow(Shape.QUADRILATERAL, 2)
     found = deform(data, "0.5*u*v+0.1*x, 2*v", 0.3)
     points = np.array([[0.3, 0.4, 0.0], [0.9, 0.1, 0.0]])
@@ -137,7 +137,7 @@ def test_a_second_deformation_takes_the_place_of_the_first():
 
 
 @pytest.mark.parametrize("shape", list(Shape))
-def test_a_deformation_after_another_is_the_same_to_the_last_bit(shape):
+def test_a_repeated_deformation_is_identical_bit_by_bit(shape):
     data, texts = polynomial_flow(shape, 3, 4), ",".join("uvw"[: shape.dimension])
     once, again = deform(data, texts, SCALE), deform(deform(data, texts, 0.3), texts, SCALE)
     for own, other in zip(geometry(once), geometry(again), strict=True):
@@ -145,7 +145,7 @@ def test_a_deformation_after_another_is_the_same_to_the_last_bit(shape):
         assert np.array_equal(own.coefficients, other.coefficients)
 
 
-def test_the_record_names_the_deformation_and_what_it_folds():
+def test_the_record_names_the_deformation_and_folded_elements():
     data = polynomial_flow(Shape.QUADRILATERAL, 1)
     assert any("gradients are taken in the deformed" in own for own in deform(data, "u,v", 1, "deformed").remarks)
     assert any("inverted or folded" in own for own in deform(data, "-x,y", 2).remarks)
@@ -166,7 +166,7 @@ def test_bad_displacements_give_one_line_errors(text, words):
         deform(polynomial_flow(Shape.QUADRILATERAL, 2), text)
 
 
-def test_elements_without_a_displacement_stay():
+def test_elements_without_displacement_are_unmoved():
     data = Dataset(grid(Shape.QUADRILATERAL, 2))
     moves = [approximated(data, name, lambda x: 5 + 0 * x[:, 0], 2) for name in "uv"]
     few = tuple(replace(own, blocks=(own.blocks[0].of(np.array([1])),)) for own in moves)
@@ -179,7 +179,7 @@ def test_elements_without_a_displacement_stay():
     assert corners == pytest.approx([0.0, 0.0, 0.5, 5.5], abs=1e-14)
 
 
-def test_a_height_over_the_plane_keeps_gradients_and_has_the_area_of_its_slope():
+def test_a_height_over_the_plane_has_the_right_gradients_and_area():
     data = polynomial_flow(Shape.TRIANGLE, 2, 3)
     plane = approximated(data, "plane", lambda x: 0.3 * x[:, 0] - 0.4 * x[:, 1], 3)
     flat = replace(data, fields=(*data.fields, plane))

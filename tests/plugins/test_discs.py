@@ -76,7 +76,7 @@ def check(rows, values, known):
 
 
 @pytest.mark.parametrize("name", NAMES[:7])
-def test_linear_parts_are_those_of_values(made, name):
+def test_linear_parts_match_values(made, name):
     """Operands that depend on the same t, |t| <= 1, and on something small besides: so do values."""
     rng = np.random.default_rng(300 + NAMES.index(name))
     first, second = random_discs(rng), random_discs(rng)
@@ -95,7 +95,7 @@ def test_linear_parts_are_those_of_values(made, name):
         assert (np.abs(rows[:, 4:7]).sum(axis=1) > rows[:, 7]).mean() > 0.05
 
 
-def test_radii_are_those_of_the_derivative_where_discs_are_small(made):
+def test_radii_of_small_discs_follow_the_derivative(made):
     """Tight: a disc's radius is at most 1.01 times that of the linear map."""
     rng = np.random.default_rng(5)
     first = random_discs(rng)
@@ -107,7 +107,7 @@ def test_radii_are_those_of_the_derivative_where_discs_are_small(made):
         assert (rows[:, 1] <= (1.01 if name != "sinh" else 1.5) * bound).all(), name
 
 
-def test_signs_of_eigenvalues_are_those_of_all_matrices_in_discs(kernel_of):
+def test_signs_of_eigenvalues_match_those_of_all_matrices_in_discs(kernel_of):
     """1: the second is never 0; -1: the first is below 0, the third above.  Told wherever discs are small enough."""
     rng = np.random.default_rng(6)
     spread = 10.0 ** rng.uniform(-4.0, 0.0, COUNT)

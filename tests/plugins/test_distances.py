@@ -35,7 +35,7 @@ def with_field(mesh):
 
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TRIANGLE])
-def test_distances_and_their_gradients_are_those_of_numpy(renderer, file, shape):
+def test_distances_and_their_gradients_match_those_of_numpy(renderer, file, shape):
     text = "distance(all)" if shape is Shape.TRIANGLE else f"distance('{file}')"
     dataset, drawing = with_field(curved(grid(shape, 2), ripple(0.05), n=4)), renderer("vulkan")
     (part,) = volume_of(dataset, [text]).parts
@@ -73,7 +73,7 @@ def test_the_surface_at_a_distance_of_a_plane_is_parallel_to_it(tmp_path, render
     assert (frame.status[hit] == Status.CERTAIN).mean() > 0.9
 
 
-def test_bounds_of_elements_leave_out_those_that_are_too_far():
+def test_bounds_of_elements_exclude_distant_ones():
     dataset = with_field(grid(Shape.TETRAHEDRON, 4))
     (part,) = volume_of(dataset, ["distance(boundary)"]).parts
     low, high = part.quantities["distance(boundary)"].bounds()
@@ -86,7 +86,7 @@ def test_bounds_of_elements_leave_out_those_that_are_too_far():
     assert ((low > -0.1) | (high < -0.1)).sum() > 0.1 * len(part)
 
 
-def test_an_unknown_boundary_is_refused_before_anything_is_drawn():
+def test_an_unknown_boundary_is_rejected_before_drawing():
     with pytest.raises(ElvisError, match="there is no boundary 'wall'; there are all, boundary, 1"):
         volume_of(with_field(grid(Shape.HEXAHEDRON, 1)), ["distance(wall)"])
 
@@ -137,7 +137,7 @@ def test_every_operation_is_tried():
 
 @pytest.mark.sampled(least=10, free=("name",))
 @pytest.mark.parametrize("name", [name for name, texts in OPERATIONS.items() if texts])
-def test_bounds_of_operations_with_distances_hold_all_values(bent, file, name):
+def test_bounds_of_operations_with_distances_contain_all_values(bent, file, name):
     """On each element of all shapes; where a value is not a number somewhere nothing is claimed of the rest."""
     dataset, shapes = bent
     texts = [text.replace("D", f"distance('{file}')") for text in OPERATIONS[name]]

@@ -43,7 +43,7 @@ def test_nets_are_the_maps_of_the_elements(mixed):
             assert np.allclose(positions[n], basis @ own.coefficients[element].T, rtol=0, atol=1e-13)
 
 
-def test_maps_given_as_fields_are_those_of_the_faces():
+def test_maps_given_as_fields_match_those_of_the_faces():
     mesh = curved(mixed_volume(), ripple(0.1), 3)
     plain = Dataset(mesh)
     fields = [
@@ -121,7 +121,7 @@ def test_faces_are_chosen_by_name(mixed):
 
 
 @pytest.mark.parametrize("word", ["nowhere", "element:99", "element:x", "shape:cone", "region:9"])
-def test_words_that_name_nothing_are_refused(mixed, word):
+def test_unknown_face_names_are_rejected(mixed, word):
     with pytest.raises(ElvisError, match=word.partition(":")[2] or word):
         mixed[0].select([word])
 

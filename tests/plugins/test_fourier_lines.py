@@ -40,7 +40,7 @@ def same(dataset, frame, text):
     assert np.abs(frame.field[seen] - truth).max() < 1e-11 * np.ptp(truth)
 
 
-def test_blocks_are_cut_like_solids(renderer):
+def test_fourier_blocks_are_cut_like_solids(renderer):
     dataset = lines((Basis.FOURIER, Basis.FOURIER), (1.5, 2.0))
     drawing = renderer("vulkan")
     for text in ("u", "u*y + d(u,z)"):
@@ -79,7 +79,7 @@ def test_walls_show_themselves(renderer, basis):
         completed(dataset, Scene("u", plane=Plane((0, 0, 0), (0, 0, 1))))
 
 
-def test_the_wall_of_a_wing_is_what_the_solver_wrote(nektar, renderer):
+def test_the_wall_of_a_wing_matches_the_solver(nektar, renderer):
     folder = nektar / "naca_h1d_line"
     dataset = read(*(path for path in folder.iterdir() if path.suffix in (".xml", ".fld")))
     drawing = renderer("vulkan")
@@ -89,7 +89,7 @@ def test_the_wall_of_a_wing_is_what_the_solver_wrote(nektar, renderer):
     assert frame.counts()["failed"] == 0
 
 
-def test_lines_alone_are_no_volume():
+def test_lines_have_no_volume():
     mesh = grid(Shape.SEGMENT, 2)
     dataset = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2),))
     with pytest.raises(ElvisError, match=r"2D or 3D data, or the same Fourier directions .*, found DIM=1 SPACE=1"):

@@ -53,7 +53,7 @@ def compare(drawing, volume):
 
 
 @pytest.mark.parametrize("modes", [3, 9])
-def test_native_gradients_are_what_numpy_gives(renderer, modes):
+def test_native_gradients_match_numpy(renderer, modes):
     solid = wild(Dataset(curved(mixed_volume(seed=1), ripple(0.02), n=3)), modes)
     plane = wild(Dataset(curved(mixed_plane(seed=1), ripple(0.02), n=3)), modes)
     drawing = renderer("vulkan")

@@ -43,7 +43,7 @@ def bent(shape, unit=False):
     return Part("none", shape.name, np.arange(1), boxes, {}, shape=shape, unit=unit, evaluate=evaluate)
 
 
-def test_derivatives_are_those_of_smooth_functions():
+def test_derivatives_match_those_of_smooth_functions():
     points = np.concatenate([scattered(Shape.HEXAHEDRON, 50), Shape.HEXAHEDRON.vertices])
     found = numerical_derivatives(
         lambda rows, r: np.stack([np.sin(2 * r[:, 0]) * r[:, 1], np.exp(r[:, 2])], axis=1), None, points
@@ -87,7 +87,7 @@ def test_elements_side_by_side_share_a_face():
     assert faces.blocks[0].space.degree == 1
 
 
-def test_faces_that_no_polynomial_comes_near_are_refused():
+def test_faces_far_from_polynomials_are_rejected():
     def evaluate(elements, points):
         return points + 0.1 * np.abs(points), points[:, 0]
 
@@ -113,7 +113,7 @@ def test_the_reference_finds_points_of_every_shape(shape):
     assert np.array_equal(every.point, np.repeat(np.arange(60), 2))
 
 
-def test_points_within_rounding_of_a_border_are_inside_however_far_the_element_is():
+def test_points_within_rounding_of_a_border_are_inside_at_every_distance():
     """A twisted hexahedron at 2^20, where numbers are 2.3e-10 apart: more than the tolerance of margins."""
 
     def evaluate(elements, points):
@@ -173,25 +173,25 @@ def agree(renderer):
 CUT = Plane((0, 0, 10), (1, 1, 0.2))
 
 
-def test_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
+def test_rational_volumes_match_the_reference(agree, pipe):
     agree(pipe, plane=CUT)
 
 
 @pytest.mark.thorough
-def test_faces_of_rational_volumes_are_what_the_reference_makes_of_them(agree, pipe):
+def test_faces_of_rational_volumes_match_the_reference(agree, pipe):
     agree(pipe, objects=(Faces(),), camera="iso")
     agree(pipe, objects=(Faces(("element:2",)),), camera="iso")
 
 
 @pytest.mark.thorough
-def test_expressions_of_several_fields_are_what_the_reference_makes_of_them(agree, tmp_path):
+def test_expressions_of_several_fields_match_the_reference(agree, tmp_path):
     if not MFEM.is_dir():
         pytest.skip(f"there is no {MFEM}")
     files = [MFEM / f"pipe_nurbs.{name}" for name in ("mesh", "u.gf", "w.gf")]
     agree(PluginData("nurbs", Nurbs(files)), field="sqrt(u^2 + w^2) + d(w,z)*quality + shape", plane=CUT)
 
 
-def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
+def test_facts_about_elements_agree_in_every_form(renderer, pipe):
     drawing, texts = renderer("vulkan"), ["element", "jacobian", "scaled_jacobian", "quality", "shape"]
     volume = volume_of(pipe, ["u", *texts])
     drawing.show(volume)
@@ -204,18 +204,18 @@ def test_what_is_known_of_elements_is_the_same_in_every_way(renderer, pipe):
         assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max(), text
 
 
-def test_expressions_of_a_plugin_are_what_the_reference_makes_of_them(agree, box):
+def test_expressions_of_a_plugin_match_the_reference(agree, box):
     agree(box, field="sin(u)*x + d(u,y)", objects=(CutSurface(Sphere((0.5, 0.5, 3.5), 1.2)),), camera="iso")
 
 
-def test_isosurfaces_of_waves_are_what_the_reference_finds(agree, box):
+def test_isosurfaces_of_waves_match_the_reference(agree, box):
     """Polynomials stand in for waves: the kernels call their pixels ambiguous, and may lose one at a silhouette."""
     drawn, wanted = agree(box, objects=(Isosurface((0.5,)),), camera="iso", sure=0.0, lost=2)
     same = drawn.seen & wanted.seen
     assert np.abs(drawn.drawing.depth[same] - wanted.drawing.depth[same]).max() < PLACE
 
 
-def test_the_reference_says_what_it_needs(pipe, monkeypatch):
+def test_the_reference_names_missing_inputs(pipe, monkeypatch):
     bare = Part("rational", "Bare", np.array([0]), np.array([[0, 0, 0, 1, 1, 1]], np.float32), {})
     with pytest.raises(ElvisError, match="no second derivative of u, which a plugin describes"):
         render_reference(pipe, Scene("d(d(u,x),x)", plane=CUT, size=(10, 10)))

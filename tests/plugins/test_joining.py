@@ -83,7 +83,7 @@ def test_only_whole_names_of_declared_globals_change(scaled, tmp_path, declared)
 @pytest.mark.sampled
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
 @pytest.mark.parametrize("declared", DECLARED)
-def test_each_field_has_its_own_globals(scaled, renderer, device, declared):
+def test_each_field_has_separate_globals(scaled, renderer, device, declared):
     text = "a + 100*b - 10*c"
     drawing = renderer(device)
     drawing.show(volume_of(scaled(declared), ["a", text]))

@@ -111,7 +111,7 @@ def test_one_rank_converts_and_all_read_their_part(home, case, is_kept):
     assert parts(3, path, is_kept=is_kept)[1] == (0 if is_kept else 1)
 
 
-def test_what_ranks_cannot_see_each_of_them_converts(home, case, monkeypatch):
+def test_ranks_without_a_shared_cache_convert_separately(home, case, monkeypatch):
     """As where temporary folders are those of several machines, or full."""
     monkeypatch.setattr(kept_conversions, "_written", lambda work, is_kept, folder: None)
     path = case(slope=3)
@@ -129,7 +129,7 @@ def test_a_conversion_is_found_again(home, case):
     assert asked(path) == (first[0], (), 0)
 
 
-def test_what_comes_out_is_what_convert_writes(home, case, tmp_path):
+def test_cached_conversions_equal_the_output_of_convert(home, case, tmp_path):
     path = case(slope=3)
     by_hand = read(*write(convert(Cubes([path]), files=[path]).dataset, tmp_path / "by_hand.xml"))
     for is_kept in (False, True, True):
@@ -139,7 +139,7 @@ def test_what_comes_out_is_what_convert_writes(home, case, tmp_path):
 
 
 @pytest.mark.parametrize("change", ["content", "option", "converter", "name", "file beside", "code", "not to be kept"])
-def test_what_has_changed_is_converted_anew(home, case, tmp_path, monkeypatch, change):
+def test_changed_files_are_converted_again(home, case, tmp_path, monkeypatch, change):
     path, keywords, converter, is_kept = case(slope=3, others=["b.json"]), {}, Cubes, True
     (tmp_path / "b.json").write_text("2")
     before = asked(path)[0]
@@ -162,7 +162,7 @@ def test_what_has_changed_is_converted_anew(home, case, tmp_path, monkeypatch, c
     assert (after != before) == (change in ("content", "option", "file beside"))
 
 
-def test_files_beside_are_those_of_the_same_folder(home, case, tmp_path):
+def test_neighbouring_files_are_those_of_the_same_folder(home, case, tmp_path):
     """The same file in another folder has other neighbours."""
     found = {}
     for name, slope in (("one", "2"), ("two", "7")):
@@ -173,13 +173,13 @@ def test_files_beside_are_those_of_the_same_folder(home, case, tmp_path):
     assert found["two"][2] == 1
 
 
-def test_nothing_is_kept_where_it_is_not_known_what_was_read(home, case):
+def test_conversions_with_unknown_inputs_are_not_cached(home, case):
     path = case(slope=3, secretive=True)
     assert [asked(path)[2] for _ in range(2)] == [1, 1]
     assert not home.exists()
 
 
-def test_files_that_change_while_they_are_read_are_not_kept(home, case, monkeypatch):
+def test_files_that_change_while_they_are_read_are_not_cached(home, case, monkeypatch):
     path = case(slope=3)
     original = Cubes.__init__
 
@@ -193,7 +193,7 @@ def test_files_that_change_while_they_are_read_are_not_kept(home, case, monkeypa
 
 
 @pytest.mark.parametrize("damage", ["one bit", "cut short", "empty", "something else"])
-def test_damaged_conversions_are_set_aside_and_made_again(home, case, damage):
+def test_damaged_conversions_are_moved_aside_and_regenerated(home, case, damage):
     path = case(slope=3)
     value = asked(path)[0]
     (file,) = home.iterdir()
@@ -210,7 +210,7 @@ def test_damaged_conversions_are_set_aside_and_made_again(home, case, damage):
 
 
 @pytest.mark.parametrize("place", ["a file", "a device", "a full disk", "no home"])
-def test_the_work_goes_on_where_nothing_can_be_kept(case, tmp_path, monkeypatch, place):
+def test_conversion_works_without_a_writable_cache(case, tmp_path, monkeypatch, place):
     path = case(slope=3)
     monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/here" if place == "a device" else str(tmp_path / "a.json"))
     reason = "Not a directory"
@@ -236,7 +236,7 @@ def test_the_work_goes_on_where_nothing_can_be_kept(case, tmp_path, monkeypatch,
             assert remark.endswith(reason)
 
 
-def test_the_work_goes_on_without_a_temporary_folder(home, case, monkeypatch):
+def test_conversion_works_without_a_temporary_folder(home, case, monkeypatch):
     def none(**_):
         raise FileNotFoundError(2, "No usable temporary directory found")
 
@@ -250,7 +250,7 @@ def test_a_conversion_that_fails_leaves_nothing(home, case):
     assert not home.exists()
 
 
-def test_what_was_not_used_for_longest_makes_room(home, case, monkeypatch):
+def test_the_least_recently_used_entries_are_evicted(home, case, monkeypatch):
     files = [case(f"{k}.json", slope=k) for k in range(4)]
     asked(files[0])
     size = next(home.iterdir()).stat().st_size

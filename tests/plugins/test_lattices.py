@@ -43,7 +43,7 @@ def taken(renderer, tmp_path_factory):
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_points_of_a_lattice_are_what_they_are_one_by_one(shape, taken):
+def test_points_of_a_lattice_match_single_evaluation(shape, taken):
     for box in ((0.0, 0.0, 0.0, 1.0, 1.0, 1.0), (-0.25, 0.5, -0.375, 0.25, 0.125, 0.0625)):
         together, alone = taken(shape, box)
         assert np.ptp(alone, axis=1).min() > 0.01

@@ -78,7 +78,7 @@ def data(mesh, functions=ROTATION, modes=5):
 @pytest.mark.parametrize("unit", [False, True])
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.thorough
-def test_a_turn_in_bent_elements_of_every_shape(shape, unit):
+def test_a_turn_in_curved_elements_of_every_shape(shape, unit):
     d = shape.dimension
     dataset = data(curved(grid(shape, 2 if d == 2 else 1), ripple(0.05), 3))
     plugin = HostFlow(opened(dataset, unit=unit, dimension=d))
@@ -92,7 +92,7 @@ def test_a_turn_in_bent_elements_of_every_shape(shape, unit):
     assert set(found.element) == set(native.element)
 
 
-def test_neighbours_with_other_coordinates_on_the_side_that_they_share():
+def test_neighbours_with_different_coordinates_on_their_common_side():
     dataset = data(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.03), 3))
     found = trace(HostFlow(opened(dataset, turn=0.2)), [[0.75, 0.5, 0.45]], duration=np.pi)
     assert found[0][-1] == pytest.approx([0.25, 0.5, 0.45 + 0.001 * np.pi], abs=1e-10)
@@ -138,7 +138,7 @@ class Blocks(VolumeSource):
 
 
 @pytest.mark.parametrize("beyond", [True, False])
-def test_smaller_neighbours_are_looked_for(beyond):
+def test_smaller_neighbours_are_found(beyond):
     """Even where the author's function has no values beyond the elements."""
     found = trace(HostFlow(PluginData("blocks", Blocks(beyond))), [[0.1, 0.3, 0.7]], "u,0,0", ftle=True)
     assert found.counts() == {"left": 1}
@@ -152,7 +152,7 @@ def test_smaller_neighbours_are_looked_for(beyond):
 
 
 @pytest.mark.thorough
-def test_lines_ribbons_arrows_and_glyphs_in_pictures_are_those_of_the_reference(tmp_path):
+def test_lines_ribbons_arrows_and_glyphs_in_pictures_match_those_of_the_reference(tmp_path):
     amplitudes = np.zeros((2, 2, 2))
     amplitudes[0, 0, 0], amplitudes[0, 1, 0] = 1.0, 0.5
     fields = {"u": amplitudes, "v": amplitudes.swapaxes(0, 1)}
@@ -173,7 +173,7 @@ def test_lines_ribbons_arrows_and_glyphs_in_pictures_are_those_of_the_reference(
     assert np.abs(found.position - true.position)[seen].max() < 1e-10
 
 
-def test_what_is_refused():
+def test_invalid_input_is_rejected():
     with pytest.raises(ElvisError, match="the plugin blocks lets no lines be followed: expected parts with a shape"):
         HostFlow(PluginData("blocks", Blocks(evaluated=False)))
     flow = HostFlow(PluginData("blocks", Blocks()))

@@ -45,13 +45,13 @@ def test_each_file_has_its_outputs(folder):
     assert read("mesh.xml", "c_run_10.fld")["v"](0.5, 0.5) == pytest.approx(20)
 
 
-def test_marks_of_several_patterns_stand_for_the_same(folder):
+def test_wildcards_of_several_patterns_correspond(folder):
     status, text = run("integrate", "run_*.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv")
     assert status == 0, text
     assert sorted(path.name for path in folder.glob("i_*")) == ["i_run_10.csv", "i_run_2.csv"]
 
 
-def test_failures_are_summed_up_and_others_go_on(folder):
+def test_failures_are_summarised_and_other_files_continue(folder):
     (folder / "run_3.fld").write_text("x")
     status, text = run("integrate", "mesh.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv")
     assert status == 1

@@ -67,7 +67,7 @@ class Source(NodalConverter):
 @pytest.mark.parametrize("is_shared", [False, True])
 @pytest.mark.parametrize("order", [1, 2, 4])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_polynomials_at_nodes_are_those_polynomials(shape, order, is_shared):
+def test_polynomials_are_recovered_from_nodes(shape, order, is_shared):
     source, points = Source(shape, order, is_shared), inside(shape)
     (block,) = source.blocks
     unit = unit_of(shape, points)
@@ -83,7 +83,7 @@ def test_polynomials_at_nodes_are_those_polynomials(shape, order, is_shared):
     assert [each.is_continuous for each in source.fields] == [True, True, False]
 
 
-def test_equal_weights_change_nothing_and_others_pull_towards_their_nodes():
+def test_larger_weights_pull_towards_their_nodes():
     points = inside(Shape.TRIANGLE)
     plain = Source(Shape.TRIANGLE, 2, True)
     even = Source(Shape.TRIANGLE, 2, True, weights=np.full(12, 3.0))
@@ -96,7 +96,7 @@ def test_equal_weights_change_nothing_and_others_pull_towards_their_nodes():
     assert np.abs(at_nodes[0] - at_nodes[1]).max() < 1e-12
 
 
-def test_a_block_may_lack_a_field():
+def test_a_block_may_miss_a_field():
     source = Source(Shape.SEGMENT, 1, False)
     source.add_field("q", ["q"], [None])
     assert source.fields[-1].order_on(0) is None
@@ -104,7 +104,7 @@ def test_a_block_may_lack_a_field():
 
 @pytest.mark.parametrize("order", [1, 2, 3, 5])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_lattices_determine_a_space_and_hold_the_vertices(shape, order):
+def test_lattices_are_unisolvent_and_contain_the_vertices(shape, order):
     nodes = lattice(shape, order)
     assert len(np.unique(nodes, axis=0)) == len(nodes) == space_size(shape, order)
     assert order_of_space(shape, len(nodes), 30) == order
@@ -114,7 +114,7 @@ def test_lattices_determine_a_space_and_hold_the_vertices(shape, order):
 
 
 @pytest.mark.parametrize("order", [0, 1, 4])
-def test_bernstein_polynomials_sum_to_one_and_are_the_known_ones(order):
+def test_bernstein_polynomials_sum_to_one_and_match_their_formula(order):
     t = np.linspace(0, 1, 6)
     powers = np.stack([np.arange(order + 1), order - np.arange(order + 1)], axis=1)
     table = bernstein(np.stack([t, 1 - t], axis=1), powers)
@@ -123,7 +123,7 @@ def test_bernstein_polynomials_sum_to_one_and_are_the_known_ones(order):
         assert np.abs(table[:, 2] - 6 * t**2 * (1 - t) ** 2).max() < 1e-15
 
 
-def test_tables_of_a_few_points_are_kept(monkeypatch):
+def test_tables_of_a_few_points_are_cached(monkeypatch):
     functions = unit_basis(Shape.TRIANGLE, 2, lattice(Shape.TRIANGLE, 2) / 2)
     some, others = inside(Shape.TRIANGLE), inside(Shape.TRIANGLE, 5)
     table = functions.at(some)

@@ -84,7 +84,7 @@ def oriented(places, elements, corners):
     return result
 
 
-def test_what_no_order_serves_is_detached_and_still_exact():
+def test_elements_without_a_valid_order_are_detached_and_exact():
     places, prisms, tetrahedra = crossed()
     prisms, tetrahedra = oriented(places, prisms, (1, 3, 4)), oriented(places, tetrahedra, (1, 2, 3))
     field = {"u": AnalyticField(lambda x: x[..., 0] - 2 * x[..., 1] * x[..., 2], 2)}
@@ -150,7 +150,7 @@ def test_vertices_without_numbers_are_numbered_by_their_first_corner():
     assert all(len(set(vertex[which == place].tolist())) == 1 for place in range(20))
 
 
-def test_tolerance_of_merging_is_less_than_edges_that_are_looked_for():
+def test_the_merge_tolerance_is_below_the_shortest_edge():
     corners = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1e-6, 0]], [[0, 0, 0], [1, 0, 0], [1, 1, 1], [0, 1, 0]]])
     assert merging_tolerance([corners], 1e-2) == 1e-9
     assert merging_tolerance([corners[1:], corners[:1]], 1e-2, neighbours) == 1e-9

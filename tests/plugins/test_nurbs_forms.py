@@ -70,7 +70,7 @@ def same_places(source, field, truth, ids=True):
 
 
 @pytest.mark.parametrize("heading", ["controlpoints", "controlpoints_homogeneous", "controlpoints_cartesian"])
-def test_patches_with_their_own_control_points_are_the_same_mesh(pipe, tmp_path, heading):
+def test_patches_with_separate_control_points_form_the_same_mesh(pipe, tmp_path, heading):
     path, truth = written(pipe.mesh, tmp_path / "own.mesh", heading), arrays_of(MFEM / "pipe_nurbs.truth.npz")
     source = Nurbs([path, MFEM / "pipe_nurbs.u.gf"])
     ((_, values),) = same_places(source, "u", truth)
@@ -133,7 +133,7 @@ def test_a_circle_is_one(tmp_path):
     assert 0 <= high - 1 < 1e-12
 
 
-def test_points_next_to_are_proved_to_be_outside(tmp_path):
+def test_points_next_to_patches_are_proved_to_be_outside(tmp_path):
     (part,) = opened(quarter(), tmp_path / "ring.json").volume("z").parts
     assert isinstance(part.solve, Solver)
     points = np.random.default_rng(2).uniform([0, 0, 0], [2, 2, 1], (500, 3))
@@ -170,12 +170,12 @@ def test_points_next_to_are_proved_to_be_outside(tmp_path):
         ({"time": "late"}, "time: expected a number, found 'late'"),
     ],
 )
-def test_spoilt_json_is_refused_in_a_sentence(tmp_path, changes, sentence):
+def test_damaged_json_gives_a_one_line_error(tmp_path, changes, sentence):
     with pytest.raises(FormatError, match=rf"spoilt\.json: .*{sentence}"):
         opened(quarter(**changes), tmp_path / "spoilt.json")
 
 
-def test_text_that_is_no_json_is_refused(tmp_path):
+def test_text_that_is_not_json_is_rejected(tmp_path):
     path = tmp_path / "spoilt.json"
     path.write_text('{"format": "elvis-nurbs", ')
     with pytest.raises(FormatError, match=r"spoilt\.json: expected JSON"):
@@ -194,7 +194,7 @@ def test_text_that_is_no_json_is_refused(tmp_path):
         ),
     ],
 )
-def test_spoilt_patches_are_refused_in_a_sentence(pipe, tmp_path, old, new, sentence):
+def test_damaged_patches_give_a_one_line_error(pipe, tmp_path, old, new, sentence):
     path = written(pipe.mesh, tmp_path / "own.mesh")
     text = path.read_text()
     assert old in text

@@ -170,7 +170,7 @@ def made(renderer):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_discs_hold_true_values_and_how_far_computed_ones_are_off(made, name):
+def test_discs_contain_true_values_and_errors_of_computed_ones(made, name):
     """True values of the real box are within radius + error of the middle; computed ones, of operands that are off by
     as much as they say, within the error of the true one.  Where there may be none, it isn't total, nor smooth."""
     rng = np.random.default_rng(NAMES.index(name))
@@ -208,7 +208,7 @@ def test_discs_hold_true_values_and_how_far_computed_ones_are_off(made, name):
 
 
 @pytest.mark.parametrize("name", [name for name, function in ANALYTIC.items() if function])
-def test_smooth_discs_hold_complex_values(made, name):
+def test_smooth_discs_contain_complex_values(made, name):
     rng = np.random.default_rng(100 + NAMES.index(name))
     middle, radius, other, width = every_pair(rng)
     exact = [np.stack([*each, np.zeros(len(middle))], axis=1) for each in ((middle, radius), (other, width))]
@@ -232,7 +232,7 @@ def test_smooth_discs_hold_complex_values(made, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_known_of_what_is_no_number(made, name):
+def test_nan_is_unbounded(made, name):
     rng = np.random.default_rng(200 + NAMES.index(name))
     middle, radius = boxes(rng, "no numbers")
     wrong = np.isnan(middle) | np.isnan(radius) | np.isinf(radius)
@@ -251,7 +251,7 @@ TIGHT = {"^-4": 1.1, "atan2": 1.1}
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in ("^0", "sign", "step")])
-def test_radii_of_small_discs_are_nearly_the_least_that_hold_their_values(made, name):
+def test_radii_of_small_discs_are_nearly_minimal(made, name):
     """A hundredth wide: times the distance from the middle of the farthest value at the ends."""
     rng = np.random.default_rng(300 + NAMES.index(name))
     middle, other = rng.uniform(0.3, 0.8, (2, COUNT))
@@ -306,7 +306,7 @@ def holds(interval, values):
 
 
 @pytest.mark.parametrize("name", HOST)
-def test_intervals_hold_values_of_every_box(name):
+def test_intervals_contain_values_of_every_box(name):
     """Exponents that are not constant, too; what isn't defined is left out, what is infinite is not."""
     function = {**FUNCTIONS, **OPERATORS}[name]
     ends, points = intervals_of(np.random.default_rng(400 + HOST.index(name)), function.arity)
@@ -322,7 +322,7 @@ def test_intervals_hold_values_of_every_box(name):
 
 
 @pytest.mark.parametrize("exponent", [2.0, 3.0, -1.0, -2.0, 0.5, -0.5, 2.7, 0.0, 1e300, -1e300])
-def test_intervals_of_constant_powers_hold_values_of_every_box(exponent):
+def test_intervals_of_constant_powers_contain_values_of_every_box(exponent):
     (base,), (points,) = intervals_of(np.random.default_rng(5), 1)
     with np.errstate(all="ignore"):
         found = OPERATORS["^"].interval(base, (np.float64(exponent),) * 2)
@@ -331,7 +331,7 @@ def test_intervals_of_constant_powers_hold_values_of_every_box(exponent):
 
 
 @pytest.mark.parametrize("name", HOST)
-def test_intervals_hold_derivatives_of_every_box(name):
+def test_intervals_contain_derivatives_of_every_box(name):
     """Of every operation in each operand, by the rules that derivatives of expressions are made with."""
     function = {**FUNCTIONS, **OPERATORS}[name]
     ends, points = intervals_of(np.random.default_rng(500 + HOST.index(name)), function.arity)

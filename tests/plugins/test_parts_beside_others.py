@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 @pytest.mark.sampled
 @pytest.mark.parametrize("size", [2, 30])
 @pytest.mark.parametrize("other", ["same", "renamed", "other"])
-def test_differences_in_parts_are_those_of_one_process(folder, other, size):
+def test_differences_in_parts_match_those_of_one_process(folder, other, size):
     """With ranks that have no elements, too; in other elements values are found with all of them alone."""
     files = [folder / "a.xml", folder / "a.fld"]
     reading = Reading(others=(f"ref={folder / other}.xml,{folder / other}.fld",))

@@ -41,7 +41,7 @@ def expected(name, degrees=0.0):
     return WAVES[name](np.column_stack([POINTS, np.zeros(3)])) * np.exp(1j * np.radians(degrees))
 
 
-def test_functions_of_complex_fields_are_those_of_numpy():
+def test_functions_of_complex_fields_match_those_of_numpy():
     data = waves()
     assert Names.of(data).complexes == PARTS
     found = {
@@ -55,7 +55,7 @@ def test_functions_of_complex_fields_are_those_of_numpy():
     assert np.allclose(found["real(p, 30)"], expected("p", 30).real, rtol=1e-13)
 
 
-def test_an_amplitude_is_the_greatest_length_over_a_period():
+def test_an_amplitude_is_the_maximum_length_over_a_period():
     phases = np.linspace(0, 360, 3601)
     lengths = [np.hypot(expected("E_x", each).real, expected("E_y", each).real) for each in phases]
     # between steps of 0.1 degrees the length differs from its maximum by (0.0017)^2 / 2 of it at most

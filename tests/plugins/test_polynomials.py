@@ -73,11 +73,11 @@ def test_nets_are_the_expressions(shape, text):
 @pytest.mark.parametrize(
     "text", ["sin(u)", "u/v", "sqrt(u)", "u^0.5", "abs(u)", "min(u, v)", "jacobian*u", "1/u", "2^u"]
 )
-def test_other_expressions_have_none(text):
+def test_other_expressions_have_no_polynomial(text):
     assert net_of(data(Shape.HEXAHEDRON), text)[1] is None
 
 
-def test_derivatives_on_bent_elements_and_pyramids_are_no_polynomials():
+def test_derivatives_on_curved_elements_and_pyramids_are_not_polynomials():
     bent = data(Shape.HEXAHEDRON, mesh=curved(one_element(Shape.HEXAHEDRON), ripple(0.1), 3))
     assert net_of(bent, "d(u, x)")[1] is None
     assert net_of(bent, "u*v")[1] is not None
@@ -100,7 +100,7 @@ def binomial(n, k):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_errors_hold_where_digits_cancel(seed):
+def test_errors_are_valid_under_cancellation(seed):
     """(u + 2^20)^2 - u^2 - 2^21 u is 2^40, computed from coefficients that are exact; the error says what is lost."""
     rng = np.random.default_rng(seed)
     space = BernsteinSpace(Shape.QUADRILATERAL, (3, 2))
@@ -117,7 +117,7 @@ def test_errors_hold_where_digits_cancel(seed):
     assert 0 < square.error[0] < 1e-14 * big**2
 
 
-def test_parallelepipeds_are_parts_of_their_own_where_derivatives_are_asked_for():
+def test_parallelepipeds_are_separate_parts_for_derivatives():
     mesh = grid(Shape.HEXAHEDRON, 2)
     vertices = mesh.vertices.copy()
     vertices[np.abs(vertices - 1).max(axis=1) < 1e-9] += 0.1

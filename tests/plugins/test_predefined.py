@@ -109,7 +109,7 @@ def places(patch, count=40):
 
 
 @pytest.mark.parametrize(("dimension", "of"), [(2, "quadratic"), (3, "quadratic"), *((3, of) for of in SERIES)])
-def test_quantities_are_what_sympy_gives_on_bent_elements(dimension, of):
+def test_quantities_on_curved_elements_match_sympy(dimension, of):
     dataset, shapes, swirling = flow(dimension, of), set(), []
     names = list(truths(dimension, np.ones((1, 3)), of))
     expressions = {name: Expression.of(dataset, name) for name in names}
@@ -182,7 +182,7 @@ def volume(dimension):
 @pytest.mark.sampled
 @pytest.mark.parametrize("text", ON_DEVICES)
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1], ids=lambda shape: shape.label)
-def test_a_device_gives_what_numpy_gives(renderer, shape, text):
+def test_a_device_matches_numpy(renderer, shape, text):
     dimension, drawing = shape.dimension, renderer("vulkan")
     parts = volume(dimension).parts
     drawing.show(volume(dimension))

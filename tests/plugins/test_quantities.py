@@ -59,7 +59,7 @@ def bent_flow(dimension):
 @pytest.mark.sampled
 @pytest.mark.parametrize("text", TEXTS)
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1], ids=lambda shape: shape.label)
-def test_quantities_and_their_gradients_are_what_numpy_gives(renderer, shape, text):
+def test_quantities_and_their_gradients_match_numpy(renderer, shape, text):
     (dataset, volume), drawing = bent_flow(shape.dimension), renderer("vulkan")
     drawing.show(volume)
     expression = Expression.of(dataset, text)
@@ -89,7 +89,7 @@ def differences(evaluator, expression, ids, reference, step=1e-4):
     return np.stack(columns, axis=1)
 
 
-def test_a_part_has_all_quantities_by_name_and_shares_what_they_are_made_of(renderer):
+def test_a_part_has_all_quantities_by_name_and_shares_their_inputs(renderer):
     dataset = flow(curved(mixed_volume(seed=1), ripple(0.02), n=3))
     volume = volume_of(dataset, ["u", "v", "sin(u+v)", "sqrt(u*v*w)", "d(u,x)"])
     for part in volume.parts:
@@ -99,7 +99,7 @@ def test_a_part_has_all_quantities_by_name_and_shares_what_they_are_made_of(rend
         assert nets["u"] == nets["d(u,x)"] == id(part.buffers["coefficients"])
 
 
-def test_fields_that_an_element_lacks_are_nan_there(renderer):
+def test_fields_missing_on_an_element_are_nan_there(renderer):
     """The first quantity says which elements there are."""
     dataset = flow(mixed_volume(seed=1))
     partial = replace(dataset.field("v"), blocks=dataset.field("v").blocks[:2])
@@ -117,7 +117,7 @@ def test_fields_that_an_element_lacks_are_nan_there(renderer):
 
 
 @pytest.mark.parametrize("text", ["vorticity_z + x", "1/(u-u)"])
-def test_pictures_of_expressions_are_what_numpy_evaluates(text):
+def test_pictures_of_expressions_match_numpy(text):
     dataset = flow(curved(grid(Shape.TETRAHEDRON, 2), ripple(0.02), n=3))
     scene = {"field": text, "plane": Plane((0.5, 0.5, 0.45), (0.1, 0.2, 1.0)), "size": (50, 50)}
     frame = render(dataset, device="vulkan", **scene)
@@ -130,7 +130,7 @@ def test_pictures_of_expressions_are_what_numpy_evaluates(text):
         assert np.abs(found - truth).max() < VALUE * np.ptp(truth)
 
 
-def test_second_derivatives_are_what_numpy_gives(renderer):
+def test_second_derivatives_match_numpy(renderer):
     """By differences of sixth order, as are gradients of derivatives; NumPy has both exactly."""
     dataset, drawing = flow(curved(grid(Shape.PRISM, 1), ripple(0.02), n=3)), renderer("vulkan")
     second, first = (Expression.of(dataset, text) for text in ("laplacian(u)*v", "vorticity_z*u"))
@@ -202,7 +202,7 @@ def test_a_plugins_field_makes_expressions(renderer, opened):
         (["w*t"], "there is no 'w'; the fields are u, one; there are also x, y, z, t, pi"),
     ],
 )
-def test_what_a_plugin_cannot_show_is_said(opened, texts, sentence):
+def test_unsupported_quantities_of_a_plugin_are_reported(opened, texts, sentence):
     with pytest.raises(ElvisError) as error:
         volume_of(opened, texts)
     assert sentence in str(error.value)
@@ -222,12 +222,12 @@ def test_polynomials_are_known_by_their_degree(shape):
     assert part.degree == expected[0]
 
 
-def test_expressions_that_would_compile_for_minutes_are_refused():
+def test_expressions_that_would_compile_for_minutes_are_rejected():
     with pytest.raises(ElvisError, match="at most 1000 parts in pictures"):
         volume_of(flow(grid(Shape.TETRAHEDRON, 1)), ["d(" * 8 + "tan(x*y)^tan(x)" + ",x)" * 8])
 
 
-def test_what_quantities_share_is_on_the_device_once(renderer):
+def test_shared_inputs_are_on_the_device_once(renderer):
     volume = volume_of(flow(mixed_volume(seed=1)), ["u", "sqrt(u*v)", "sin(v*w + u)", "d(u,x)"])
     drawing = renderer("vulkan")
     drawing.show(volume)

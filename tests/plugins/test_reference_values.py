@@ -94,13 +94,13 @@ def test_scenes_have_them(folder):
         (("--field", "2*u_ref"), "the data don't contain u_ref (reference speed): pass --set u_ref=…"),
     ],
 )
-def test_bad_values_give_one_sentence(folder, words, reason):
+def test_bad_values_give_a_one_line_error(folder, words, reason):
     status, text = run("probe", "a.xml", "a.fld", "--point", "0.5,0.5", *words)
     assert status != 0
     assert reason in " ".join(text.split())
 
 
-def test_bad_files_and_coefficients_give_one_sentence(folder):
+def test_bad_files_and_coefficients_give_a_one_line_error(folder):
     status, text = run("integrate", "a.xml", "a.fld", "--coefficients", "x", "--over", "all", "--set", "area=1")
     assert status == 1
     assert "expected rho_ref (reference density), u_ref (reference speed)" in text

@@ -19,14 +19,14 @@ def test_names_are_sorted():
     assert names == sorted(names)
 
 
-def test_nothing_is_imported_before_it_is_asked_for():
+def test_plugins_are_imported_on_request():
     import sys
 
     registry.plugins("elvis.commands")
     assert "miniature" not in sys.modules
 
 
-def test_broken_plugins_leave_the_others_alone():
+def test_broken_plugins_do_not_affect_others():
     found = registry.plugins("elvis.commands")
     assert {"absent", "raises", "hello"} <= set(found)
     assert found["hello"].load().name == "hello"
@@ -39,7 +39,7 @@ def test_broken_plugins_leave_the_others_alone():
         ("absent", "ModuleNotFoundError: No module named 'no_such_module_anywhere'"),
     ],
 )
-def test_a_broken_plugin_says_which_and_why(name, reason):
+def test_a_broken_plugin_is_named_with_the_reason(name, reason):
     with pytest.raises(PluginError) as failure:
         registry.load("elvis.commands", name)
     assert f"'{name}'" in str(failure.value)
@@ -47,19 +47,19 @@ def test_a_broken_plugin_says_which_and_why(name, reason):
     assert reason in str(failure.value)
 
 
-def test_an_unknown_plugin_is_answered_with_the_known_ones():
+def test_an_unknown_plugin_is_reported_with_the_known_ones():
     with pytest.raises(PluginError, match=r"no elvis\.volumes plugin 'splines'; there are: .*wavelets"):
         registry.load("elvis.volumes", "splines")
 
 
-def test_our_own_plugin_wins_and_the_other_is_still_listed():
+def test_the_builtin_plugin_wins_and_the_other_is_listed():
     assert registry.plugins("elvis.commands")["plugins"].distribution.startswith("elvis-viz ")
     sharing = [p.distribution for p in registry.every_plugin("elvis.commands") if p.name == "plugins"]
     assert len(sharing) == 2
     assert sharing[1] == "miniature 1.2"
 
 
-def test_what_is_installed_or_removed_meanwhile_is_noticed(tmp_path, monkeypatch):
+def test_plugins_installed_or_removed_meanwhile_are_detected(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     before = registry.plugins("elvis.volumes")
     assert registry.plugins("elvis.volumes") == before

@@ -68,7 +68,7 @@ def draw(renderer, volume, plane, size=(120, 120)):
 
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("field", ["u", "w"])
-def test_nurbs_are_what_the_solver_evaluates(renderer, pipe, device, field):
+def test_nurbs_match_the_solver(renderer, pipe, device, field):
     source, truth = pipe
     drawing = renderer(device)
     drawing.show(source.volume(field))
@@ -79,12 +79,12 @@ def test_nurbs_are_what_the_solver_evaluates(renderer, pipe, device, field):
     assert np.abs(found.field - values).max() < FIELD * np.ptp(values)
 
 
-def test_nurbs_keep_what_the_kit_asks(renderer, pipe):
+def test_nurbs_pass_the_test_kit(renderer, pipe):
     check_volume(pipe[0].volume("u"), renderer("vulkan"))
 
 
 @pytest.mark.parametrize("plane", [Plane((0, 0, 10), (1, 1, 0.2)), Plane((8, 0, 20), (1, 0, 0.3))])
-def test_every_pixel_of_a_cut_through_nurbs_is_where_probes_find_it(renderer, pipe, plane):
+def test_every_pixel_of_a_cut_through_nurbs_matches_probes(renderer, pipe, plane):
     drawing = renderer("vulkan")
     frame = draw(drawing, pipe[0].volume("u"), plane)
     y, x = np.indices(frame.element.shape).reshape(2, -1)
@@ -137,7 +137,7 @@ def test_bezier_pieces_are_the_spline():
         ("2 0 0\n", "2 0 zero\n", "Ordering: expected numbers"),
     ],
 )
-def test_spoilt_nurbs_meshes_are_refused_in_a_sentence(pipe, tmp_path, old, new, sentence):
+def test_damaged_nurbs_meshes_give_a_one_line_error(pipe, tmp_path, old, new, sentence):
     path = tmp_path / "spoilt.mesh"
     text = (MFEM / "pipe_nurbs.mesh").read_text()
     assert old in text
@@ -164,13 +164,13 @@ def test_a_fourier_box_is_its_closed_form(renderer, box, device):
 @pytest.mark.sampled
 @pytest.mark.parametrize("ends", BASES)
 @pytest.mark.parametrize("middle", BASES)
-def test_every_tensor_product_is_what_numpy_sums(renderer, box, ends, middle):
+def test_every_tensor_product_matches_numpy(renderer, box, ends, middle):
     """Also kept: what the kit asks, in which the device is compared with NumPy."""
     amplitudes = np.random.default_rng(3).normal(size=(6, 1, 9))
     check_volume(box((ends, middle, ends), amplitudes).volume("u"), renderer("cpu"))
 
 
-def test_high_waves_keep_their_digits(renderer, box):
+def test_high_frequencies_keep_their_digits(renderer, box):
     amplitudes = np.zeros((257, 1, 1))
     amplitudes[255, 0, 0] = 1.0
     volume = box(("fourier",) * 3, amplitudes, low=(0, 0, 0), high=(1, 1, 1)).volume("u")
@@ -224,7 +224,7 @@ BINARY = {"min": 0, "max": 0, "atan2": 4}
 OF_MATRICES = {"middle_eigenvalue", "imaginary_root"}
 
 
-def test_every_function_has_a_bar():
+def test_every_function_has_a_tolerance():
     assert set(ACCURACY) | set(BINARY) | OF_MATRICES | {"pow"} == set(FUNCTIONS)
 
 

@@ -138,7 +138,7 @@ BOXES = boxes_between(np.zeros((3, 3)), np.ones((3, 3)))
         ({"buffers": {"corners": np.array(["a"])}}, "", "", "plugin cubes: .* buffer corners: expected float64"),
     ],
 )
-def test_what_a_plugin_gets_wrong_is_said_with_its_name(cubes, changes, old, new, sentence):
+def test_errors_of_a_plugin_are_reported_with_its_name(cubes, changes, old, new, sentence):
     with pytest.raises(PluginError, match=sentence):
         render(cubes(changes, old, new), field="u", plane=PLANE, device="cpu")
 
@@ -151,7 +151,7 @@ def test_values_that_are_not_numbers_are_remarked_on(cubes):
 
 
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
-def test_a_compile_error_is_in_the_words_of_the_compiler(cubes, renderer, device):
+def test_a_compile_error_quotes_the_compiler(cubes, renderer, device):
     opened = cubes({}, "return r.x;", "return r.foo;")
     renderer(device)
     with pytest.raises(DeviceError) as failure:
@@ -227,7 +227,7 @@ def opened(tmp_path, monkeypatch):
     return Path("a.cubes")
 
 
-def test_a_plugin_that_throws_when_asked_is_left_out_with_a_word(opened, monkeypatch):
+def test_a_plugin_that_throws_is_skipped_with_a_warning(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed_plugins", lambda: {"throwing": Throwing, "cubes": Cubes})
     said = []
     assert open_files([opened], report=said.append).name == "cubes"
@@ -241,13 +241,13 @@ def test_a_plugin_that_throws_when_it_opens_is_named(opened, monkeypatch):
         open_files([opened])
 
 
-def test_of_several_plugins_the_user_chooses(opened, monkeypatch):
+def test_the_user_chooses_among_several_plugins(opened, monkeypatch):
     monkeypatch.setattr(opening, "installed_plugins", lambda: {"cubes": Cubes, "dice": Cubes})
     with pytest.raises(ElvisError, match=r"a\.cubes: cubes and dice can open them; choose one with --plugin"):
         open_files([opened])
 
 
-def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
+def test_plugins_that_do_not_load_do_not_affect_others(miniature):
     assert {"fourier", "nurbs"} <= set(opening.installed_plugins())
 
 
@@ -258,7 +258,7 @@ def test_plugins_that_do_not_load_leave_the_others_alone(miniature):
         ("x = 1", "expected one subclass of elvis.plugins.source.VolumeSource, found 0"),
     ],
 )
-def test_a_file_without_a_plugin_is_refused(opened, tmp_path, text, sentence):
+def test_a_file_without_a_plugin_is_rejected(opened, tmp_path, text, sentence):
     path = tmp_path / "mine.py"
     path.write_text(text)
     with pytest.raises(PluginError, match=sentence):

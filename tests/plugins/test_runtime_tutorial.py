@@ -94,7 +94,7 @@ def test_it_is_found_once_it_is_installed(folder, tmp_path_factory):
     assert any(row.split() == ["volumes", "rings", "rings", "1.0", "rings:Rings", "ok"] for row in rows)
 
 
-def test_every_other_command_takes_it(folder):
+def test_every_other_command_accepts_it(folder):
     """Points, norms and facts, against analytic expressions; what the page shows, as it stands there."""
     shown = [line.split("#")[0].strip() for line in PAGE.read_text(encoding="utf-8").splitlines()]
     shown = {line.split()[1]: line.split()[1:] for line in shown if line.startswith("elvis ") and "rings.py" in line}
@@ -121,7 +121,7 @@ def _arguments(words):
 
 
 @pytest.mark.thorough
-def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
+def test_kernels_and_the_reference_draw_the_same_faces(folder, renderer):
     ((name, plugin),) = plugin_named(str(folder / "rings.py")).items()
     opened = PluginData(name, plugin([folder / "case.npz"]))
     drawing, scene = renderer("vulkan"), Scene("p", objects=(Faces(),), camera="iso", size=(80, 60))
@@ -139,7 +139,7 @@ def test_kernels_and_the_reference_draw_its_faces_alike(folder, renderer):
     assert off.max() < 1e-13
 
 
-def test_an_author_writes_less_than_a_third_of_what_elvis_asked_for():
+def test_an_author_writes_less_than_a_third_of_the_first_elvis_interface():
     text = (interface_folder() / "differentiated.slang").read_text(encoding="utf-8")
     basis = text[text.index("interface IBasis") :].split("\n}\n")[0]
     slang = re.findall(r"^    (?:static )?(?:double3? \w+|__init)\(", basis, re.M)
@@ -148,7 +148,7 @@ def test_an_author_writes_less_than_a_third_of_what_elvis_asked_for():
 
 
 @pytest.mark.parametrize("device", ["vulkan", "cpu"])
-def test_it_keeps_what_the_kit_asks(folder, renderer, device):
+def test_it_passes_the_test_kit(folder, renderer, device):
     ((name, plugin),) = plugin_named(str(folder / "rings.py")).items()
     assert name == "Rings"
     source = plugin([folder / "case.npz"])
@@ -156,5 +156,5 @@ def test_it_keeps_what_the_kit_asks(folder, renderer, device):
     check_volume(source.volume("p"), renderer(device))
 
 
-def test_the_page_has_what_a_plugin_needs_and_nothing_else():
+def test_the_page_contains_exactly_the_code_of_the_plugin():
     assert set(section()) == {"slang", "python", "toml"}

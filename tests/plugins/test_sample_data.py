@@ -15,7 +15,7 @@ def dataset():
     return wing()
 
 
-def test_nothing_flows_through_the_wing(dataset):
+def test_no_fluid_flows_through_the_wing(dataset):
     """At the wall the velocity lies along the section, an ellipse with the half axes 1 + c² and 1 - c²."""
     rng = np.random.default_rng(0)
     angle, height = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0.1, SPAN - 0.1, 60)

@@ -44,7 +44,7 @@ def test_sides_are_found_in_any_order_of_their_vertices(name):
 
 
 @pytest.mark.parametrize("strange", [-5, 3, 10**15])
-def test_what_is_no_side_is_counted(strange):
+def test_vertex_lists_that_are_not_sides_are_counted(strange):
     mesh = mixed_volume(2)
     numbers = 7 * np.arange(len(mesh.vertices))
     real = numbers[polygon_vertices(mesh, Shape.TRIANGLE)[:2]]
@@ -56,7 +56,7 @@ def test_what_is_no_side_is_counted(strange):
     assert lost == 3
 
 
-def test_two_sides_of_the_same_numbers_are_both_found():
+def test_two_sides_with_the_same_numbers_are_both_found():
     mesh = grid(Shape.SEGMENT, 4)
     rows, lost = Sides(mesh, np.array([4, 4, 2, 9, 2])).matched(np.array([[2], [4], [8]]))
     assert rows.tolist() == [0, 1, 2, 4]

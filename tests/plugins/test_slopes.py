@@ -29,7 +29,7 @@ def flow(shape, cells=1):
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1 and shape is not Shape.PYRAMID])
-def test_no_difference_is_greater_than_the_bounds(shape):
+def test_no_difference_exceeds_the_bounds(shape):
     """Centred differences are derivatives somewhere between their ends; bounds are not a hundred times as large."""
     dataset, axes = flow(shape, 3), np.eye(shape.dimension)
     texts = TEXTS if shape.dimension == 3 else FLAT
@@ -57,7 +57,7 @@ def test_no_difference_is_greater_than_the_bounds(shape):
         assert np.median(found.noise) < 1e-8 * np.ptp(at(np.zeros(len(axes)))), expression.text
 
 
-def test_no_difference_on_pyramids_is_greater_than_the_bounds_in_its_box():
+def test_no_difference_on_pyramids_exceeds_the_bounds_of_its_box():
     """In boxes of collapsed coordinates, the nearer to the apex the smaller; derivatives in reference coordinates."""
     dataset, axes = flow(Shape.PYRAMID, 2), np.eye(3)
     evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in (*TEXTS, "x*x + 2*y*z")])
@@ -94,7 +94,7 @@ def test_no_difference_on_pyramids_is_greater_than_the_bounds_in_its_box():
         assert np.median(found.gradient / np.maximum(first, 0.1 * first.max())) < 100, expression.text
 
 
-def test_only_first_derivatives_are_bounded_at_kinks_and_nothing_at_poles():
+def test_first_derivatives_are_bounded_at_kinks_and_none_at_poles():
     dataset, element = flow(Shape.HEXAHEDRON), np.zeros(1, int)
     for text in ("laplacian(u)", "u^0.5", "lambda2", "jacobian"):
         assert NativeVolume.of(dataset, ["u", text]).parts[0].quantities[text].slopes is None, text

@@ -51,7 +51,7 @@ def coefficients(data, *names):
     return rows
 
 
-def test_a_step_of_a_series_is_that_of_its_own_file(steps):
+def test_a_step_of_a_series_equals_its_file(steps):
     whole = in_state(read(steps[0], steps[2]))
     found = dataset_of(steps, Reading(moment=Moment(step=1), **STATE))
     for own, expected in zip(coefficients(found, "E").values(), coefficients(whole, "E").values(), strict=True):
@@ -65,7 +65,7 @@ def test_a_step_of_a_series_is_that_of_its_own_file(steps):
     assert np.allclose(ours, theirs * [1.0, 1.5], rtol=1e-12)
 
 
-def test_parts_of_ranks_are_those_of_the_whole(steps):
+def test_parts_of_ranks_match_those_of_the_whole(steps):
     whole = coefficients(in_state(read(*steps[:2])), "E", "p")
     reading = Reading(**STATE)
     parts = played(3, lambda ranks: part_of(steps[:2], replace(reading, ranks=ranks)).dataset)

@@ -50,7 +50,7 @@ def rolled(points):
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
-def test_normals_point_out_of_elements_and_are_known_on_sides_alone(shape):
+def test_normals_point_out_of_elements_and_exist_only_on_sides(shape):
     """A box around the origin: on its border the normal is that of the box, and the height that of the layer."""
     dataset = Dataset(grid(shape, 2))
     world, found = on_sides(dataset, ("nx", "ny", "nz"), lambda p: (np.abs(p - 0.5) > 0.4999999).sum(axis=1) == 1)
@@ -125,7 +125,7 @@ def test_shear_of_taylor_couette_flow_on_a_curved_wall(shape):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_device_gives_what_numpy_gives_on_walls(renderer, dimension):
+def test_a_device_matches_numpy_on_walls(renderer, dimension):
     mesh = curved(mixed_volume(seed=1) if dimension == 3 else mixed_plane(seed=1), ripple(0.02), n=4)
     rng, drawing = np.random.default_rng(2), renderer("vulkan")
     dataset = with_fields(mesh, 4, **{name: lambda x, y, z: 0 * x for name in "uvw"[:dimension]})
@@ -156,7 +156,7 @@ def test_a_device_gives_what_numpy_gives_on_walls(renderer, dimension):
             assert np.abs(found - truth)[known].max() < 1e-11 * np.abs(truth[known]).max(), (shape, expression.text)
 
 
-def test_gradients_near_an_edge_are_those_of_one_side(renderer):
+def test_gradients_near_an_edge_match_those_of_one_side(renderer):
     """nx is 1 on a side of a box, whatever side is nearest to the points that its derivative is made of."""
     drawing = renderer("vulkan")
     drawing.show(volume_of(Dataset(grid(Shape.HEXAHEDRON, 1)), ["nx + 0*x"]))

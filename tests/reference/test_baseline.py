@@ -78,7 +78,7 @@ def test_elements_of_all_shapes_meet_without_gaps(level):
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
-def test_the_estimate_counts_what_is_made(shape, level):
+def test_the_estimate_counts_the_generated_elements(shape, level):
     dataset = solid(curved(grid(shape, 2), ripple(0.05), 3), modes=3)
     made = baseline(dataset, level)
     simplices, points, size = estimate(made.patches, level)
@@ -152,7 +152,7 @@ def test_outer_faces_enclose_the_volume(shape):
     assert set(one.element) == {made.patches[0].element_ids[3]}
 
 
-def test_surfaces_are_seen_one_behind_the_other():
+def test_surfaces_are_visible_one_behind_the_other():
     """Rays through the unit cube meet it twice; entry and exit lie on it, depths ascend."""
     tracer = Tracer(baseline(solid(grid(Shape.HEXAHEDRON, 1)), 1).triangles(Faces(), "u"))
     first = tracer.first(VIEW)
@@ -215,7 +215,7 @@ def test_vtk_draws_the_order_of_the_data():
     assert 1e-3 < errors[1] < 0.3 * errors[0]
 
 
-def test_clips_take_away_what_is_inside():
+def test_clips_remove_the_inside():
     """Of the cube without its front half one sees the inner sides of its back; the plane of the clip stays."""
     from elvis.scene import Clip
 

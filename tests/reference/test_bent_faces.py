@@ -30,7 +30,7 @@ def seen(data, size, shown, middle=0.503, height=1.2):
 @pytest.mark.parametrize("shape", SOLIDS, ids=lambda shape: shape.label)
 @pytest.mark.parametrize("shown", [Faces(), VolumeRendering(Transfer((0.0, 1.0), (1.0, 1.0)))], ids=["faces", "volume"])
 @pytest.mark.parametrize("degree", [3, 5])
-def test_edges_that_turn_both_ways(shape, shown, degree):
+def test_edges_with_inflection(shape, shown, degree):
     """An edge that is a polynomial of odd symmetry, without any bend in its middle, or in the middles of its halves."""
 
     def shifted(x, y):

@@ -79,7 +79,7 @@ def test_the_page_works_from_disk(browser, report, tmp_path, width):
     assert said["wide"] <= 0
 
 
-def test_a_broken_page_would_be_noticed(browser, report, tmp_path):
+def test_a_broken_page_would_be_detected(browser, report, tmp_path):
     """The test above sees missing pictures and errors of scripts."""
     folder = tmp_path / "report"
     folder.mkdir()

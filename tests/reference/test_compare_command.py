@@ -96,7 +96,7 @@ def test_records_are_compared(records, tmp_path):
     assert (told["rivals"][0]["worst"]["row"], told["rivals"][0]["worst"]["column"]) == (20, 30)
 
 
-def test_what_is_required_decides_the_exit_status(records, tmp_path, capsys):
+def test_requirements_determine_the_exit_status(records, tmp_path, capsys):
     said = failed(capsys, *records, "--require", "pixel-exact", "-o", tmp_path / "report")
     assert re.search(r"--require pixel-exact: field value fails at 1 pixel, off by up to .* column 30, row 20", said)
     assert (tmp_path / "report" / "index.html").is_file()
@@ -116,12 +116,12 @@ def test_options_are_checked(records, arguments, sentence):
     assert sentence in done.output
 
 
-def test_a_limit_is_kept(block_files):
+def test_a_limit_is_observed(block_files):
     numbers = json.loads(run(*block_files, *PLANE, "--memory-limit", "20k", "--json").stdout)
     assert [rival["skipped"] for rival in numbers["rivals"]] == [None, *3 * ["more than the memory limit"], None]
 
 
-def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys):
+def test_bad_input_gives_a_one_line_error(records, block_files, tmp_path, capsys):
     exact, other = records
     assert run(exact).exit_code == run(exact, other, exact).exit_code == run(exact, block_files[0]).exit_code == 2
     np.savez(tmp_path / "empty.npz")
@@ -138,7 +138,7 @@ def test_bad_input_is_said_in_a_sentence(records, block_files, tmp_path, capsys)
 
 
 @pytest.mark.thorough
-def test_meshes_are_kept_on_request(block_files, tmp_path):
+def test_meshes_are_saved_on_request(block_files, tmp_path):
     import trimesh
 
     # a camera that is fitted to what is seen takes the reference most of the time
@@ -155,7 +155,7 @@ def test_meshes_are_kept_on_request(block_files, tmp_path):
     assert run(*block_files, *iso, "--meshes", "stl").exit_code == 2
 
 
-def test_meshes_come_back_from_vtk(block_files, blocks, tmp_path):
+def test_meshes_round_trip_through_vtk(block_files, blocks, tmp_path):
     vtk_reader = pytest.importorskip("vtkmodules.vtkIOXML")
     from elvis.reference.baseline.linear_drawing import Baseline
     from elvis.reference.baseline.saving import save_mesh

@@ -71,7 +71,7 @@ def test_steep_surfaces_are_certain_and_their_uncertainty_bounds_the_error(shape
     assert np.array_equal(np.isnan(frame.uncertainty), ~frame.seen)
 
 
-def test_what_lies_behind_a_doubtful_surface_is_not_certain():
+def test_pixels_behind_a_doubtful_surface_are_not_certain():
     low = CutSurface(Plane((0.0, 0.0, 0.1), (0.0, 0.0, 1.0)))
     frame = picture(exact(Shape.HEXAHEDRON, lambda z: (2 * z - 1) ** 3, 1.0, 1.0), 1.0, low)
     _, inside = places(frame.view, 0.5)
@@ -80,7 +80,7 @@ def test_what_lies_behind_a_doubtful_surface_is_not_certain():
 
 
 @pytest.mark.parametrize(("uncertainty", "passed"), [(1.1e-9, True), (0.9e-9, False)])
-def test_bars_allow_for_what_pictures_say_of_themselves(uncertainty, passed):
+def test_tolerances_include_the_stated_errors_of_pictures(uncertainty, passed):
     """A place may differ along its ray by the uncertainties of both pictures, no more."""
     record = Record.of(picture(exact(Shape.HEXAHEDRON, lambda z: z, 1.0, 0.0), 0.375))
     ways = (record.position - CAMERA.eye) / record.depth[..., None]

@@ -55,7 +55,7 @@ def distance(view, radii, height):
 @pytest.mark.sampled
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize(("shape", "bent"), [(Shape.TETRAHEDRON, False), (Shape.PYRAMID, False), (Shape.PRISM, True)])
-def test_what_is_certain_is_right(shape, bent, camera):
+def test_certain_pixels_are_right(shape, bent, camera):
     mesh = curved(grid(shape, 2), sheared, 3) if bent else grid(shape, 2)
     frame, coverage = drawn(with_field(mesh, circles, 5 if bent else 3), CAMERAS[camera])
     expected = np.clip(1.5 - distance(frame.view, (0.2, 0.3), 0.52), 0.0, 1.0)
@@ -88,7 +88,7 @@ def test_poles_jumps_and_borders_of_domains_have_no_lines(quantity, value, radii
     assert certain.sum() > 0.95 * frame.seen.sum()
 
 
-def test_what_is_not_proved_is_ambiguous():
+def test_unproved_pixels_are_ambiguous():
     """Touching lines, surfaces that aren't plane, derivatives, the borders of clips."""
     data = with_field(grid(Shape.HEXAHEDRON, 2), lambda points: (points[..., 1] - 0.4) ** 2, 3)
     camera = CAMERAS["straight on"]

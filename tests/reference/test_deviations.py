@@ -49,7 +49,7 @@ def square(height):
 
 
 @needs_open3d
-def test_distances_are_those_of_a_parabola_from_a_plane():
+def test_distances_match_those_of_a_parabola_from_a_plane():
     """Over the points 0.1 (1 - s^2) has the mean 1/15, and 95 % lie below 0.1 (1 - 0.05^2)."""
     s = np.linspace(-1, 1, 2001)
     points = np.stack([(s + 1) / 2, np.full(2001, 0.4), 1 + 0.1 * (1 - s**2)], axis=1)
@@ -67,7 +67,7 @@ def test_distances_are_those_of_a_parabola_from_a_plane():
     assert deviation(Sampled(Faces(), points[:0]), square(1.0)) is None
 
 
-def test_a_sentence_where_open3d_is_missing(monkeypatch):
+def test_a_missing_open3d_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
     words = "needs open3d, which is not installed; pip install 'elvis-viz[open3d]' installs it."
     assert why_not().startswith("Distances of surfaces are skipped: ")

@@ -16,7 +16,7 @@ def make(request, monkeypatch):
     sys.modules.pop("make", None)
 
 
-def test_the_table_is_made_of_the_summaries(make):
+def test_the_table_lists_the_summaries(make):
     """Every case has its rows; numbers of a summary come out as the page has them."""
     counts = {"bytes": 2.5e6, "needed": 7e6}
     rivals = [
@@ -36,7 +36,7 @@ def test_the_table_is_made_of_the_summaries(make):
     assert page.count("Exact: all") == len(make.CASES)
 
 
-def test_unknown_cases_are_refused(make, capsys):
+def test_unknown_cases_are_rejected(make, capsys):
     assert make.main(["nothing"]) == 2
     assert "there is no case nothing; the cases are delta" in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ SHIFT = np.array([2.0**20, -(2.0**20), 2.0**20])
 
 
 @pytest.mark.parametrize("item", [Faces(), Isosurface((0.125,))], ids=["faces", "isosurface"])
-def test_a_cube_far_from_the_origin_is_seen(item):
+def test_a_cube_far_from_the_origin_is_visible(item):
     near = grid(Shape.HEXAHEDRON, 1)
     far = curved(near, lambda points: points + SHIFT, 2)
     data = with_field(far, lambda points: (points - SHIFT)[:, 2], 2)

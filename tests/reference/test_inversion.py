@@ -29,7 +29,7 @@ def bent(shape, amplitude=0.15, modes=3):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_points_come_back_to_where_they_came_from(shape):
+def test_points_are_recovered(shape):
     patch = bent(shape)
     inner = scattered(shape, 300, 1)
     rows = np.zeros(len(inner), np.int64)
@@ -63,7 +63,7 @@ def test_points_beyond_the_border_are_proved_to_be_outside(shape):
     assert (searched == Status.OUTSIDE).all()
 
 
-def test_a_root_that_newton_misses_is_found_by_halving(monkeypatch):
+def test_a_root_missed_by_newton_is_found_by_subdivision(monkeypatch):
     """From one bad start the method ends elsewhere; the search still finds the point."""
     patch = bent(Shape.HEXAHEDRON)
     monkeypatch.setattr(inversion, "_STEPS", 1)
@@ -115,7 +115,7 @@ def test_points_between_elements_far_away_are_in_one_of_them(shape, shift):
     assert (found.status == Status.INSIDE).all()
 
 
-def test_nothing_is_solved_by_the_core():
+def test_the_reference_does_not_use_the_core_inversion():
     """Its records, its definition of a margin and its trees of boxes are used, none of its solvers."""
     allowed = {
         "elvis.core.mapping.boxes",

@@ -49,7 +49,7 @@ def light(function, transfer, ranges):
 
 @pytest.mark.parametrize("shape", SOLIDS, ids=lambda shape: shape.label)
 @pytest.mark.parametrize("width", [2.0**-4, 2.0**-17])
-def test_kinks_at_round_values_are_seen(shape, width):
+def test_kinks_at_round_values_are_found(shape, width):
     """A field that is exactly a kink's value at round parts of a ray, as dyadic data have it."""
     transfer = Transfer((0.5 - 1.3 * width, 0.5, 0.5 + width), (0.0, 3.0 / width, 0.0), WHITE)
     frame = picture(cube(shape, lambda x: x[:, 0], 2), transfer)
@@ -68,7 +68,7 @@ def test_colours_of_thin_layers(shape, bend):
     assert np.abs(frame.color - expected).max() < 1e-6
 
 
-def test_colours_that_change_in_what_is_opaque():
+def test_colour_changes_inside_opaque_volumes():
     """Density 5000 and the colour x: only the first few thousandths are seen."""
     transfer = Transfer((0.0, 1.0), (5000.0, 5000.0), ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
     frame = picture(cube(Shape.TETRAHEDRON, lambda x: 1000 * x[:, 0] - x[:, 0] ** 2, 3), transfer)
@@ -92,7 +92,7 @@ def test_layers_that_a_field_hardly_touches(shape):
     assert np.abs(frame.color - expected).max() < 1e-4
 
 
-def test_what_rounding_hides_is_not_certain():
+def test_pixels_within_rounding_are_not_certain():
     """A layer as thin as the distance of numbers at such places."""
     for width, status in ((2.0**-6, Status.CERTAIN), (2.0**-30, Status.AMBIGUOUS)):
         transfer = Transfer((0.4 - width, 0.4, 0.4 + width), (0.0, 1.0 / width, 0.0), WHITE)

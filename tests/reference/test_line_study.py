@@ -37,7 +37,7 @@ def study(dataset, shown, levels):
     return found
 
 
-def test_what_is_linear_is_exact_in_linear_elements_and_ours_wherever_it_is():
+def test_linear_fields_are_exact_in_linear_elements_and_in_elvis_everywhere():
     dataset = rotation(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.03), 3))
     shown = Streamlines(("line:0.6,0.5,0.5:0.75,0.5,0.5:3",), direction="both", duration=1.0)
     found = study(dataset, shown, (0, 1))
@@ -77,7 +77,7 @@ def test_errors_of_linear_elements_fall_with_the_square_of_their_size():
     assert all(0.15 < fine / coarse < 0.4 for coarse, fine in pairwise(medians))
 
 
-def test_reports_tell_where_lines_end():
+def test_reports_state_where_lines_end():
     dataset = data(curved(mixed_plane(), ripple(0.03), 3), 5, u=lambda p: 1 + p[:, 1] ** 2, v=lambda p: 0.1 * p[:, 0])
     camera = Camera((1.5, 0.5, 3.0), (1.5, 0.5, 0.0), up=(0.0, 1.0, 0.0), height=1.5)
     shown = Streamlines(("line:0.1,0.2:0.1,0.6:3",), length=1.5, width=2.0)

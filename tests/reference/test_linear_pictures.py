@@ -21,7 +21,7 @@ def of(mesh, function, order):
     return Dataset(mesh, (approximated(Dataset(mesh), "u", function, order),))
 
 
-def test_linear_fields_on_straight_elements_are_what_they_are():
+def test_linear_fields_on_straight_elements_are_exact():
     dataset = of(grid(Shape.TETRAHEDRON, 2), lambda x: x @ np.array([1.0, 2.0, -0.5]), 2)
     frame = render(dataset, SCENE)
     record, simplices = LinearPictures(dataset).draw(frame, 0)
@@ -41,7 +41,7 @@ def test_it_is_the_picture_of_comparisons():
     assert np.abs(record.field - study.exact.field)[record.seen & study.exact.seen].max() > 0.02
 
 
-def test_what_is_missing_or_does_not_fit_is_told(monkeypatch):
+def test_missing_or_mismatched_data_are_reported(monkeypatch):
     dataset = of(grid(Shape.TETRAHEDRON, 1), lambda x: x[:, 0], 2)
     frame = render(dataset, SCENE)
     with pytest.raises(ElvisError, match=r"need .* GB, more than there are"):

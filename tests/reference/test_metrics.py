@@ -49,7 +49,7 @@ def changed(record, **pixels):
     return Record(**new)
 
 
-def test_a_picture_is_like_itself():
+def test_a_picture_equals_itself():
     record = picture(steep)
     found = errors(record, record, contours=(1.0,))
     assert (found.value_max, found.off, found.missing, found.spurious, found.position_max) == (0, 0, 0, 0, 0)
@@ -58,7 +58,7 @@ def test_a_picture_is_like_itself():
     assert all(check.passed for check in check_tolerances(record, record))
 
 
-def test_one_wrong_value_is_found_where_it_is():
+def test_one_wrong_value_is_located():
     record = picture(steep)
     low, high = np.nanmin(record.field), np.nanmax(record.field)
     wrong = changed(record, field=((30, 40), record.field[30, 40] + 0.25 * (high - low)))
@@ -76,7 +76,7 @@ def test_one_wrong_value_is_found_where_it_is():
 
 
 @pytest.mark.parametrize(("part", "passed"), [(0.9e-11, True), (1.1e-11, False)])
-def test_the_bar_of_values_is_where_the_design_has_it(part, passed):
+def test_the_tolerance_of_values_matches_the_design(part, passed):
     record = picture(lambda x, y: x, size=(60, 60))
     ends = (0.0, 1.0)
     other = changed(record, field=((30, 30), record.field[30, 30] + part))
@@ -86,7 +86,7 @@ def test_the_bar_of_values_is_where_the_design_has_it(part, passed):
 
 
 @pytest.mark.parametrize(("steps", "passed"), [(2, True), (200, False)])
-def test_rounding_of_large_numbers_is_no_failure(steps, passed):
+def test_rounding_of_large_numbers_is_not_a_failure(steps, passed):
     """A field of 1e9 that varies by 1e2, 1e7 away: two steps of its numbers are more than 1e-11 of the range."""
     record = picture(lambda x, y: 1e9 + 100 * x, size=(60, 60))
     away = replace(record, position=record.position + 1e7)
@@ -120,7 +120,7 @@ def test_missing_spurious_and_foreign_pixels_are_counted():
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 2.5])
-def test_contours_are_displaced_by_what_the_field_is(shift):
+def test_contours_are_displaced_by_the_field_error(shift):
     """The contour of x at 1/2, moved by a part of a pixel or by several."""
     record = picture(lambda x, y: x, size=(120, 120))
     pixel = 1.2 / 120
@@ -135,7 +135,7 @@ def test_contours_are_displaced_by_what_the_field_is(shift):
     )
 
 
-def test_a_contour_that_one_picture_lacks_is_lost():
+def test_a_contour_missing_in_one_picture_is_lost():
     record, other = picture(lambda x, y: x), picture(lambda x, y: 0.5 * x)
     found = errors(record, other, contours=(0.2, 0.8))
     assert found.lost == 1
@@ -147,7 +147,7 @@ def test_a_contour_that_one_picture_lacks_is_lost():
 
 
 @pytest.mark.parametrize("camera", [PARALLEL, NEAR])
-def test_cameras_are_told_from_positions(camera):
+def test_cameras_are_determined_from_positions(camera):
     record = picture(steep, camera)
     raised = picture(steep, camera, Plane((0.3, 0.2, 0.1), (0.1, 0.3, 1.0)))
     assert same_camera(record, record)
@@ -159,7 +159,7 @@ def test_cameras_are_told_from_positions(camera):
             check_comparable(record, away)
 
 
-def test_what_cannot_be_compared_is_refused(tmp_path):
+def test_incomparable_pictures_are_rejected(tmp_path):
     record, small = picture(steep), picture(steep, size=(40, 30))
     with pytest.raises(ElvisError, match=r"expected records of one size, found 90 x 80 and 40 x 30 pixels"):
         check_comparable(record, small)

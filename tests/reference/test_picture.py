@@ -51,7 +51,7 @@ def test_every_pixel_shows_the_field_at_its_point(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=name_of)
-def test_reference_coordinates_are_those_of_the_reference_element(shape):
+def test_reference_coordinates_match_those_of_the_reference_element(shape):
     """An element that is its own reference shape shows positions as reference coordinates."""
     mesh = one_element(shape, shape.dimension)
     plane = Plane((-0.4, -0.4, -0.4), (0.1, 0.2, 1.0)) if shape.dimension == 3 else FLAT
@@ -60,7 +60,7 @@ def test_reference_coordinates_are_those_of_the_reference_element(shape):
     assert np.abs(frame.reference - frame.position)[frame.seen][:, :d].max() < 1e-14
 
 
-def test_borders_are_ambiguous_and_go_to_the_lowest_id():
+def test_borders_are_ambiguous_and_belong_to_the_lowest_id():
     mesh = grid(Shape.HEXAHEDRON, 2)
     camera = Camera((0.5, 0.5, 2.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=7 / 6)
     plane = Plane((0.0, 0.0, 0.25), (0.0, 0.0, 1.0))
@@ -85,7 +85,7 @@ def test_a_border_is_as_wide_as_the_tolerance(distance, side):
     assert (found.margin[0] > TOLERANCE) == (distance > 1)
 
 
-def test_one_answer_for_each_point_whatever_the_number_of_elements_there():
+def test_each_point_has_one_answer_for_any_number_of_elements():
     dataset = linear(grid(Shape.TETRAHEDRON, 2))
     corners = dataset.mesh.vertices
     locator = Locator(patches(dataset, ["u"]))
@@ -98,7 +98,7 @@ def test_one_answer_for_each_point_whatever_the_number_of_elements_there():
     assert found.element_id[: len(corners)].tolist() == lowest
 
 
-def test_rays_beside_the_plane_show_nothing():
+def test_rays_that_miss_the_plane_show_nothing():
     camera = Camera((0.5, -1.0, 1.0), (0.5, 0.5, 1.0), (0.0, 0.0, 1.0), fov=90.0)
     plane = Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
     frame = render(linear(grid(Shape.PRISM, 1)), Scene("u", plane, camera, size=(40, 40)))
@@ -116,13 +116,13 @@ def test_rays_beside_the_plane_show_nothing():
         ("naca_h1d_line", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
     ],
 )
-def test_what_has_no_plane_picture_is_refused(nektar, case, sentence):
+def test_data_without_a_plane_picture_are_rejected(nektar, case, sentence):
     files = [path for path in (nektar / case).iterdir() if path.suffix in (".xml", ".fld") and "Var" not in path.name]
     with pytest.raises(ElvisError, match=sentence):
         render(read(*files), Scene("u", FLAT, size=(8, 8)))
 
 
-def test_an_empty_picture_is_refused():
+def test_an_empty_picture_is_rejected():
     dataset = linear(grid(Shape.PYRAMID, 1))
     away = Camera((5.0, 5.0, 5.0), (6.0, 6.0, 6.0), (0.0, 0.0, 1.0), fov=10.0)
     for plane, camera in ((Plane((0, 0, 3), (0, 0, 1)), "fit"), (OBLIQUE, away)):

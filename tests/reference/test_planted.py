@@ -40,7 +40,7 @@ def failed_checks(study):
     return {check.name: check for check in study.validation.checks if not check.passed}
 
 
-def test_no_error_is_found_where_there_is_none():
+def test_no_false_errors_are_found():
     study = validated(data(), data())
     assert failed_checks(study) == {}
     assert summary(study)["pixel_exact"] is True
@@ -97,7 +97,7 @@ def distance(x, clamp):
     return np.sqrt((x[:, 0] - along) ** 2 + (x[:, 1] - 0.5) ** 2 + (x[:, 2] - 0.5) ** 2 + 0.04)
 
 
-def test_a_distance_function_that_forgets_where_its_line_ends():
+def test_a_distance_function_that_ignores_the_end_of_its_line():
     """Wrong in the elements beyond the ends of the segment, right in those between: such pictures look plausible."""
     right, wrong = (data(lambda x, clamp=clamp: distance(x, clamp), modes=6) for clamp in (True, False))
     study = validated(right, wrong)

@@ -35,7 +35,7 @@ def report(study, tmp_path_factory):
     return folder
 
 
-def test_numbers_are_those_of_the_records(study, report):
+def test_numbers_match_those_of_the_records(study, report):
     """summary.json, recomputed with nothing but the arrays."""
     told = json.loads((report / "summary.json").read_text())
     exact = study.exact
@@ -81,7 +81,7 @@ def points(field, value):
     return np.array(found)
 
 
-def test_the_reference_passes_its_own_bars(study):
+def test_the_reference_is_within_its_tolerances(study):
     assert study.validation.passed
     assert max(study.validation.size) == 30
     assert conclusion(study).startswith(
@@ -89,7 +89,7 @@ def test_the_reference_passes_its_own_bars(study):
     )
 
 
-def test_every_file_that_the_page_names_is_there(report):
+def test_every_file_named_on_the_page_exists(report):
     text = (report / "index.html").read_text()
     names = set(re.findall(r'(?:src|href|value)="([^"#]+\.(?:png|svg|json|toml))"', text))
     assert len(names) > 10
@@ -131,7 +131,7 @@ def test_a_limit_skips_what_does_not_fit(blocks):
     assert memory_limit() > 1 << 20
 
 
-def test_linear_data_are_right_at_once(tmp_path):
+def test_linear_data_are_exact_without_refinement(tmp_path):
     from elvis import Dataset
     from elvis.core.shapes import Shape
     from elvis.core.testing import approximated, grid
@@ -157,7 +157,7 @@ def test_only_reports_are_replaced(study, report, tmp_path):
         write_report(study, other / "thesis.txt")
 
 
-def test_nothing_half_written_is_left(study, tmp_path, monkeypatch):
+def test_no_partial_files_are_left(study, tmp_path, monkeypatch):
     def fail(value):
         raise RuntimeError("no more disk")
 

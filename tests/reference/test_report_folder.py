@@ -38,7 +38,7 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_the_mark_lists_what_the_report_wrote(study, tmp_path):
+def test_the_marker_lists_the_files_of_the_report(study, tmp_path):
     write_report(study, tmp_path / "report")
     mark = json.loads((tmp_path / "report" / "report.json").read_text())
     assert (mark["kind"], mark["version"]) == ("ElVis accuracy report", 1)
@@ -59,7 +59,7 @@ def test_the_mark_lists_what_the_report_wrote(study, tmp_path):
         '{"kind": "other", "version": 1, "files": ["wing.xml", "summary.json"]}',
     ],
 )
-def test_a_summary_makes_no_report(study, drawn, tmp_path, mark):
+def test_a_summary_is_not_a_report(study, drawn, tmp_path, mark):
     """A folder of data with a file of that name, or with another program's mark, is left as it is."""
     folder = tmp_path / "folder"
     folder.mkdir()
@@ -73,7 +73,7 @@ def test_a_summary_makes_no_report(study, drawn, tmp_path, mark):
     assert contents(folder) == before
 
 
-def test_a_mark_that_is_a_link_counts_for_nothing(study, drawn, tmp_path):
+def test_a_marker_that_is_a_link_is_ignored(study, drawn, tmp_path):
     write_report(study, tmp_path / "report")
     (tmp_path / "report" / "report.json").rename(tmp_path / "mark.json")
     (tmp_path / "report" / "report.json").symlink_to(tmp_path / "mark.json")
@@ -82,7 +82,7 @@ def test_a_mark_that_is_a_link_counts_for_nothing(study, drawn, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "pictures/mine.png", "data", "link"])
-def test_what_others_put_into_a_report_stops_it(study, drawn, tmp_path, name):
+def test_foreign_files_in_a_report_stop_it(study, drawn, tmp_path, name):
     folder = tmp_path / "report"
     write_report(study, folder)
     if name == "data":
@@ -98,7 +98,7 @@ def test_what_others_put_into_a_report_stops_it(study, drawn, tmp_path, name):
     assert os.path.lexists(folder / name)
 
 
-def test_what_comes_while_a_report_is_made_stops_it(study, drawn, tmp_path, monkeypatch):
+def test_files_added_during_a_report_stop_it(study, drawn, tmp_path, monkeypatch):
     folder = tmp_path / "report"
     write_report(study, folder)
     put = writing.put
@@ -135,7 +135,7 @@ def test_a_failure_leaves_the_old_report(study, drawn, tmp_path, monkeypatch, er
                 assert os.listdir(tmp_path) == ["report"]
 
 
-def test_inputs_in_a_report_are_kept(study, drawn, tmp_path):
+def test_inputs_in_a_report_are_preserved(study, drawn, tmp_path):
     """Its own files may be inputs, too: a scene, through a link."""
     folder = tmp_path / "report"
     write_report(study, folder)

@@ -88,7 +88,7 @@ def check_depths(frame, expected, tolerance=1e-12):
 
 @pytest.mark.parametrize("camera", [NEAR, PARALLEL], ids=["perspective", "parallel"])
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
-def test_outer_faces_are_those_of_the_cube(shape, camera):
+def test_outer_faces_match_the_cube(shape, camera):
     frame = render(solid(shape, bend=0.05), Scene("u", camera=camera, size=SIZE, objects=(Faces(),)))
     check_depths(frame, cube_depths(*rays(frame))[0])
     seen = frame.seen
@@ -109,7 +109,7 @@ def test_isosurfaces_are_spheres(shape):
     assert np.abs(frame.normal - (frame.position - CENTRE) / radius)[seen].max() < 1e-9
 
 
-def test_isosurfaces_in_bent_elements():
+def test_isosurfaces_in_curved_elements():
     """The map is not linear and the field is none of the space; it still has its value everywhere on the surface."""
     data = solid(Shape.HEXAHEDRON, 2, 0.08, modes=6)
     frame = render(data, Scene("u", camera=NEAR, size=SIZE, objects=(Isosurface((0.12,)),)))
@@ -120,7 +120,7 @@ def test_isosurfaces_in_bent_elements():
     assert np.abs(frame.depth - expected)[both].max() < 0.05
 
 
-def test_all_shells_are_found_one_behind_the_other():
+def test_all_shells_behind_one_another_are_found():
     """Transparent: every ray's hits with three spheres count, their opacities multiply."""
     radii, opacity = (0.2, 0.3, 0.4), 0.25
     style = Style(opacity=opacity, color=(0.0, 0.0, 0.0), lit=False)
@@ -169,7 +169,7 @@ def test_cut_surfaces(surface, function):
     assert (frame.seen & ~crossed).sum() < 0.03 * frame.seen.sum()
 
 
-def test_clips_take_away_what_is_inside():
+def test_clips_remove_the_inside():
     clip = Clip(Plane((0.5, 0.5, 0.5), (1.0, 0.0, 0.0)), "outside")
     scene = Scene("u", camera=PARALLEL, size=SIZE, objects=(Faces(),), clip=(clip,))
     frame = render(solid(Shape.HEXAHEDRON), scene)
@@ -192,7 +192,7 @@ def test_quantities_are_evaluated_where_rays_hit():
     assert np.abs(2 * np.linalg.norm(level.position - 0.5, axis=2)[level.seen] - 0.7).max() < 1e-9
 
 
-def test_lines_are_drawn_where_they_should_be():
+def test_lines_are_drawn_at_the_right_places():
     style = Style(color=(1.0, 1.0, 1.0), lit=False, contours=Contours((0.3,), color=(1.0, 0.0, 0.0)))
     scene = Scene("u", camera=PARALLEL, size=SIZE, objects=(Faces(style=style),))
     frame = render(solid(Shape.TETRAHEDRON), scene)
@@ -205,7 +205,7 @@ def test_lines_are_drawn_where_they_should_be():
     assert 50 < black.sum() < 0.5 * frame.seen.sum()
 
 
-def test_flat_data_are_drawn_with_lines_too():
+def test_flat_data_are_also_drawn_with_lines():
     flat = Dataset(mesh := grid(Shape.TRIANGLE, 3), (approximated(Dataset(mesh), "u", lambda x: x[:, 0], modes=2),))
     ground = CutSurface(Plane((0, 0, 0), (0, 0, 1)), Style(contours=Contours(count=3)))
     frame = render(flat, Scene("u", size=SIZE, objects=(ground,)))
@@ -222,7 +222,7 @@ def test_lines_have_no_reference():
         compare_scene(line, Scene("u", size=SIZE))
 
 
-def test_what_it_cannot_draw_is_said():
+def test_unsupported_scenes_are_reported():
     flat = Dataset(mesh := grid(Shape.TRIANGLE, 2), (approximated(Dataset(mesh), "u", lambda x: x[:, 0], modes=2),))
     scene = Scene("u", size=SIZE, camera=NEAR)
     with pytest.raises(ElvisError, match="isosurfaces of volumes only, found elements of two dimensions"):
@@ -237,7 +237,7 @@ def test_what_it_cannot_draw_is_said():
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
-def test_even_fog_takes_up_light_by_its_length(shape):
+def test_absorption_of_uniform_volumes_depends_on_path_length(shape):
     """A constant density s over a chord L hides 1 - exp(-s L)."""
     volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.2, 0.4, 0.6), (0.2, 0.4, 0.6))))
     frame = render(solid(shape, bend=0.05), Scene("u", camera=NEAR, size=(24, 20), objects=(volume,)))
@@ -273,7 +273,7 @@ def test_rays_may_begin_within_elements(shape):
 
 
 @pytest.mark.parametrize("shape", SOLIDS, ids=name_of)
-def test_fog_of_a_linear_field(shape):
+def test_volume_of_a_linear_field(shape):
     """Density x and colour black: what is hidden follows from the middle of each chord."""
     volume = VolumeRendering(Transfer((-1.0, 2.0), (0.0, 6.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     data = solid(shape, function=lambda x: x[:, 0])
@@ -305,7 +305,7 @@ def test_surfaces_end_the_volume_before_them():
         assert np.abs(frame.color[seen][:, 0] - before * (opacity + (1 - opacity) * behind)).max() < 1e-8
 
 
-def test_fog_converges_where_transfer_functions_bend():
+def test_volumes_converge_at_kinks_of_transfer_functions():
     """A tent over a quadratic field, against sums over many small steps."""
     tent = Transfer((0.05, 0.15, 0.25), (0.0, 9.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     scene = Scene("u", camera=PARALLEL, size=(24, 20), objects=(VolumeRendering(tent),), background=(0.0, 0.0, 0.0))

@@ -86,7 +86,7 @@ OBJECTS = {
 
 
 @pytest.mark.parametrize("objects", OBJECTS)
-def test_the_device_passes_the_bars(nektar, objects):
+def test_the_device_is_within_the_tolerances(nektar, objects):
     """The renderer's kernels and the reference draw the same scenes of the same data, each by its own means."""
     data = read(*(path for path in (nektar / "tet_small").iterdir() if path.suffix in (".xml", ".fld")))
     name, span = data.fields[0].name, range_of(data)

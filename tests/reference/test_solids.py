@@ -59,7 +59,7 @@ def channel(shape=Shape.QUADRILATERAL, bend=0.0, cells=2):
 
 
 @pytest.mark.parametrize("shape", PLANE_SHAPES, ids=name_of)
-def test_cells_that_are_drawn_out_fill_the_solid(shape):
+def test_extruded_cells_fill_the_solid(shape):
     cut = drawn_out(template(shape, 2), 3)
     rng = np.random.default_rng(0)
     simplices = np.concatenate([pulling(kind, own, rng.random(own.shape)) for kind, own in cut.cells.items()])
@@ -72,7 +72,7 @@ def test_cells_that_are_drawn_out_fill_the_solid(shape):
 
 @pytest.mark.parametrize("extruded", [False, True])
 @pytest.mark.parametrize("shape", [*PLANE_SHAPES, *Shape.of_dimension(3)], ids=name_of)
-def test_faces_lie_where_they_say(shape, extruded):
+def test_faces_lie_at_their_stated_positions(shape, extruded):
     if extruded and shape.dimension == 3:
         return
     every = faces(shape, extruded)
@@ -118,7 +118,7 @@ def test_walls_and_lids_are_chosen_by_name():
     assert np.array_equal(render(data, solids).seen, every.seen)
 
 
-def test_fog_in_quasi_3d_data_takes_up_light_by_its_length():
+def test_absorption_in_quasi_3d_data_depends_on_path_length():
     volume = VolumeRendering(Transfer((-1.0, 2.0), (1.7, 1.7), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
     frame = render(
         channel(), Scene("u", camera=replace(CAMERA, fov=None, height=1.8), size=(20, 16), objects=(volume,))
@@ -169,7 +169,7 @@ def cube(function=lambda x: x @ np.array([1.0, 2.0, -1.0]), modes=2):
     return Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes=modes),))
 
 
-def test_triangles_from_a_file_cut_linear_meshes_where_they_are(ball):
+def test_triangles_from_a_file_cut_linear_meshes_at_their_position(ball):
     """A linear field on straight elements is exact after no refinement, place by place."""
     scene = Scene("u", camera=CAMERA, size=SIZE, objects=(CutSurface(ball),))
     exact = render(cube(), scene)
@@ -183,7 +183,7 @@ def test_triangles_from_a_file_cut_linear_meshes_where_they_are(ball):
 
 
 @pytest.mark.parametrize("away", ["inside", "outside"])
-def test_triangles_clip_what_closed_ones_wind_around(ball, away):
+def test_closed_triangulations_clip_their_inside(ball, away):
     scene = Scene("u", camera=CAMERA, size=SIZE, clip=(Clip(ball, away),))
     scene = replace(scene, objects=(CutSurface(Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))), Isosurface((1.0,))))
     frame = render(cube(), scene)
@@ -196,7 +196,7 @@ def test_triangles_clip_what_closed_ones_wind_around(ball, away):
     assert np.array_equal(made.seen, Record.of(frame).seen)
 
 
-def test_a_comparison_with_triangles_goes_through(ball):
+def test_a_comparison_with_triangles_succeeds(ball):
     def draw(data, scene, device):
         return render(data, scene)
 
@@ -206,7 +206,7 @@ def test_a_comparison_with_triangles_goes_through(ball):
     assert set(study.rivals[0].meshes) == {"n0"}
 
 
-def test_errors_of_light_hold_what_halving_leaves():
+def test_errors_of_light_include_the_remainder_of_bisection():
     """Densities with a kink inside the stretch, no rounding: alpha is 1 - exp(-(area under the densities))."""
     largest = 0.0
     for kink in (0.1, 0.3, 1 / 3, 0.5, 0.7):

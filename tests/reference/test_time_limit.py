@@ -37,7 +37,7 @@ def scene_of(name, **options):
 @pytest.mark.sampled
 @pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize("samples", [1, 2])
-def test_pictures_that_take_too_long_are_given_up(data, name, samples):
+def test_slow_pictures_are_abandoned(data, name, samples):
     with pytest.raises(SceneError, match="not done after 1e-09 s, the time limit"):
         render(data, completed(data, scene_of(name, timeout=1e-9, samples=samples)))
     assert render(data, completed(data, scene_of(name, timeout=1e6))).seen.any()
@@ -45,7 +45,7 @@ def test_pictures_that_take_too_long_are_given_up(data, name, samples):
 
 
 @pytest.mark.parametrize(("name", "looks"), [("contours", 20), ("a sphere", 6), ("faces", 20), ("an isosurface", 50)])
-def test_the_time_is_looked_at_within_long_steps(data, name, looks, monkeypatch):
+def test_the_time_limit_is_checked_within_long_steps(data, name, looks, monkeypatch):
     """By a clock that goes on by a second whenever it is asked."""
     clock = count()
     monkeypatch.setattr(places, "_AT_ONCE", 50)

@@ -51,7 +51,7 @@ def test_close_pairs_are_found(apart):
     assert np.abs(place - np.sort(roots[:, :2], axis=1)).max() < 1e-3 * apart
 
 
-def test_pairs_too_close_to_part_are_said_to_be_so():
+def test_inseparable_pairs_are_reported():
     """Apart by less than rounding, or missing by as little: double; where values keep off further: none."""
     for shift, double in ((0.0, True), (1e-17, True), (1e-9, False)):
         found = zeros(lambda which, x, shift=shift: (x - 0.3) ** 2 + shift, 2, np.full(1, DIGITS))
@@ -61,7 +61,7 @@ def test_pairs_too_close_to_part_are_said_to_be_so():
 
 
 @pytest.mark.parametrize("degree", [1, 4, 9, 16])
-def test_zeros_of_random_polynomials_are_those_of_their_matrices(degree):
+def test_zeros_of_random_polynomials_match_those_of_their_matrices(degree):
     """Against the real eigenvalues in [0, 1] of the colleague matrix (Good 1961)."""
     rng = np.random.default_rng(degree)
     series = rng.normal(size=(300, degree + 1))
@@ -82,7 +82,7 @@ def test_zeros_of_random_polynomials_are_those_of_their_matrices(degree):
     assert count > 150
 
 
-def test_functions_that_are_no_polynomials():
+def test_functions_that_are_not_polynomials():
     """Resolved in parts: sin has its zeros, a kink its place as a guess, and what has no value no zero."""
     found = zeros(lambda which, x: np.sin(20 * np.pi * x - 1), 6, np.full(1, DIGITS))
     assert len(found.which) == 20
@@ -101,7 +101,7 @@ def test_functions_that_are_no_polynomials():
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
-def test_no_pair_of_an_element_and_a_ray_is_left_out(shape):
+def test_every_pair_of_an_element_and_a_ray_is_examined(shape):
     """Wherever a random field on bent elements takes a value, the pixel next to the place is a candidate."""
     rng, mesh = np.random.default_rng(5), curved(grid(shape, 1), ripple(0.1, seed=1), 4)
     data = with_field(mesh, lambda x: np.sin(7 * x @ np.array([0.9, -0.5, 0.7])), 6)
@@ -127,7 +127,7 @@ def test_no_pair_of_an_element_and_a_ray_is_left_out(shape):
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
-def test_two_sheets_close_together_are_both_seen(shape):
+def test_two_close_surfaces_are_both_visible(shape):
     """The planes s = 0.4 and s = 0.4 + GAP where (s - 0.4)(s - 0.4 - GAP)(s^2 + 1) is zero: the nearer one is seen."""
     gap, normal = 3e-4, np.array([0.6, -0.48, 0.64])
 
@@ -144,7 +144,7 @@ def test_two_sheets_close_together_are_both_seen(shape):
     assert np.abs(s[seen] - nearer).max() < 1e-9
 
 
-def test_bent_elements_of_high_order_keep_close_pairs():
+def test_close_pairs_in_curved_elements_of_high_order_are_found():
     """Every change of sign between 2000 steps along rays is met, in hexahedra of degree 8 whose edges bend."""
     data = with_field(curved(grid(Shape.HEXAHEDRON, 1), ripple(0.12, seed=2), 4), wave, 9)
     style = Style(opacity=0.5, color=(0.0, 0.0, 0.0), lit=False)
@@ -166,7 +166,7 @@ def test_bent_elements_of_high_order_keep_close_pairs():
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
-def test_double_zeros_of_what_cancels_are_not_missed(shape):
+def test_double_zeros_under_cancellation_are_not_missed(shape):
     """(x - 3/8)^2, of modes a million times as large as what rounding leaves of them, seen closely."""
     data = with_field(grid(shape, 2), lambda x: (x[:, 0] - 0.375) ** 2, 4)
     middle = np.array([0.375, 0.4656, 0.4067])
@@ -207,7 +207,7 @@ def test_double_zeros_are_not_certain():
 
 
 @pytest.mark.parametrize("changed", ["double", "place", None])
-def test_hits_are_certain_only_if_newton_finds_a_zero_that_is_a_single_one(monkeypatch, changed):
+def test_hits_are_certain_only_if_newton_finds_a_simple_zero(monkeypatch, changed):
     """Zeros of a plane that are said to be double, or at places that Newton's method leaves for others."""
 
     def found(*options):

@@ -134,7 +134,7 @@ def test_frames_are_stills_byte_for_byte(files, tmp_path):
     assert pictures(tmp_path / "frames") == found
 
 
-def test_every_step_is_a_frame_of_a_film_in_one_range(files, tmp_path):
+def test_every_step_is_a_frame_of_an_animation_in_one_range(files, tmp_path):
     run("animate", *files, *FAST, "--range", "series", "-o", tmp_path / "film.webp")
     found = pictures(tmp_path / "film-frames")
     # u = (1 + t) x - t y^2 on the unit square: from -3 to 4 over all steps, which quadratic coefficients bound tightly
@@ -177,7 +177,7 @@ def test_a_range_over_all_steps_is_remembered(files, tmp_path, drawn, monkeypatc
     assert film("--field", "2*u")[0] == 3
 
 
-def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
+def test_valid_frames_are_reused(files, tmp_path, drawn):
     folder = tmp_path / "frames"
 
     def steps(*more):
@@ -200,7 +200,7 @@ def test_frames_that_are_good_are_kept(files, tmp_path, drawn):
     assert len(pictures(folder)) == 2
 
 
-def test_steps_that_lack_the_field_are_left_out(files, tmp_path, drawn):
+def test_steps_without_the_field_are_skipped(files, tmp_path, drawn):
     """Without --field that which comes first at first is shown; what no step has is refused."""
     files[1].write_text(files[1].read_text().replace('FIELDS="u"', 'FIELDS="v"'))
     for more, left, lacking in ((("--field", "u"), [1, 2], "step 0"), ((), [0], "step 2")):
@@ -212,7 +212,7 @@ def test_steps_that_lack_the_field_are_left_out(files, tmp_path, drawn):
         run("animate", *files, "--field", "w", "-o", tmp_path / "none")
 
 
-def test_steps_in_which_nothing_is_seen_have_no_frame(files, tmp_path, monkeypatch, drawn):
+def test_steps_in_which_nothing_is_visible_have_no_frame(files, tmp_path, monkeypatch, drawn):
     """As the first ones of a run, where an isosurface isn't there yet; of one state it is an error."""
     draw = Pictures.draw
 
@@ -333,7 +333,7 @@ def test_workers_find_the_camera_and_draw_ever_less_at_a_time(files, tmp_path, m
 
 
 @pytest.mark.parametrize("moves", [("--orbit", "40"), ("--key", "zoom=1:2")])
-def test_data_are_read_by_workers_alone(files, tmp_path, monkeypatch, asked, drawn, moves):
+def test_only_workers_read_data(files, tmp_path, monkeypatch, asked, drawn, moves):
     readers, show = [], Film._show
     monkeypatch.setattr(Film, "_show", lambda film, data, moment: readers.append(film) or show(film, data, moment))
     camera = ("--camera", "2,2,2:0.5,0.5,0:0,0,1:30")
@@ -377,7 +377,7 @@ def test_keys_of_the_scene_move(files, tmp_path, drawn):
         run("animate", *files[:2], "--key", "objects[3].style.opacity=0:1", "-o", tmp_path / "none")
 
 
-def test_the_camera_goes_through_all_of_a_path(files, tmp_path):
+def test_the_camera_traverses_the_whole_path(files, tmp_path):
     path = ["--path", "iso", "--path", "2,2,2:0.5,0.5,0:0,0,1:30", "--camera", "iso"]
     with pytest.raises(SceneError, match="all in perspective, or none"):
         run("animate", *files[:2], *FAST, *path, "-o", tmp_path / "none")
@@ -391,7 +391,7 @@ def test_the_camera_goes_through_all_of_a_path(files, tmp_path):
         run("animate", *files[:2], *FAST, *path, "--orbit", "90", "-o", tmp_path / "none")
 
 
-def test_orbits_turn_the_eye_about_what_is_upwards():
+def test_orbits_rotate_the_eye_about_the_up_direction():
     camera = Camera((3.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 2.0))
     assert np.allclose(orbited(camera, 90).eye, (1.0, 2.0, 1.0), rtol=0, atol=1e-15)
     assert np.allclose(orbited(camera, 360).eye, camera.eye, rtol=0, atol=1e-15)
@@ -408,7 +408,7 @@ def test_mp4_has_all_frames(files, tmp_path, drawn):
         assert np.abs(image[1:6, 1:8] - 40.0 * (number + 1)).max() < 8
 
 
-def test_what_cannot_be_drawn_is_said_before_it_is(files, tmp_path, monkeypatch):
+def test_invalid_animations_fail_before_drawing(files, tmp_path, monkeypatch):
     with pytest.raises(ElvisError, match="expected something that moves: a series, --key, --path, --orbit"):
         run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
     with pytest.raises(ElvisError, match=r"expected animations, .*, and one folder for frames, found .*x\.avi"):

@@ -23,7 +23,7 @@ def said(monkeypatch):
     return sentences
 
 
-def test_it_is_said_at_once_where_nothing_was_ever_kept(said, tmp_path):
+def test_it_is_announced_at_once_without_a_cache(said, tmp_path):
     announcement = Announcement(KernelCache(tmp_path), is_slow=True)
     announcement.expect()
     announcement.note(9 * MOMENT)
@@ -31,7 +31,7 @@ def test_it_is_said_at_once_where_nothing_was_ever_kept(said, tmp_path):
     assert said == ["compiling kernels once; they are cached"]
 
 
-def test_nothing_is_said_of_a_moment(said, tmp_path):
+def test_short_waits_are_not_announced(said, tmp_path):
     announcement = Announcement(KernelCache(tmp_path), is_slow=False)
     announcement.expect()
     announcement.note(0.4 * MOMENT)
@@ -40,7 +40,7 @@ def test_nothing_is_said_of_a_moment(said, tmp_path):
     assert said == ["compiling kernels once; they are cached"]
 
 
-def test_it_is_not_once_where_kernels_can_not_be_kept(said):
+def test_it_is_announced_each_time_if_kernels_cannot_be_cached(said):
     announcement = Announcement(KernelCache(None), is_slow=True)
     announcement.expect()
     assert said == ["compiling kernels"]
@@ -55,7 +55,7 @@ def square(tmp_path_factory):
 
 @pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="terminals are made by pty")
-def test_a_terminal_is_told_the_first_time_and_a_pipe_never(square, tmp_path, renderer):
+def test_only_a_terminal_gets_the_first_announcement(square, tmp_path, renderer):
     import pty
 
     renderer("vulkan")

@@ -39,7 +39,7 @@ def screw():
 
 
 @pytest.mark.parametrize("by", ["length", "time"])
-def test_marks_are_evenly_apart_and_point_with_the_flow(screw, by):
+def test_arrows_are_evenly_spaced_and_point_with_the_flow(screw, by):
     pieces = curves(screw, Course((SEED,), direction="both", length=0.8)).pieces
     pace = np.hypot(SPEED, TURN * RADIUS)
     spacing = 0.11 if by == "length" else 0.11 / pace
@@ -55,7 +55,7 @@ def test_marks_are_evenly_apart_and_point_with_the_flow(screw, by):
     assert np.abs(found.direction[order] - velocity / pace).max() < 1e-10
 
 
-def test_no_mark_is_lost_or_doubled_between_pieces(screw):
+def test_no_arrow_is_lost_or_doubled_between_parts(screw):
     # many lines, whose lengths are rounded where pieces of them meet; none has a mark at its seed
     seeds = tuple(f"point:{0.3 + 0.01 * k},{0.3 + 0.02 * k},0.45" for k in range(20))
     pieces = curves(screw, Course(seeds, length=0.5)).pieces
@@ -80,7 +80,7 @@ def test_marks_on_walls_point_along_them():
     assert np.abs(found.direction - np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)).max() < 1e-8
 
 
-def test_there_is_an_end_to_marks(screw):
+def test_the_number_of_arrows_is_limited(screw):
     pieces = curves(screw, Course((SEED,), length=0.8)).pieces
     with pytest.raises(ElvisError, match="expected 1000000 at most, found"):
         marks(screw, pieces, 1e-7)
@@ -98,7 +98,7 @@ OBJECTS = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("shown", OBJECTS)
 @pytest.mark.sampled(least=2, free=("shown",))
-def test_pictures_are_those_of_the_reference(draw, screw, shown):
+def test_pictures_match_those_of_the_reference(draw, screw, shown):
     scene = {**VIEW, "range": (0.0, 1.9), "objects": (OBJECTS[shown],)}
     frame, other = (draw(screw, device, **scene) for device in ("vulkan", "reference"))
     assert np.array_equal(frame.element, other.element)
@@ -111,12 +111,12 @@ def test_pictures_are_those_of_the_reference(draw, screw, shown):
     assert (frame.depth < without.depth).sum() > 10
 
 
-def test_heads_are_as_large_as_what_they_stand_on(screw):
+def test_heads_scale_with_their_lines(screw):
     for item, length in ((replace(BASE, radius=0.03), 0.24), (replace(BASE, ribbon=0.15), 0.09)):
         assert heads_in(screw, item).length == pytest.approx(length)
 
 
-def test_settings_and_what_is_refused(draw, screw):
+def test_settings_and_invalid_input(draw, screw):
     text = "random:5;arrows=0.2;arrows_by=time;arrow_length=0.05"
     assert streamlines(text) == Streamlines(("random:5",), arrows=0.2, arrows_by="time", arrow_length=0.05)
     for given, match in (

@@ -45,7 +45,7 @@ def test_surfaces_in_space_and_lines(renderer):
         assert REMARK in frame.stats["remarks"]
 
 
-def test_what_the_scene_says_counts(renderer):
+def test_the_scene_takes_precedence(renderer):
     renderer("vulkan")
     dataset, cut = Dataset(grid(Shape.HEXAHEDRON, 2)), Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
     red = Style(color=(1.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ def test_what_the_scene_says_counts(renderer):
     assert levels.status.any()
 
 
-def test_a_picture_that_nobody_named(tmp_path, monkeypatch, capsys):
+def test_an_unnamed_picture(tmp_path, monkeypatch, capsys):
     """It takes a free name in the current folder, and says which."""
     folder = tmp_path / "case"
     folder.mkdir()

@@ -111,7 +111,7 @@ def test_the_same_picture_twice(draw, linear, device):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
 
-def test_what_lies_behind_the_camera_is_not_seen(same_on, linear):
+def test_objects_behind_the_camera_are_invisible(same_on, linear):
     dataset = linear(grid(Shape.HEXAHEDRON, 2))
     camera = Camera((0.5, 0.5, 0.6), (1.0, 0.5, 0.5), (0.0, 0.0, 1.0), fov=120.0)
     frame, _ = same_on(dataset, plane=Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0)), camera=camera, size=(80, 60))

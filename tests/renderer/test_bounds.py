@@ -121,7 +121,7 @@ def test_neighbourhoods_in_plane_cuts_have_slack():
 
 @pytest.mark.parametrize("cosine", 10.0 ** -np.arange(0, 9, 2))
 @pytest.mark.parametrize("away", [0.0, 1e6])
-def test_uncertainties_of_depths_hold_what_an_ulp_of_the_eye_changes(cosine, away):
+def test_uncertainties_of_depths_include_rounding_of_the_eye(cosine, away):
     """At grazing angles and far off: at least that, and at most a thousand times that."""
     normal = np.array([0.0, np.sqrt(1 - cosine**2), cosine])
     eye = np.array([away, 0.0, away + 5.0])
@@ -133,7 +133,7 @@ def test_uncertainties_of_depths_hold_what_an_ulp_of_the_eye_changes(cosine, awa
     assert stated[0] >= misplaced(view, away + 1.0) / cosine * (1 - 1e-9) + 0.9 * EPSILON * depth[0]
 
 
-def test_steepness_of_transfer_functions_bounds_what_they_change():
+def test_steepness_of_transfer_functions_bounds_their_change():
     """Densities, and colours times densities, between two values near to one another, at random and at the steepest."""
     rng = np.random.default_rng(4)
     nearest = 0.0
@@ -160,7 +160,7 @@ def parts_with(values):
     return part, part.quantities["u"]
 
 
-def test_steepness_without_bounds_is_at_least_that_with_bounds():
+def test_steepness_without_bounds_is_not_below_that_with_bounds():
     """What values are is known by their rounding alone."""
     _, own = parts_with(lambda p: np.sin(3 * p[:, 0]) + p[:, 1] * p[:, 2])
     found = []

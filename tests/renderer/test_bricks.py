@@ -14,7 +14,7 @@ from elvis.renderer.bricks import Bricks, InMemory
 from elvis.scene import Plane, Scene
 
 
-def test_films_read_bricks_of_files(tmp_path, monkeypatch):
+def test_animations_read_bricks_of_files(tmp_path, monkeypatch):
     """The whole never; frames are those without a limit."""
     bent = with_field(
         curved(grid(Shape.TETRAHEDRON, 3), ripple(0.05), 3), lambda points: np.sin(3.0 * points).sum(1), 4
@@ -44,7 +44,7 @@ def test_films_read_bricks_of_files(tmp_path, monkeypatch):
     assert frames[0] == frames[1]
 
 
-def test_elements_that_fold_are_reported_though_other_bricks_are_shown(monkeypatch):
+def test_folded_elements_of_hidden_bricks_are_reported(monkeypatch):
     monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 1)
 
     def fold(points):

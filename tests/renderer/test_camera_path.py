@@ -19,7 +19,7 @@ def described(camera):
     return np.concatenate([camera.eye, camera.at, np.ravel(camera.basis()), [camera.fov or camera.height]])
 
 
-def test_paths_go_through_keys_and_are_smooth():
+def test_paths_pass_through_keys_and_are_smooth():
     path = CameraPath.of(KEYS)
     for number, key in enumerate(KEYS):
         assert path.at(number / 3) == key

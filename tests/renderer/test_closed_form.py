@@ -96,7 +96,7 @@ def check(frame, mesh, straightened):
 @pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("view", VIEWS)
-def test_bent_volumes(draw, device, view):
+def test_curved_volumes(draw, device, view):
     mesh = shuffled(mixed_volume(seed=5), seed=2)
     assert set(mesh.elements) == set(Shape.of_dimension(3))
     dataset = bend(mesh, bent_volume, straightened_volume)
@@ -107,7 +107,7 @@ def test_bent_volumes(draw, device, view):
 @pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("view", ["straight on", "perspective"])
-def test_bent_plane(draw, device, view):
+def test_curved_plane_elements(draw, device, view):
     mesh = shuffled(mixed_plane(seed=3), seed=1)
     assert set(mesh.elements) == set(Shape.of_dimension(2))
     dataset = bend(mesh, bent_plane, straightened_plane)

@@ -59,7 +59,7 @@ def resident():
     ],
     ids=["surfaces", "isosurface"],
 )
-def test_pictures_one_after_the_other_hold_nothing(cube, uncollected, scene):
+def test_successive_pictures_hold_no_memory(cube, uncollected, scene):
     render(cube, scene, device="vulkan")
     before, memory = held(), resident()
     render(cube, scene, device="vulkan")
@@ -68,7 +68,7 @@ def test_pictures_one_after_the_other_hold_nothing(cube, uncollected, scene):
     assert resident() < memory + 150e6
 
 
-def test_a_kept_renderer_holds_no_more_with_each_picture(cube, uncollected):
+def test_a_reused_renderer_does_not_grow(cube, uncollected):
     before = held()
     with Renderer("vulkan") as drawing:
         drawing.load(cube, "u")
@@ -95,7 +95,7 @@ def test_an_error_while_drawing_holds_no_device(cube, uncollected, monkeypatch):
     assert held() == before
 
 
-def test_a_closed_device_says_so(cube, uncollected):
+def test_a_closed_device_is_reported(cube, uncollected):
     before = held()
     with Device("vulkan") as opened:
         buffer, kernel = opened.buffer(np.zeros(3)), opened.kernel("compose")

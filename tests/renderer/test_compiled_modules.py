@@ -93,7 +93,7 @@ def test_a_source_that_has_changed_is_read(compose, tmp_path, monkeypatch):
     assert compose() == (COLOR, [])
 
 
-def test_modules_that_are_not_whole_get_no_checksum(tmp_path):
+def test_incomplete_modules_get_no_checksum(tmp_path):
     modules = CompiledModules(tmp_path, [])
     folder = modules.place("here")
     for name, content in {"whole": riff(100), "cut": riff(100)[:-1], "other": b"x" * 100}.items():
@@ -124,7 +124,7 @@ def test_folders_that_were_not_used_for_longest_make_room(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("home", ["", "file/here"])
-def test_without_a_folder_there_is_no_place(tmp_path, home):
+def test_modules_are_not_stored_without_a_folder(tmp_path, home):
     (tmp_path / "file").touch()
     cache = KernelCache(tmp_path / home / "kernels" if home else None)
     try:

@@ -58,12 +58,12 @@ def fragments_of(shader):
     return paint
 
 
-def test_the_nearest_hides_what_lies_behind_pixel_by_pixel(composite):
+def test_the_nearest_surface_hides_others_at_each_pixel(composite):
     result = composite([fragment([1, 3, np.inf, np.inf], RED), fragment([2, 2, 2, np.inf], GREEN)], WHITE)
     assert np.array_equal(result, [RED, GREEN, GREEN, WHITE])
 
 
-def test_opacity_in_depth_order_whatever_the_order_given(composite):
+def test_opacity_is_composited_in_depth_order(composite):
     fragments = [fragment([3.0], RED), fragment([1.0], BLUE, 0.25), fragment([2.0], GREEN, 0.5)]
     expected = 0.25 * BLUE + 0.75 * (0.5 * GREEN + 0.5 * RED)
     for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
@@ -74,7 +74,7 @@ def test_equal_depths_keep_the_order_given(composite):
     assert np.array_equal(composite([fragment([1.0], RED), fragment([1.0], GREEN)], WHITE), [RED])
 
 
-def test_random_coats_are_mixed_as_by_hand(composite):
+def test_random_fragments_are_composited_like_a_direct_computation(composite):
     """Twelve fragments of 500 pixels, some of them not there, some at one depth, some opaque."""
     rng = np.random.default_rng(5)
     depths = rng.choice([1.0, 2.0, 3.5, 7.0, np.inf], size=(12, 500))
@@ -117,7 +117,7 @@ def test_lines_are_opaque_over_the_surface_and_later_ones_on_top(shader, fragmen
     )
 
 
-def test_colours_are_those_of_the_colour_map(shader):
+def test_colours_match_the_colour_map(shader):
     """To the last bit; what is not a finite number has its own."""
     palette = Palette.of_name("viridis", -1.0, 2.0)
     values = np.concatenate([np.linspace(-1.5, 2.5, 40), [np.nan, np.inf, -np.inf]])

@@ -82,7 +82,7 @@ CASES = [
 @pytest.mark.sampled
 @pytest.mark.parametrize("camera", ["straight on", "perspective"])
 @pytest.mark.parametrize(("shape", "bent", "field", "levels", "doubtful"), CASES)
-def test_what_is_certain_of_contours_is_right(renderer, camera, shape, bent, field, levels, doubtful):
+def test_certain_pixels_of_contours_are_right(renderer, camera, shape, bent, field, levels, doubtful):
     cells, camera = (2, f"near, {camera}") if shape is Shape.PYRAMID else (3, camera)
     mesh = curved(grid(shape, cells), sheared, 3) if bent else grid(shape, cells)
     proof, view = proved(renderer, with_field(mesh, field, 4 if bent else 3), camera, levels)
@@ -102,7 +102,7 @@ def test_what_is_certain_of_contours_is_right(renderer, camera, shape, bent, fie
     assert (hit & ~certain).sum() <= doubtful * hit.sum()
 
 
-def test_lines_that_samples_do_not_tell_apart_are_ambiguous(renderer):
+def test_lines_not_separated_by_samples_are_ambiguous(renderer):
     proof, view = proved(renderer, with_field(grid(Shape.HEXAHEDRON, 3), valley, 3), "straight on", [1e-8])
     low = ranges(view, lambda points: points[..., 1] - 0.1003)
     crossed = (low[0] < -1e-4) & (low[1] > 1e-4) & (proof.status != Status.MISS)
@@ -117,7 +117,7 @@ def test_lines_that_samples_do_not_tell_apart_are_ambiguous(renderer):
     ("shape", "cells", "camera", "doubtful"),
     [(Shape.HEXAHEDRON, 3, "straight on", 0.06), (Shape.PYRAMID, 2, "near, straight on", 0.3)],
 )
-def test_what_is_certain_of_contours_of_expressions_is_right(renderer, shape, cells, camera, doubtful):
+def test_certain_pixels_of_contours_of_expressions_are_right(renderer, shape, cells, camera, doubtful):
     """Of derivatives on bent elements and an exponential; nothing is proved in elements that hold a pole."""
     data, text = with_field(curved(grid(shape, cells), sheared, 3), tilted, 4), "d(u,y)*exp(u) + 0.01/(x - 0.21)"
     proof, view = proved(renderer, data, camera, [1.3, 1.8, 2.3], text)
@@ -142,7 +142,7 @@ def test_what_is_certain_of_contours_of_expressions_is_right(renderer, shape, ce
     assert (proof.status[pole] == Status.AMBIGUOUS).all()
 
 
-def test_statistics_count_what_is_proved_where_they_are_asked_for(draw):
+def test_statistics_count_proofs_on_request(draw):
     data = with_field(grid(Shape.HEXAHEDRON, 3), circles, 3)
     style = Style(contours=Contours(values=(0.0225, 0.09)))
     scene = {"objects": (CutSurface(PLANE, style),), "camera": CAMERAS["straight on"], "size": SIZE}
@@ -244,7 +244,7 @@ ON_FACES = [
 @pytest.mark.sampled
 @pytest.mark.parametrize("camera", FACES)
 @pytest.mark.parametrize(("shape", "bent", "quantity"), ON_FACES)
-def test_what_is_certain_of_contours_on_faces_is_right(renderer, camera, shape, bent, quantity):
+def test_certain_pixels_of_contours_on_faces_are_right(renderer, camera, shape, bent, quantity):
     """Against closed forms at what rays hit within the squares, edges of the domain and silhouettes too."""
     mesh = curved(grid(shape, 2), sheared, 3) if bent else grid(shape, 2)
     data = with_field(mesh, curvy, 6 if bent else 3)

@@ -52,7 +52,7 @@ def test_tubes_around_a_tilted_axis(bent, device):
     assert away.max() <= RADIUS + 1e-7
 
 
-def test_what_is_none_is_said():
+def test_invalid_cores_are_reported():
     mesh = grid(Shape.HEXAHEDRON, 1)
     bare = Dataset(mesh)
     still = Dataset(mesh, tuple(approximated(bare, name, lambda p: 1.0 + 0 * p[:, 0], 2) for name in "uvw"))
@@ -69,7 +69,7 @@ def test_what_is_none_is_said():
         ({}, "seeds of streamlines: expected at least one"),
     ],
 )
-def test_settings_that_don_t_go_together(settings, words):
+def test_incompatible_settings(settings, words):
     with pytest.raises(SceneError, match=words):
         Scene("u", objects=(Streamlines(**settings),))
 

@@ -78,7 +78,7 @@ def solution():
 @pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_cpu_draws_what_vulkan_draws(draw, solution, kind, shape):
+def test_the_cpu_matches_vulkan(draw, solution, kind, shape):
     frames = [draw(solution(shape), device, objects=OBJECTS[kind], **VIEW) for device in ("cpu", "vulkan")]
     cpu, vulkan = frames
     assert np.ptp(vulkan.color, axis=(0, 1)).max() > 0.1
@@ -120,7 +120,7 @@ def test_kernels_compile_with_clang(tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-def test_a_kernel_that_does_not_compile_names_what_can_not_be_drawn():
+def test_a_kernel_that_does_not_compile_names_the_unsupported_object():
     adapter = Adapter("cpu", "slang's CPU target, one thread", software=True)
     output = "failed: slang: gcc 12.2: /a/b/iso_follow.slang(266): error :  no match for '-'\n" + "  | ^~~\n" * 300
     with pytest.raises(DeviceError) as found, naming_what_fails("iso_draw", SHADERS, adapter):

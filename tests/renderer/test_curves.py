@@ -35,7 +35,7 @@ def test_plots_show_values_over_x():
     assert len(np.unique(columns)) == np.ptp(columns) + 1
 
 
-def test_jumps_stay_open():
+def test_jumps_leave_gaps():
     frame = render(chain(axis(3), lambda p: p[:, 0] + 5.0 * (p[:, 0] > 1.0)), size=(200, 160))
     gap = frame.seen.any(axis=1)
     middle = np.flatnonzero(gap)[[0, -1]].sum() // 2
@@ -43,7 +43,7 @@ def test_jumps_stay_open():
 
 
 @pytest.mark.parametrize("width", [1.0, 3.0, 6.0])
-def test_curves_in_space_are_as_wide_as_asked(width):
+def test_curves_in_space_have_the_requested_width(width):
     """A straight line askew: its area in pixels is length times width."""
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.4, 0.3]])
     camera = Camera((0.5, 0.2, 3.0), (0.5, 0.2, 0.0), (0, 1, 0), height=1.0)
@@ -67,7 +67,7 @@ def test_views_of_curves_are_fitted_and_files_written(tmp_path):
     assert np.abs(record["reference"][frame.seen][:, 0]).max() <= 1.0
 
 
-def test_curves_that_are_not_in_the_picture_are_told():
+def test_curves_outside_the_picture_are_reported():
     camera = Camera((9.0, 9.0, 3.0), (9.0, 9.0, 0.0), (0, 1, 0), height=1.0)
     with pytest.raises(SceneError, match="the picture is empty: nothing of any object is visible"):
         render(chain(axis(3), lambda p: p[:, 0]), camera=camera, size=(30, 20))

@@ -86,7 +86,7 @@ def resolved(owners, *candidates):
         ([], NOBODY, Status.MISS),
     ],
 )
-def test_who_owns_a_pixel_that_nobody_took(candidates, owner, status):
+def test_a_free_pixel_goes_to_any_candidate(candidates, owner, status):
     for order in (candidates, candidates[::-1]):
         pixels = resolved([NOBODY, NOBODY], order)
         assert pixels.owner.tolist() == [owner, NOBODY]
@@ -106,7 +106,7 @@ def test_who_owns_a_pixel_that_nobody_took(candidates, owner, status):
         ((0, 5, UNKNOWN, 0.3), 8),
     ],
 )
-def test_a_pixel_that_has_an_owner_goes_to_a_lower_number_only(candidate, owner):
+def test_an_owned_pixel_goes_only_to_a_lower_number(candidate, owner):
     pixels = resolved([8], [candidate])
     assert (pixels.owner[0], pixels.status[0]) == (owner, Status.CERTAIN)
     assert [candidate["field"] for some in pixels.committed for candidate in some] == [100 + owner] * (owner != 8)
@@ -118,7 +118,7 @@ def test_candidates_of_all_parts_count_together():
     assert pixels.status.tolist() == [Status.CERTAIN, Status.MISS, Status.AMBIGUOUS]
 
 
-def test_the_last_candidate_for_a_pixel_is_shown_with_its_own_value():
+def test_the_winning_candidate_is_shown_with_its_value():
     """Later parts decide over earlier ones; element, field and reference belong together."""
     earlier, later = np.zeros(3, CANDIDATE), np.zeros(2, CANDIDATE)
     earlier["pixel"], later["pixel"] = [7, 5, 7], [5, 9]

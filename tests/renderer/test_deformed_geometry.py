@@ -48,7 +48,7 @@ def files(tmp_path_factory):
     [{"faces": "all", "mesh_lines": True}, {"plane": "z=0.3", "isosurface": "0.8"}],
     ids=["faces", "cut and isosurface"],
 )
-def test_pictures_are_those_of_a_moved_map(drawn):
+def test_pictures_match_those_of_a_moved_map(drawn):
     data, options = solid(), {"size": 40, "camera": "iso", **drawn}
     ours = render(data, "p", deform={"displacement": "u,v,w", "scale": 1.5}, **options)
     theirs = render(moved(data, 1.5), "p", **options)
@@ -63,7 +63,7 @@ def test_flat_data_are_drawn_deformed():
     assert np.array_equal(ours.field, theirs.field, equal_nan=True)
 
 
-def test_a_scene_without_deformation_shows_the_data_as_they_are():
+def test_a_scene_without_deformation_shows_the_original_data():
     data, drawn = solid(Shape.QUADRILATERAL), {"size": (20, 20)}
     with Pictures(data) as pictures:
         fields = [
@@ -73,7 +73,7 @@ def test_a_scene_without_deformation_shows_the_data_as_they_are():
     assert not np.array_equal(fields[0], fields[1], equal_nan=True)
 
 
-def test_bricks_are_those_of_the_geometry():
+def test_bricks_match_those_of_the_geometry():
     data, drawn = solid(Shape.QUADRILATERAL), {"size": (20, 20), "memory": float(1 << 30)}
     deformed = [Deform("u,v", scale) for scale in (1.0, 2.0)]
     with Pictures(data) as pictures:
@@ -109,7 +109,7 @@ def both(how, **changes):
     return render(solid(Shape.QUADRILATERAL), "p", undeformed=how, **options)
 
 
-def test_lines_of_the_undeformed_mesh_are_those_of_the_data():
+def test_lines_of_the_undeformed_mesh_match_those_of_the_data():
     alone, shown = both(None), both("mesh")
     black = {"color": (0, 0, 0), "mesh_lines": MeshLines(color=(1, 0, 0)), "background": (0, 0, 0)}
     lines = render(solid(Shape.QUADRILATERAL), "p", camera=FLAT, size=40, **black)
@@ -122,7 +122,7 @@ def test_lines_of_the_undeformed_mesh_are_those_of_the_data():
 
 
 @pytest.mark.parametrize("how", ["mesh", "outline"])
-def test_bands_of_rows_show_the_undeformed_mesh_alike(monkeypatch, how):
+def test_bands_of_rows_show_the_same_undeformed_mesh(monkeypatch, how):
     whole = both(how)
     # bands of five rows, whose borders are those of the square
     monkeypatch.setattr("elvis.renderer.rendering.BAND", 200)
@@ -203,7 +203,7 @@ def test_a_height_seen_from_above_is_the_picture_of_the_plane():
     assert any("z = 3" in remark for remark in high.remarks)
 
 
-def test_a_scene_says_the_deformation_in_files_options_and_python():
+def test_a_deformation_is_set_by_files_options_and_python():
     scene = scene_of({"deform": {"displacement": "u,v,w", "scale": 50.0, "gradients": "deformed"}})
     assert scene.deform == Deform("u,v,w", 50.0, "deformed")
     assert scene_of(table_of(scene)) == scene
@@ -259,7 +259,7 @@ def test_a_mode_oscillates_without_a_seam(flat_files, tmp_path):
     assert not np.array_equal(most, least)
 
 
-def test_a_film_over_the_phase_is_a_loop_of_stills(flat_files, tmp_path):
+def test_an_animation_over_the_phase_equals_its_still_pictures(flat_files, tmp_path):
     # Re(E exp(i phase)) with E = u + i v displaces the geometry
     words = [*flat_files, "--complex", "E=u,v", "--deform", "E,0", "--phase", "0:360"]
     frames, stills = played(tmp_path, words, LOOK, "--phase", [0, 90, -180, 270, 360], 4)

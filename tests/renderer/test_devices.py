@@ -69,12 +69,12 @@ NO_DOUBLES = "has no 64-bit floats, which the kernels need"
         ("gpu", [], "^no device 'gpu': found none at all$"),
     ],
 )
-def test_what_can_not_draw_says_why_and_what_to_install(name, every, words):
+def test_unusable_devices_give_a_reason_and_advice(name, every, words):
     with pytest.raises(DeviceError, match=words):
         first_fit(name, every, open_made_up)
 
 
-def test_everything_that_is_missing_is_named():
+def test_all_missing_features_are_named():
     assert lacking(ALL.__contains__) == ""
     assert lacking({"double", "wave_ops"}.__contains__) == "has no addresses of buffers, which the kernels need"
     assert lacking({"pointer"}.__contains__) == (
@@ -82,7 +82,7 @@ def test_everything_that_is_missing_is_named():
     )
 
 
-def test_limits_below_what_kernels_need_are_named():
+def test_insufficient_device_limits_are_named():
     enough = {limit: least for limit, (least, _) in adapters.LIMITS.items()}
     assert limited(enough.__getitem__) == ""
     few = enough | {"max_compute_threads_per_group": 32}
@@ -91,7 +91,7 @@ def test_limits_below_what_kernels_need_are_named():
     assert limited(few.__getitem__) == "grants 1048576 bytes of a bound buffer, but the kernels need 134217728"
 
 
-def test_of_bound_buffers_as_much_is_reached_as_vulkan_tells():
+def test_bound_buffers_are_used_up_to_the_vulkan_limit():
     """The place of a number in Vulkan's own structure, by the rules of C; no more is asked of software than all has."""
 
     class Limits(ctypes.Structure):
@@ -119,7 +119,7 @@ def test_of_bound_buffers_as_much_is_reached_as_vulkan_tells():
             opened.close()
 
 
-def test_the_cpu_is_offered_only_where_a_compiler_is_found(monkeypatch):
+def test_the_cpu_is_offered_only_with_a_compiler(monkeypatch):
     monkeypatch.setattr(adapters, "_enumerate", lambda kind: [])
     for compiler, expected in (("clang", []), ("g++", ["cpu"]), ("gcc", []), ("", [])):
         monkeypatch.setattr(adapters, "which", lambda name, found=compiler: "/bin/" + name if name == found else None)
@@ -140,7 +140,7 @@ def listed(monkeypatch):
     return run
 
 
-def test_the_list_says_what_is_passed_over(listed):
+def test_the_list_names_skipped_devices(listed):
     out, err = listed([XE, SOFT, CPU])
     first, second = out.splitlines()[1:3]
     assert first.endswith(f"skipped: it {NO_DOUBLES}")
@@ -153,7 +153,7 @@ def test_the_list_says_what_is_passed_over(listed):
     ]
 
 
-def test_the_list_says_what_to_install(listed):
+def test_the_list_gives_installation_advice(listed):
     out, err = listed([CPU])
     assert "vulkan" not in out
     assert "no Vulkan device was found: install a Vulkan driver" in err
@@ -162,7 +162,7 @@ def test_the_list_says_what_to_install(listed):
     assert "the device cpu is not available: install a C++ compiler" in err
 
 
-def test_a_device_that_can_not_be_opened_is_passed_over():
+def test_a_device_that_cannot_be_opened_is_skipped():
     def open_(adapter):
         if adapter == CARD:
             raise UnfitError(adapter, "can't be opened")
@@ -173,7 +173,7 @@ def test_a_device_that_can_not_be_opened_is_passed_over():
     assert choice.passed == ("a card is skipped: it can't be opened",)
 
 
-def test_frozen_arrays_go_to_the_device_without_a_copy():
+def test_read_only_arrays_are_uploaded_without_a_copy():
     frozen = frozen_floats(np.arange(3.0)).view(np.uint8)
     own = _as_writeable(frozen)
     assert own.flags.writeable

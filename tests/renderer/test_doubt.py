@@ -32,7 +32,7 @@ def test_rays_that_touch_a_surface_are_ambiguous(draw, cube, surface):
 
 
 @pytest.mark.parametrize("scale", ["1e-30*", "", "1e30*"])
-def test_expressions_clip_whatever_their_scale(draw, cube, scale):
+def test_expressions_clip_at_every_scale(draw, cube, scale):
     scene = {"objects": (Faces(),), "camera": ASIDE, "size": (30, 30)}
     clip = Clip(Implicit(f"{scale}(x-0.3)"), "outside")
     frame = draw(cube, **scene, clip=(clip,))
@@ -43,7 +43,7 @@ def test_expressions_clip_whatever_their_scale(draw, cube, scale):
     assert frame.seen.sum() > 50
 
 
-def test_what_lies_nearly_on_a_clip_is_ambiguous(draw, cube):
+def test_points_nearly_on_a_clip_are_ambiguous(draw, cube):
     """A cut 5e-12 beyond a clip that keeps 1e-11; and one that an expression puts in the same place."""
     cut = CutSurface(Plane((0.0, 0.0, 0.25), (0.0, 0.0, 1.0)))
     for height, status in ((0.25 - 5e-12, Status.AMBIGUOUS), (0.26, Status.CERTAIN), (0.25, Status.CERTAIN)):
@@ -72,7 +72,7 @@ def test_surfaces_in_one_place_are_ambiguous(draw, linear):
     assert (frame.status[frame.seen] == Status.CERTAIN).mean() > 0.95
 
 
-def test_a_plane_seen_along_itself_is_ambiguous(draw, cube):
+def test_a_plane_seen_edge_on_is_ambiguous(draw, cube):
     for angle, status in ((3e-9, Status.AMBIGUOUS), (1e-3, Status.CERTAIN)):
         camera = Camera((0.5, -3.0, 0.25 + 3.5 * angle), (0.5, 0.5, 0.25), height=angle)
         plane = Plane((0.5, 0.5, 0.25), (0.0, 0.0, 1.0))

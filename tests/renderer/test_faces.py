@@ -70,7 +70,7 @@ def roots_on_paraboloid(view):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_paraboloid_is_hit_where_its_equation_says(drawer, device):
+def test_hits_of_a_paraboloid_satisfy_its_equation(drawer, device):
     mesh = one_element(Shape.HEXAHEDRON)
     dataset = mapped(mesh, paraboloid, 3)
     drawn = drawer(dataset, device)
@@ -155,7 +155,7 @@ def wild(seed, shape):
 @pytest.mark.sampled
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))
-def test_brute_force_counts_as_many_hits(drawer, shape, seed):
+def test_brute_force_counts_the_same_hits(drawer, shape, seed):
     drawn = drawer(wild(seed, shape))
     nets = [(block.space, net) for block in drawn.faces.blocks for net in block.nets(np.arange(len(block)))]
     points = np.concatenate([net[:, :3] for _, net in nets])
@@ -195,7 +195,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_closed_hulls_have_no_gaps_and_no_doubles(drawer, mixed, place):
+def test_closed_hulls_have_no_gaps_or_duplicate_hits(drawer, mixed, place):
     drawn, view = drawer(mixed()), View.through(PLACES[place], (120, 90))
     hits, buffer = drawn.hits(view), drawn.draw(view)
     counts = np.bincount(hits["pixel"], minlength=view.count)
@@ -220,7 +220,7 @@ def test_closed_hulls_have_no_gaps_and_no_doubles(drawer, mixed, place):
         sure &= counts >= 2
 
 
-def test_some_rows_are_as_in_the_whole(drawer, mixed):
+def test_bands_of_rows_match_the_whole_picture(drawer, mixed):
     drawn, view = drawer(mixed()), View.through(PLACES["near"], (120, 90))
     hits = drawn.hits(view)
     rows = (hits["pixel"] >= 30 * 120) & (hits["pixel"] < 51 * 120)
@@ -228,7 +228,7 @@ def test_some_rows_are_as_in_the_whole(drawer, mixed):
 
 
 @pytest.mark.parametrize("place", ["outside", "near"])
-def test_pictures_do_not_depend_on_how_a_mesh_is_told(drawer, mixed, place):
+def test_pictures_are_independent_of_the_mesh_description(drawer, mixed, place):
     view = View.through(PLACES[place], (120, 90))
     first = drawer(mixed()).draw(view)
     for other in (mixed(seed=5), mixed(nodes=3)):
@@ -269,7 +269,7 @@ def test_walls_seen_edge_on_hide_nothing(drawer):
     assert np.abs(buffer.field[found] - high[2]).max() < 1e-12
 
 
-def test_a_tetrahedron_through_itself(drawer):
+def test_a_self_intersecting_tetrahedron(drawer):
     corners = one_element(Shape.TETRAHEDRON)
 
     def moved(points):

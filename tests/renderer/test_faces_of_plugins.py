@@ -122,7 +122,7 @@ def test_real_meshes_are_closed(drawer, shared, name):
         assert counts.max() >= 2
 
 
-def test_a_plugin_without_faces_says_so():
+def test_a_plugin_without_faces_is_reported():
     with pytest.raises(ElvisError, match="provides no element faces"):
         faces_of(None, PartsVolume([], Path()))
 

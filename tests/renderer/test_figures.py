@@ -50,7 +50,7 @@ def ground(frame, line):
     return origins - (origins[:, 2:] / ways[:, 2:]) * ways
 
 
-def test_contours_are_where_the_field_has_their_values(traced):
+def test_the_field_has_its_level_on_contours(traced):
     pixel = np.linalg.norm(traced.view.column)
     found = {stroke.value: stroke for stroke in traced.drawing.strokes if stroke.value is not None}
     assert set(found) == {0.4, 0.9, 1.7}
@@ -107,7 +107,7 @@ def test_short_lines_become_long_ones():
     assert len(chain(np.zeros((3, 2)), np.array([[1.0, 0], [0, 1], [-1, -1]]))) == 3
 
 
-def test_curves_lose_points_but_no_place():
+def test_simplified_curves_stay_in_place():
     along = np.linspace(0, 60, 2000)
     curve = np.stack([along, 5 * np.sin(0.2 * along)], axis=1)
     fewer = simplify(curve)
@@ -148,7 +148,7 @@ def test_pixels_of_a_png_with_axes_are_exact(draw, plane, tmp_path, size):
 
 
 @pytest.mark.parametrize("position", [None, "right", "left", "bottom"])
-def test_a_layout_says_where_the_image_and_its_bar_lie(draw, plane, tmp_path, position):
+def test_a_layout_states_the_position_of_image_and_colour_bar(draw, plane, tmp_path, position):
     """In figures, and in pictures without: there are the image's pixels, and at the bar's ends those of the map."""
     path = tmp_path / "a.png"
     frame = draw(plane, size=(150, 110), axes=position == "left", bar=position and ColorBar(position=position))
@@ -179,7 +179,7 @@ def test_a_layout_says_where_the_image_and_its_bar_lie(draw, plane, tmp_path, po
 
 
 @pytest.mark.parametrize("bar", [ColorBar(scale="log"), ColorBar(scale="symlog", linear=0.5), ColorBar(bands=7)])
-def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
+def test_colours_match_the_colour_bar(draw, plane, bar):
     frame = draw(
         plane, field="exp(3*u)", size=(60, 50), bar=bar, objects=(Faces(style=Style(contours=Contours(count=1))),)
     )
@@ -197,7 +197,7 @@ def test_colours_are_spread_as_the_bar_says(draw, plane, bar):
 
 
 @pytest.mark.parametrize("ends", [(1e-3, 1e4), (-5.0, 100.0), (-2.0, -1.0)])
-def test_colours_of_scales_go_up_evenly(ends):
+def test_colours_of_scales_increase_evenly(ends):
     bar = ColorBar(scale="log" if ends[0] > 0 else "symlog", bands=9)
     edges = Palette.of_name("viridis", *ends).over_range(bar).edges
     assert len(edges) == 8
@@ -206,7 +206,7 @@ def test_colours_of_scales_go_up_evenly(ends):
         assert np.allclose(np.diff(np.log([ends[0], *edges, ends[1]])), np.log(ends[1] / ends[0]) / 9)
 
 
-def test_no_logarithm_of_zero(draw, plane):
+def test_logarithmic_scales_exclude_zero(draw, plane):
     with pytest.raises(SceneError, match=r"above zero, found .* scale=symlog"):
         draw(plane, size=(30, 20), bar=ColorBar(scale="log"), range=(-1.0, 1.0), objects=(Faces(),)).rgb.sum()
 
@@ -229,7 +229,7 @@ def test_one_can_see_through_the_background(draw, linear, tmp_path):
     assert np.abs(over - opaque.rgb).max() <= 2
 
 
-def test_what_has_one_value_has_no_bar_but_a_sentence(draw, linear):
+def test_constant_quantities_have_a_note_instead_of_a_colour_bar(draw, linear):
     solid = linear(one_element(Shape.HEXAHEDRON))
     frame = draw(solid, size=(40, 30), objects=(Isosurface((0.1,)),), camera="+x")
     assert [legend.constant for legend in frame.legends] == [0.1]
@@ -240,7 +240,7 @@ def test_what_has_one_value_has_no_bar_but_a_sentence(draw, linear):
     assert any("is 3 everywhere in the picture" in remark for remark in constant.stats["remarks"])
 
 
-def test_rulers_say_where_things_are(draw, plane):
+def test_rulers_show_coordinates(draw, plane):
     frame = draw(plane, size=(60, 50), axes=True)
     assert aligned(frame.view.camera) == (0, 1)
     for axis, ruler in enumerate(sides(frame.view, (5, 5))):
@@ -271,14 +271,14 @@ def test_views_in_perspective_have_no_scale_bar(draw, linear, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_titles_with_broken_mathematics_are_refused(draw, plane, tmp_path):
+def test_titles_with_broken_mathematics_are_rejected(draw, plane, tmp_path):
     frame = draw(plane, size=(30, 20), title=r"$\nothing$")
     with pytest.raises(SceneError, match="expected mathematics between dollars"):
         frame.save(tmp_path / "a.png")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_panels_stand_in_rows_with_one_bar(draw, plane, tmp_path):
+def test_panels_are_in_rows_with_one_colour_bar(draw, plane, tmp_path):
     frames = [draw(plane, size=(30, 20), panels=(2, 2), range=(0.0, 2.0), title=name) for name in "abc"]
     save_panels(frames, tmp_path / "a.svg")
     text = (tmp_path / "a.svg").read_text(encoding="utf-8")
@@ -291,7 +291,7 @@ def test_panels_stand_in_rows_with_one_bar(draw, plane, tmp_path):
         save_panels(frames, tmp_path / "a.npz")
 
 
-def test_ranges_of_panels_are_those_of_all(draw, plane):
+def test_ranges_of_panels_cover_all_panels(draw, plane):
     frames = [draw(plane, field=name, size=(30, 20), objects=(Faces(),)) for name in ("u", "u")]
     low, high = in_one_range([frames[0], replace(frames[1], drawing=frames[1].drawing)])
     assert (low, high) == frames[0].range
@@ -306,17 +306,17 @@ def test_ranges_of_panels_are_those_of_all(draw, plane):
         ("bands=8, unit=m/s, position=left", ColorBar(bands=8, unit="m/s", position="left")),
     ],
 )
-def test_a_bar_on_the_command_line(text, expected):
+def test_a_colour_bar_on_the_command_line(text, expected):
     assert parameters.bar(text) == expected
 
 
 @pytest.mark.parametrize("text", ["scale=cubic", "bands=two", "colour=red", "log", "bands=1"])
-def test_a_bar_that_is_none(text):
+def test_an_invalid_colour_bar(text):
     with pytest.raises((SceneError, BadParameter)):
         parameters.bar(text)
 
 
-def test_backgrounds_have_opacities_and_other_colours_none():
+def test_only_backgrounds_have_opacity():
     assert parameters.background("#ffffff00") == (1, 1, 1, 0)
     assert parameters.background("1,1,1,0.5") == (1, 1, 1, 0.5)
     assert parameters.background("transparent")[3] == 0
@@ -324,7 +324,7 @@ def test_backgrounds_have_opacities_and_other_colours_none():
         parameters.color("#ffffff00")
 
 
-def test_a_region_is_what_the_picture_shows(draw, plane):
+def test_a_region_is_the_extent_of_the_picture(draw, plane):
     frame = draw(plane, region=(0.2, 0.6, 0.2, 0.4))
     corner = ground(frame, [[-0.5, frame.view.height - 0.5], [frame.view.width - 0.5, -0.5]])
     assert np.allclose(corner[:, :2], [[0.2, 0.2], [0.6, 0.4]], atol=1e-3)
@@ -345,7 +345,7 @@ def test_lines_and_glyphs_lie_in_a_region_and_2d_data_are_seen_from_above(draw):
     assert np.allclose([right, up, forward], [[1, 0, 0], [0, 1, 0], [0, 0, -1]])
 
 
-def test_zoom_keeps_the_middle(draw, plane):
+def test_zoom_preserves_the_centre(draw, plane):
     near, far = draw(plane, size=(60, 50), zoom=2.0).view, draw(plane, size=(60, 50)).view
     assert np.isclose(near.camera.height, 0.5 * far.camera.height)
     assert np.allclose(near.camera.at, far.camera.at)
@@ -363,7 +363,7 @@ def test_a_region_is_of_planes(draw, linear):
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 0, -2)])
-def test_a_camera_that_looks_along_up_has_another(up):
+def test_a_camera_that_looks_along_up_gets_another_up_direction(up):
     right, upward, _ = Camera((0, 0, 5), (0, 0, 0), up).basis()
     assert np.allclose([right, upward], [[1, 0, 0], [0, 1, 0]])
     assert np.allclose(Camera((0, 5, 0), (0, 0, 0), (0, 1, 0)).basis()[1], [0, 0, 1])

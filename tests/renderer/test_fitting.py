@@ -32,7 +32,7 @@ def test_a_cube_is_cut_in_a_polygon(plane, count):
     assert np.abs((points - plane.point) @ plane.basis()[2]).max(initial=0) < 1e-15
 
 
-def test_flat_boxes_are_met_by_their_own_plane():
+def test_flat_boxes_intersect_their_plane():
     flat = np.array([[0, 0, 0, 2, 1, 0]], np.float32)
     points = crossings(flat, Plane((0, 0, 0), (0, 0, 1)))
     assert {tuple(p) for p in points} == {(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 0)}
@@ -57,14 +57,14 @@ def test_the_box_around_all_boxes():
     assert np.array_equal(surrounding(boxes), [[0, 0, 0], [3, 4, 5]])
 
 
-def test_a_camera_that_is_given_is_kept():
+def test_a_given_camera_is_unchanged():
     for camera in (Camera((0, 0, 1), (0, 0, 0), (0, 1, 0), fov=30.0), Camera((0, 0, 1), (0, 0, 0), height=2.0)):
         scene = Scene("u", Plane((9, 9, 9), (0, 0, 1)), camera, (10, 20))
         assert automatic(scene, [UNIT], never) == scene
 
 
 @pytest.mark.parametrize("view", ["fit", "+x", "-y", "iso", Camera((5, 4, 3), (0, 0, 0))])
-def test_a_glance_decides_what_is_shown(view):
+def test_a_preview_determines_the_view(view):
     """Where only the middle third of a box is seen, the picture shows just that."""
 
     def middle(scene):
@@ -81,7 +81,7 @@ def test_a_glance_decides_what_is_shown(view):
     assert np.allclose(part.basis(), whole.basis())
 
 
-def test_a_plane_that_misses_every_box_is_refused():
+def test_a_plane_that_misses_every_box_is_rejected():
     with pytest.raises(SceneError, match=r"the picture is empty: .* through \(0, 0, 9\) with normal \(0, 0, 1\)"):
         automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT], never)
     with pytest.raises(SceneError, match="nothing to draw"):
@@ -89,7 +89,7 @@ def test_a_plane_that_misses_every_box_is_refused():
 
 
 @pytest.mark.parametrize("sides", [(1, 1), (10, 1), (1, 10), (1e-200, 1), (0, 0), (3e300, 1e300)])
-def test_pictures_have_the_proportions_of_what_is_seen(sides):
+def test_pictures_have_the_proportions_of_the_visible_part(sides):
     width, height = proportionate(np.array([[0.0, 0.0], sides]))
     assert 160 <= width <= 1000
     assert 160 <= height <= 800
@@ -113,5 +113,5 @@ def test_without_zoom_a_region_is_shown_to_the_last_bit():
         ({"objects": (Faces(),), "clip": (Clip(Implicit("u")),)}, False),
     ],
 )
-def test_views_that_values_have_no_part_in(given, stays):
+def test_views_independent_of_values(given, stays):
     assert is_of_elements(Scene("u", **given)) == stays

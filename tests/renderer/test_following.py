@@ -60,7 +60,7 @@ def check_same(lines, truth):
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 @pytest.mark.sampled(free=("shape", "modes", "bent"))
-def test_lines_are_those_of_the_host(follow, shape, bent, modes):
+def test_lines_match_those_of_the_host(follow, shape, bent, modes):
     d = shape.dimension
     mesh = grid(shape, 3 if d == 2 else 2)
     dataset = rotating(curved(mesh, ripple(0.05), 2) if bent else mesh, modes)
@@ -131,7 +131,7 @@ def test_closed_orbits_stay_closed_for_a_hundred_turns(follow, shape, bent):
 
 
 @pytest.mark.thorough
-def test_few_lines_that_are_long_go_on_on_the_device(follow, monkeypatch):
+def test_a_few_long_lines_continue_on_the_device(follow, monkeypatch):
     monkeypatch.setattr(following, "FEW", 1000)
     dataset = rotating(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 2), 4)
     seeds, settings = [[0.75, 0.5, 0.45], [0.5, 0.15, 0.45]], {"duration": 9.0}

@@ -59,7 +59,7 @@ def picture(linear, element, plane, camera, size=(60, 51)):
 
 @pytest.mark.sampled(least=2, free=("case_number",))
 @pytest.mark.parametrize("case_number", range(len(BENT)))
-def test_nothing_is_missed(same_on, linear, case_number):
+def test_no_element_is_missed(same_on, linear, case_number):
     dataset, scene = picture(linear, *BENT[case_number])
     frame, _ = same_on(dataset, **scene)
     expected = frame.position[frame.seen] @ [1.0, 2.0, -3.0]
@@ -69,7 +69,7 @@ def test_nothing_is_missed(same_on, linear, case_number):
 
 @pytest.mark.sampled(least=2, free=("case_number",))
 @pytest.mark.parametrize("case_number", range(len(BENT)))
-def test_probes_miss_nothing_either(renderer, linear, case_number):
+def test_probes_also_miss_no_element(renderer, linear, case_number):
     dataset, _ = picture(linear, *BENT[case_number])
     device = renderer("vulkan")
     device.load(dataset, "u")
@@ -82,7 +82,7 @@ def test_probes_miss_nothing_either(renderer, linear, case_number):
 
 
 @pytest.mark.thorough
-def test_drafts_miss_what_only_proofs_find(renderer, linear):
+def test_drafts_miss_elements_found_only_by_proofs(renderer, linear):
     """And pictures after them are what they would have been."""
     dataset, scene = picture(linear, *BENT[0])
     device = renderer("vulkan")
@@ -107,7 +107,7 @@ def moved(shape, cells, amplitude, seed):
 @pytest.mark.sampled
 @pytest.mark.parametrize("shape", [Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
 @pytest.mark.parametrize("seed", range(4))
-def test_nothing_is_missed_along_a_plane(same_on, linear, shape, seed):
+def test_no_element_is_missed_along_a_plane(same_on, linear, shape, seed):
     """Seen at grazing angles from within the mesh, sections are long and their bounds wide."""
     dataset = linear(moved(shape, 2, 0.07, seed))
     eye, at = (-0.3, 0.45 + 0.1 * seed, 0.6), (0.3, 0.5, 0.5)
@@ -124,7 +124,7 @@ def test_these_are_hard_cases(draw, linear, monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
-def test_what_bends(shape):
+def test_curved_borders_are_recognised(shape):
     """Straight and slightly curved elements don't, strongly curved ones and all curved pyramids do."""
     answers = []
     for amplitude in (0.0, 0.01, 0.6):
@@ -161,13 +161,13 @@ def flat_where_measured(shape, strength):
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1 and shape is not Shape.PYRAMID])
-def test_bends_are_bounded_not_measured_at_some_points(shape):
+def test_curvature_is_bounded_not_sampled(shape):
     assert bends(flat_where_measured(shape, 2.0), np.zeros(1, int)).all()
     assert not bends(flat_where_measured(shape, 1e-3), np.zeros(1, int)).any()
 
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1], ids=lambda shape: shape.label)
-def test_what_does_not_bend_changes_little_everywhere(shape):
+def test_straight_borders_are_nearly_linear_everywhere(shape):
     """b + m / 2 <= 1, as sampled beyond the border; pyramids, whose map would have to be affine, within it."""
     random = np.random.default_rng(3)
     larger = 1.0 if shape is Shape.PYRAMID else 1.25
@@ -188,7 +188,7 @@ def test_what_does_not_bend_changes_little_everywhere(shape):
 
 
 @pytest.mark.parametrize(("amount", "expected"), [(0.002, False), (0.5, True)])
-def test_weights_of_rational_maps_bend_them(amount, expected):
+def test_weights_of_rational_maps_curve_them(amount, expected):
     """Jacobians in [0, 1]^3 by finite differences, on an element that is a little larger."""
     random = np.random.default_rng(5)
     lattice = np.stack(np.meshgrid(*3 * [np.linspace(0, 1, 3)], indexing="ij"), axis=-1)
@@ -268,7 +268,7 @@ def test_memory_of_the_search_does_not_grow_with_the_picture():
     assert peak < 75e6
 
 
-def test_the_search_by_bands_is_the_search_at_once(monkeypatch):
+def test_the_search_by_bands_matches_the_whole_search(monkeypatch):
     whole, _ = closed(120, 3)
     monkeypatch.setattr(gaps, "_MOST", 500)
     bands, _ = closed(120, 3)

@@ -124,7 +124,7 @@ def test_pixels_show_the_cone_and_the_cylinder(draw, steady, shape, camera):
     assert np.abs(frame.field[frame.seen] - (0.4**2 + 0.3)).max() < 1e-12
 
 
-def test_normals_are_those_of_the_side(draw, steady):
+def test_normals_match_the_side(draw, steady):
     frame = draw(steady, field="p", objects=(replace(ONE, shape="cone"),), camera=CAMERAS["aside"], size=(60, 45))
     away = frame.position[frame.seen] - PLACE
     height = away @ AXIS
@@ -153,7 +153,7 @@ def test_lattices_have_exact_points_and_vectors(screw):
     assert np.array_equal(equal.length, np.full(12, 0.2))
 
 
-def test_points_that_have_no_glyph_are_counted(draw, flat, tmp_path):
+def test_points_without_a_glyph_are_counted(draw, flat, tmp_path):
     table = tmp_path / "points.csv"
     table.write_text("x,y\n0.5,0.5\n0.2,0.2\n7,7\n8,8\n")
     shown = Glyphs((str(table),), "x-0.5,y-0.5", length=0.3)
@@ -203,12 +203,12 @@ def test_the_key_is_as_long_as_a_glyph_of_its_magnitude(draw, flat, tmp_path):
 
 
 @pytest.mark.parametrize("change", [{"key": False}, {"lengths": "equal"}])
-def test_no_key(draw, flat, change):
+def test_no_key_without_glyphs(draw, flat, change):
     shown = Glyphs(("point:0.5,0.25",), **change)
     assert not any(legend.arrow for legend in draw(flat, field="u", objects=(shown,), size=(20, 20)).legends)
 
 
-def test_in_perspective_the_key_is_for_the_mean_depth_of_what_is_seen(draw, steady):
+def test_the_key_in_perspective_uses_the_mean_visible_depth(draw, steady):
     shown = Glyphs(("point:0.4,0.3,0.3", "point:0.4,0.3,0.5", "point:0.95,0.95,0.5"), length=0.1, magnitude=3.0)
     camera = Camera((0.4, 0.3, 2.4), (0.4, 0.3, 0.4), up=(0.0, 1.0, 0.0), fov=20.0)
     for device in ("vulkan", "reference"):
@@ -258,7 +258,7 @@ def test_quasi_3d_data_have_three_components(draw):
 @pytest.mark.sampled(least=3, free=("seed",))
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.parametrize("shape", ["arrow", "cone"])
-def test_certain_is_never_wrong_where_all_is_aligned(draw, steady, shape, seed):
+def test_certain_pixels_are_right_in_aligned_views(draw, steady, shape, seed):
     random = np.random.default_rng(seed)
     points = random.integers(1, 8, (3, 3)) / 8
     axis = int(random.integers(3))
@@ -308,7 +308,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_pictures_are_those_of_the_reference(draw, screw, scene):
+def test_pictures_match_those_of_the_reference(draw, screw, scene):
     frame, truth = (draw(screw, device, **VIEW, **SCENES[scene]) for device in ("vulkan", "reference"))
     sure = frame.status != Status.AMBIGUOUS
     assert np.array_equal(frame.element[sure], truth.element[sure])
@@ -319,7 +319,7 @@ def test_pictures_are_those_of_the_reference(draw, screw, scene):
     assert np.abs(frame.color - truth.color).max(axis=2)[sure].max() < 1e-7
 
 
-def test_scenes_commands_and_python_say_the_same(draw, flat):
+def test_scenes_commands_and_python_agree(draw, flat):
     text = "elements;points.csv;vector=u,v,0;shape=cone;lengths=equal;length=0.1"
     made = glyphs(text)
     assert made == Glyphs(("elements", "points.csv"), "u,v,0", shape="cone", lengths="equal", length=0.1)
@@ -354,6 +354,6 @@ def test_scenes_commands_and_python_say_the_same(draw, flat):
         ({"points": ("-",)}, "expected the name of a table, found -"),
     ],
 )
-def test_what_is_refused(draw, screw, given, match):
+def test_invalid_input_is_rejected(draw, screw, given, match):
     with pytest.raises(SceneError, match=match):
         draw(screw, objects=(Glyphs(**{"points": ("point:1,0.5,0.5",), **given}),), size=(8, 8))

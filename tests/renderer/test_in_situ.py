@@ -56,7 +56,7 @@ def session(tmp_path):
 
 
 class TestPictures:
-    def test_the_last_step_is_what_render_draws_of_its_data(self, session, tmp_path):
+    def test_the_last_step_matches_render(self, session, tmp_path):
         places = squares()
         with session({"quadrilateral": places}, device="auto", contours=3) as drawn:
             for step in range(3):
@@ -71,7 +71,7 @@ class TestPictures:
         assert (tmp_path / "u_002.png").read_bytes() == (tmp_path / "post.png").read_bytes()
         assert (tmp_path / "u_000.png").read_bytes() != (tmp_path / "post.png").read_bytes()
 
-    def test_values_that_are_no_numbers_are_one_fault(self, session):
+    def test_nan_values_are_reported_once(self, session):
         places = squares()
         drawn = session({"quadrilateral": places}, output=None)
         for step in range(3):
@@ -172,7 +172,7 @@ class TestKept:
             ((CutSurface(Implicit("u - 0.9")),), 3),
         ],
     )
-    def test_the_view_and_what_is_seen_of_faces(self, session, tmp_path, monkeypatch, objects, views):
+    def test_the_view_and_visible_faces(self, session, tmp_path, monkeypatch, objects, views):
         places, made, seen = bubbles(), [], []
         fit, look = rendering.automatic, faces.face_patches
         monkeypatch.setattr(rendering, "automatic", lambda *given: made.append(1) or fit(*given))
@@ -203,7 +203,7 @@ class TestKept:
 
 
 class TestStates:
-    def test_nodal_values_are_converted_as_files_are(self):
+    def test_nodal_values_are_converted_like_files(self):
         places = squares()
         states = states_of({"quadrilateral": places})
         for time in (0.0, 1.0, 2.0):
@@ -215,7 +215,7 @@ class TestStates:
                     assert own.expansion == wanted.expansion
                     assert (own.coefficients == wanted.coefficients).all()
 
-    def test_a_uniform_start_takes_nothing_from_later_steps(self):
+    def test_a_uniform_start_does_not_affect_later_steps(self):
         places, point = squares(0.0), (0.3, 1.6)
         states = states_of({"quadrilateral": places})
         first, second = (states.at(1.0, {"u": own}) for own in (np.ones(places.shape[:2]), values(places, 1.0)))
@@ -223,7 +223,7 @@ class TestStates:
         # so that a series interpolates between the two
         assert [block.expansion for block in first["u"].blocks] == [block.expansion for block in second["u"].blocks]
 
-    def test_coefficients_take_the_place_of_those_that_were_there(self):
+    def test_new_coefficients_replace_old_ones(self):
         dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0] * x[:, 1])
         coefficients = [np.array(block.coefficients) for block in dataset["u"].blocks]
         states = states_of(dataset)
@@ -234,7 +234,7 @@ class TestStates:
         coefficients[0][:] = 0.0
         assert sample(twice, "u", point)["u"] == pytest.approx([0.42], abs=1e-13)
 
-    def test_what_speaks_dlpack_is_taken(self):
+    def test_dlpack_arrays_are_accepted(self):
         class Tensor:
             def __init__(self, array):
                 self.array = array
@@ -256,11 +256,11 @@ class TestStates:
             ({"u": {"triangle": np.zeros((4, 16))}}, "u: there are no elements of the shape 'triangle'"),
         ],
     )
-    def test_what_does_not_fit_is_refused(self, fields, told):
+    def test_mismatched_arrays_are_rejected(self, fields, told):
         with pytest.raises(ElvisError, match=told):
             states_of({"quadrilateral": squares()}).at(0.0, fields)
 
-    def test_coefficients_that_do_not_fit_are_refused(self):
+    def test_mismatched_coefficients_are_rejected(self):
         dataset = with_field(grid(Shape.QUADRILATERAL, 2), lambda x: x[:, 0])
         with pytest.raises(ElvisError, match=r"u: quadrilateral: expected coefficients \(4, 9\), found \(4, 8\)"):
             states_of(dataset).at(0.0, {"u": np.zeros((4, 8))})
@@ -295,7 +295,7 @@ class TestTriggers:
     def test_conditions(self, session, when, steps):
         assert self.shown(session, when=when) == steps
 
-    def test_arrays_of_other_steps_are_not_asked_for(self, session):
+    def test_arrays_of_other_steps_are_not_requested(self, session):
         drawn = session({"quadrilateral": squares()}, every=5)
         assert drawn.show(3, 0.0, lambda: pytest.fail("called")) is None
         assert drawn.faults == []
@@ -307,21 +307,21 @@ class TestTriggers:
             *("max(u) > nan", "max(u) > 1e400", None, 3),
         ],
     )
-    def test_what_is_no_condition_is_refused(self, text):
+    def test_invalid_conditions_are_rejected(self, text):
         with pytest.raises(SceneError, match="when: expected a condition as"):
             Trigger.of(1, text)
 
     @pytest.mark.parametrize("every", [0, -1, 2.5, True])
-    def test_what_is_no_period_is_refused(self, every):
+    def test_invalid_periods_are_rejected(self, every):
         with pytest.raises(SceneError, match="every: expected a number of steps, 1 or more"):
             Trigger.of(every, "")
 
-    def test_functions_may_stand_in_a_condition(self):
+    def test_conditions_may_contain_functions(self):
         assert Condition.parse("max(max(u, v) + 1) <= 2e-3") == Condition("max", "max(u, v) + 1", False, 2e-3)
 
 
 class TestFaults:
-    def test_the_solver_goes_on_and_is_told_once(self, session, capsys):
+    def test_the_solver_continues_after_one_warning(self, session, capsys):
         places = squares()
         drawn = session({"quadrilateral": places})
         for step in range(3):
@@ -331,7 +331,7 @@ class TestFaults:
         assert "u" in drawn.faults[0]
         assert drawn.show(3, 0.0, {"u": values(places, 0.0)}) is not None
 
-    def test_what_differs_in_numbers_alone_is_told_once(self, session, tmp_path, capsys):
+    def test_warnings_that_differ_only_in_numbers_are_printed_once(self, session, tmp_path, capsys):
         """As the names of files that a full disk, or a folder that is gone, does not take."""
         (tmp_path / "gone").mkdir()
         places, drawn = squares(), session({"quadrilateral": squares()}, output=str(tmp_path / "gone" / "u_{step}.png"))
@@ -353,14 +353,14 @@ class TestFaults:
             (0, 0.0, "expected arrays by the names of fields, as {'u': …}, found array("),
         ],
     )
-    def test_what_is_no_step_is_told(self, session, step, time, told, modal):
+    def test_invalid_steps_are_reported(self, session, step, time, told, modal):
         places = squares()
         mesh = from_arrays({"quadrilateral": places}, u=values(places, 0.0)) if modal else {"quadrilateral": places}
         drawn = session(mesh)
         assert drawn.show(step, time, values(places, 0.0)) is None
         assert drawn.faults[0].startswith(told)
 
-    def test_any_exception_is_one(self, session, capsys):
+    def test_any_exception_counts_as_a_fault(self, session, capsys):
         drawn = session({"quadrilateral": squares()})
         drawn.show(0, 0.0, lambda: 1 / 0)
         assert "step 0 was not drawn; the solver continues: ZeroDivisionError" in capsys.readouterr().err
@@ -381,6 +381,6 @@ class TestFaults:
             ({"range": "series"}, "later steps are not known"),
         ],
     )
-    def test_what_cannot_be_is_refused_before_the_first_step(self, session, keywords, told):
+    def test_impossible_settings_are_rejected_before_the_first_step(self, session, keywords, told):
         with pytest.raises((SceneError, FormatError, ElvisError), match=told):
             session({"quadrilateral": squares()}, **keywords)

@@ -135,7 +135,7 @@ def test_an_ellipsoid_on_straight_elements(iso, shape, camera, monkeypatch):
     check(hits, *nearest_inside(view, quadric_roots(view, CENTRE, WEIGHTS, LEVEL)))
 
 
-def test_both_ways_through_straight_tetrahedra_agree(iso, renderer, monkeypatch):
+def test_both_algorithms_for_straight_tetrahedra_agree(iso, renderer, monkeypatch):
     dataset = cube(Shape.TETRAHEDRON, lambda p: np.sin(2 * p[:, 0]) * np.cos(3 * p[:, 1]) + p[:, 2], curved_mesh=False)
     view = View.through(PARALLEL, SIZE)
     hits, drawer = iso(dataset, view, 0.4)
@@ -188,7 +188,7 @@ def ring(center, axes):
     return function
 
 
-def test_linked_rings_lie_before_and_behind_one_another(iso, monkeypatch):
+def test_linked_rings_occlude_one_another(iso, monkeypatch):
     monkeypatch.setitem(globals(), "straightened", lambda points: points)
     rings = ring([0.39, 0.5, 0.5], (0, 1, 2)), ring([0.61, 0.5, 0.5], (0, 2, 1))
     view = View.through(PARALLEL, (60, 50))
@@ -271,7 +271,7 @@ def offset(dataset, rows, amount):
     return Dataset(dataset.mesh, (replace(dataset.fields[0], blocks=(replace(block, coefficients=values),)),))
 
 
-def test_cracks_between_elements_stay_open(iso, monkeypatch):
+def test_cracks_between_discontinuous_elements_stay_open(iso, monkeypatch):
     """Planes z = 0.5 and z = 0.4 on the two sides of x = 1/2: seen from above and the lower side, the step is a gap."""
     plain = cube(Shape.HEXAHEDRON, lambda p: p[:, 2], curved_mesh=False)
     right = np.flatnonzero(np.arange(8) % 2 == 1)
@@ -292,7 +292,7 @@ def test_cracks_between_elements_stay_open(iso, monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_elements_that_are_constant_or_not_numbers_are_left_out_and_counted(iso, shape):
+def test_constant_and_nan_elements_are_skipped_and_counted(iso, shape):
     plain = cube(shape, lambda p: p[:, 2], curved_mesh=False)
     count = len(plain.fields[0].blocks[0].coefficients)
     block = plain.fields[0].blocks[0]

@@ -131,7 +131,7 @@ def test_a_flat_surface_costs_few_sub_elements(renderer):
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
+def test_elements_within_rounding_cost_few_sub_elements(renderer, shape):
     """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, and next to apexes nothing is halved to the end."""
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
@@ -143,7 +143,7 @@ def test_elements_that_are_all_rounding_cost_few_sub_elements(renderer, shape):
     assert (hits.status[~meets_cube(view)] == Status.MISS).all()
 
 
-def test_chebyshev_series_are_exact_where_symmetry_says_so():
+def test_chebyshev_series_are_exact_under_symmetry():
     """Cosines are right to a few roundings, zeros too: that of pi / 2 as rounded is 6e-17."""
     for degree in range(1, 21):
         points, transform = series(degree)
@@ -154,7 +154,7 @@ def test_chebyshev_series_are_exact_where_symmetry_says_so():
         )
 
 
-def test_values_with_errors_make_series_no_worse_where_high_terms_are_left_out():
+def test_values_with_errors_do_not_degrade_truncated_series():
     """How much greater than errors at n nodes what they make of T_0 to T_b is, at most, on [-1, 1]: see `amplified`."""
     angles = np.linspace(0, np.pi, 1000)
     for n in range(2, 36):
@@ -180,7 +180,7 @@ def test_pyramids_of_high_order_need_few_sub_elements(renderer):
 
 
 @pytest.mark.thorough
-def test_sub_elements_of_high_order_are_not_halved_for_errors_of_places(renderer, monkeypatch):
+def test_sub_elements_of_high_order_are_not_subdivided_for_errors_of_positions(renderer, monkeypatch):
     """These count for more the smaller a sub-element is, where straight rays leave less room for them."""
     halved, keep = [], IsosurfaceDrawer._keep
     monkeypatch.setattr(IsosurfaceDrawer, "_keep", lambda own, *of: halved.append(len(of[1])) or keep(own, *of))
@@ -209,7 +209,7 @@ def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, sh
     assert right[seen & (hits.status == Status.CERTAIN)].all()
 
 
-def test_what_lies_behind_a_doubtful_surface_is_not_certain(draw):
+def test_pixels_behind_a_doubtful_surface_are_not_certain(draw):
     """The surface z = 1/2, flat, hides a plane below it."""
     data = exact(Shape.HEXAHEDRON, lambda p: height(p) ** 3, 1.0, 1.0)
     low = CutSurface(Plane((0.0, 0.0, 0.1), (0.0, 0.0, 1.0)))
@@ -234,7 +234,7 @@ def constant(shape, value, other=0.0):
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_constant_elements_have_no_surface_and_nearly_constant_ones_are_ambiguous(iso, shape):
+def test_only_nearly_constant_elements_are_ambiguous(iso, shape):
     view = View.through(CAMERA, SIZE)
     for other, status in ((0.0, Status.MISS), (2.0**-55, Status.AMBIGUOUS)):
         hits = iso(constant(shape, 0.25, other), view, 0.25)
@@ -252,7 +252,7 @@ def test_rounding_of_expressions_counts(iso):
     assert (hits.owner[inside > 1e-2] != NOBODY).all()
 
 
-def test_a_surface_within_a_face_shared_by_elements_is_there(iso):
+def test_a_surface_within_a_shared_face_is_found(iso):
     """u = z over two layers of elements, at the height of the face between them: there is no gap."""
     view = View.through(CAMERA, SIZE)
     for shape in (Shape.TETRAHEDRON, Shape.HEXAHEDRON):
@@ -263,7 +263,7 @@ def test_a_surface_within_a_face_shared_by_elements_is_there(iso):
         assert (hits.status[inside > 1e-9] == Status.AMBIGUOUS).all()
 
 
-def test_remarks_tell_of_constant_elements(draw):
+def test_remarks_report_constant_elements(draw):
     data = constant(Shape.HEXAHEDRON, 0.25)
     frame = draw(data, objects=(Isosurface((0.25,)), CutSurface(Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0)))), size=(8, 8))
     assert any("u is 0.25 everywhere: 1" in remark for remark in frame.stats["remarks"])

@@ -63,7 +63,7 @@ def bodies(files):
 
 @pytest.mark.sampled(least=2, free=("body",))
 @pytest.mark.parametrize("body", ["inside of curved faces", "pyramids", "spikes", "open"])
-def test_nothing_certain_is_refuted_by_dense_samples(level, files, body):
+def test_dense_samples_never_refute_certain_pixels(level, files, body):
     dataset, text, values = bodies(files)[body]
     draw, surface = level(dataset, text), surface_of(dataset, text[9:-1].strip("'"))
     for seed, value in enumerate(values):
@@ -147,7 +147,7 @@ def expressed(renderer):
 
 
 @pytest.mark.thorough
-def test_nothing_certain_of_expressions_with_distances_is_refuted_by_dense_samples(expressed, files):
+def test_dense_samples_never_refute_certain_pixels_of_expressions_with_distances(expressed, files):
     """Whatever a distance does to them: samples before a certain hit, or on a certain miss, are on one side."""
     dataset = bodies(files)["spikes"][0]
     distance = f"distance('{files / 'spikes.ply'}')"

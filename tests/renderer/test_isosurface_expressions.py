@@ -88,14 +88,14 @@ def refute(iso, dataset, quantity, value, size, share, camera=CAMERA):
 
 @pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
-def test_nothing_certain_of_q_is_refuted_by_dense_samples(iso, shape):
+def test_dense_samples_never_refute_certain_pixels_of_q(iso, shape):
     """The Q criterion on bent elements is a fraction."""
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
 
 
 @pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
-def test_nothing_certain_of_series_in_boxes_is_refuted_by_dense_samples(iso, shape):
+def test_dense_samples_never_refute_certain_pixels_of_series_in_boxes(iso, shape):
     """Fields of order 5 and more are drawn by Chebyshev models, of which hits and misses are proved likewise."""
     dataset = flow(shape, modes=6)
     (part,) = NativeVolume.of(dataset, "q_criterion").parts
@@ -104,7 +104,7 @@ def test_nothing_certain_of_series_in_boxes_is_refuted_by_dense_samples(iso, sha
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_what_series_in_boxes_lack_counts(iso, monkeypatch, stated):
+def test_remainders_of_series_in_boxes_count(iso, monkeypatch, stated):
     """Series that are off by a constant refute nothing where their misfit says so, and something where it does not."""
     found = LevelModels.boxes
 
@@ -145,13 +145,13 @@ KINKED = "sin(2 * u) + exp(v) * x * abs(w - 0.2)"
 
 
 @pytest.mark.parametrize(("quantity", "value", "share"), [(KINKED, 0.4, 0.9), ("vorticity", 4.0, 0.98)])
-def test_nothing_certain_of_functions_is_refuted_by_dense_samples(iso, quantity, value, share):
+def test_dense_samples_never_refute_certain_pixels_of_functions(iso, quantity, value, share):
     """Kinks alone are ambiguous; the size of the vorticity has its values where its square, without one, has theirs."""
     refute(iso, flow(Shape.HEXAHEDRON), quantity, value, (20, 16), share)
 
 
 @pytest.mark.thorough
-def test_zeros_of_products_are_shown_where_they_count(iso):
+def test_zeros_of_products_are_shown_if_genuine(iso):
     """Levels of eigenvalues and of the greater of two are zeros of products, which have others.
 
     Edges, where both of two have the level, are ambiguous, and here pixels are large.
@@ -159,7 +159,7 @@ def test_zeros_of_products_are_shown_where_they_count(iso):
     refute(iso, flow(Shape.TETRAHEDRON, modes=3), "lambda2", -1.0, (20, 16), 0.7)
 
 
-def test_zeros_of_products_on_straight_tetrahedra_are_those_of_polynomials(iso):
+def test_zeros_of_products_on_straight_tetrahedra_match_polynomials(iso):
     """They are expanded, and so is what says which of them count."""
     refute(iso, flow(Shape.TETRAHEDRON, bent=False), "lambda2", -1.0, (28, 22), 0.995)
 
@@ -180,7 +180,7 @@ def test_expressions_that_are_too_long_to_expand_have_the_same_hits(iso, monkeyp
     assert np.abs(found.depth[both] - expanded.depth[both]).max() < 1e-10
 
 
-def test_expressions_of_coordinates_alone_are_proved(iso):
+def test_expressions_of_coordinates_are_proved(iso):
     """They have no field to be made of."""
     dataset, view = flow(Shape.PYRAMID), View.through(CAMERA, (40, 32))
     hits = iso(dataset, view, "sin(x)", 0.3)
@@ -194,7 +194,7 @@ def test_expressions_of_coordinates_alone_are_proved(iso):
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
-def test_values_at_nodes_are_those_of_the_quantity(renderer, shape):
+def test_values_at_nodes_match_the_quantity(renderer, shape):
     """Sums over series of elements, one direction after the other, are what samples are: on a random part of each."""
     dataset, rng = flow(shape), np.random.default_rng(3)
     device = renderer("vulkan").device
@@ -231,7 +231,7 @@ def test_tails_bound_the_errors_of_series(degree):
                     assert np.abs(found - true).max() <= tails(degree)[e, b, row] * greatest
 
 
-def test_tails_are_no_greater_than_they_must_be():
+def test_tails_are_as_small_as_possible():
     """The error of 1 / (a - x) is at least a hundredth of what one direction's part of the bound says."""
     degree, pole = 7, 2.0
     nodes = np.cos(np.pi * (2 * np.arange(degree + 1) + 1) / (2 * degree + 2))

@@ -43,7 +43,7 @@ CASES = [
 
 @pytest.mark.sampled(least=2, free=("shape", "bend", "text", "value", "proved"))
 @pytest.mark.parametrize(("shape", "bend", "text", "value", "proved"), CASES)
-def test_nothing_certain_is_refuted_by_dense_samples(renderer, shape, bend, text, value, proved):
+def test_dense_samples_never_refute_certain_pixels(renderer, shape, bend, text, value, proved):
     dataset = gas(shape, bend, 3)
     hits = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(dataset, [text]))).draw(VIEW, None, value)
     sampler = Sampler(dataset, [Expression.of(dataset, text)])
@@ -104,7 +104,7 @@ PRODUCTS = {
 }
 
 
-def test_factors_of_numerators_and_denominators_are_left_out():
+def test_common_factors_of_numerators_and_denominators_are_removed():
     """|m|/rho = v sqrt(gamma p/rho) is |m|^2 = v^2 gamma (gamma - 1) (E rho - |m|^2 / 2), of degree 2."""
     mesh = grid(Shape.TETRAHEDRON, 1)
     bare = Dataset(mesh)
@@ -116,7 +116,7 @@ def test_factors_of_numerators_and_denominators_are_left_out():
 
 
 @pytest.mark.parametrize("text", PRODUCTS)
-def test_zeros_of_products_count_where_nothing_says_that_they_are_spurious(text):
+def test_zeros_of_products_count_unless_proved_spurious(text):
     """Between points near to each other the expression passes its value where the other one does, and counts."""
     level = same_level(Expression.parse(text, Names(("u",))).root, PRODUCTS[text])
     rng = np.random.default_rng(1)
@@ -156,7 +156,7 @@ def evaluated(root, points):
     return fold(root, leaf, lambda node, parts: function(node).numpy(*parts))
 
 
-def test_values_that_nothing_has_and_what_is_no_quotient_have_no_other_level():
+def test_only_quotients_with_attained_values_have_another_level():
     names = Names(("u", "v"))
     for text, value in (
         ("sqrt(u)", -1.0),

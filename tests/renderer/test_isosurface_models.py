@@ -38,7 +38,7 @@ def drawn(loaded, monkeypatch, room, off):
     return Watched(loaded).draw(VIEW, None, 0.3), np.array(degrees)
 
 
-def test_models_leave_roots_where_they_are(loaded, monkeypatch):
+def test_models_preserve_roots(loaded, monkeypatch):
     plain, none = drawn(loaded, monkeypatch, room=1, off=1e-6)
     assert not none.any()
     hit = np.isfinite(plain.depth)

@@ -56,7 +56,7 @@ def random_field(shape, seed):
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
+def test_dense_samples_never_refute_certain_pixels(iso, shape):
     """Hits lie on the level; nowhere before them, nor on rays called misses, does an element's field cross it."""
     dataset, level = random_field(shape, 7), 0.15
     view = View.through(CAMERA, SIZE)
@@ -84,7 +84,7 @@ def test_nothing_certain_is_refuted_by_dense_samples(iso, shape):
 @pytest.mark.parametrize(
     ("shape", "off"), [(Shape.HEXAHEDRON, 1e-6), (Shape.PRISM, 1e-6), (Shape.HEXAHEDRON, 0.03), (Shape.HEXAHEDRON, 0.3)]
 )
-def test_two_blobs_in_one_element_are_found_one_behind_the_other(iso, shape, off, monkeypatch):
+def test_two_blobs_behind_one_another_in_one_element_are_found(iso, shape, off, monkeypatch):
     # coarse models show whether proofs include the terms that models leave out
     monkeypatch.setattr(isosurface, "_MODELS_OFF", off)
     centres = np.array([[0.62, 0.3, 0.4], [0.72, 0.22, 0.3]])
@@ -138,12 +138,12 @@ def test_inverted_elements_are_drawn_like_others(iso, shape, bend):
     assert np.abs(one.normal[hit] - other.normal[hit]).max() < 1e-8
 
 
-def test_values_out_of_range_are_refused_with_the_range(draw, linear):
+def test_values_out_of_range_are_rejected_with_the_range(draw, linear):
     with pytest.raises(SceneError, match=r"lies between -3 and 3, found 3\.5"):
         draw(linear(grid(Shape.TETRAHEDRON, 2)), objects=(Isosurface((3.5,)),), size=(8, 8))
 
 
-def test_values_that_miss_the_range_by_rounding_alone_are_drawn(draw, linear):
+def test_values_outside_the_range_only_by_rounding_are_drawn(draw, linear):
     """Bounds hold to rounding: those of (x - 3/4)^2 may begin at 3.5e-18, and its isosurface at 0 is no mistake."""
     dataset = linear(grid(Shape.TETRAHEDRON, 2))
     for value in (np.nextafter(3.0, 4.0), np.nextafter(-3.0, -4.0)):

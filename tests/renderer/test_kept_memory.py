@@ -41,7 +41,7 @@ def test_memory_without_an_owner_serves_the_next_of_its_kind():
     assert (again.size, some.made) == (56, 3)
 
 
-def test_free_memory_is_bounded_and_given_back_where_there_is_no_room():
+def test_free_memory_is_bounded_and_released_under_pressure():
     some = pool(most=100)
     for count in (8, 4, 2):
         some.take(8, count)
@@ -61,12 +61,12 @@ def _no_room(some, create, *kind):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 1000, 65536, 65537, 10**6 + 1, 2**31 + 5])
-def test_lengths_are_rounded_up_by_little(count):
+def test_lengths_are_rounded_up_slightly(count):
     assert count <= rounded(count) <= (2 * count if count <= 1 << 16 else count + count // 8 + 1)
     assert rounded(rounded(count)) == rounded(count)
 
 
-def test_frames_show_nothing_of_what_memory_held_before(linear, renderer, monkeypatch):
+def test_frames_show_no_previous_memory(linear, renderer, monkeypatch):
     """All that is free is filled with bits that are no number; the pictures are those of a new device."""
     drawing = renderer("vulkan")
     drawing.load(linear(grid(Shape.TETRAHEDRON, 1)), "u")
@@ -97,7 +97,7 @@ def test_frames_show_nothing_of_what_memory_held_before(linear, renderer, monkey
         assert np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=name != "rgb"), name
 
 
-def test_steps_on_one_mesh_keep_what_follows_from_it_on_the_device(linear, renderer):
+def test_steps_on_one_mesh_reuse_its_device_data(linear, renderer):
     """Maps, boxes and faces are there once, coefficients anew; frames are those of data that share nothing."""
     mesh = grid(Shape.TETRAHEDRON, 1)
     steps = [linear(mesh), doubled(linear(mesh))]
@@ -126,7 +126,7 @@ def test_steps_on_one_mesh_keep_what_follows_from_it_on_the_device(linear, rende
     assert not other.loaded.shares_elements(after.loaded)
 
 
-def test_a_step_that_is_followed_leaves_nothing(linear, renderer):
+def test_a_replaced_step_leaves_nothing(linear, renderer):
     """Not even until garbage is collected: steps may be large."""
     drawing, mesh = renderer("vulkan"), grid(Shape.TETRAHEDRON, 1)
     camera = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)

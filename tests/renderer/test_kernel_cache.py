@@ -78,7 +78,7 @@ def test_kernels_are_found_again(process, compose, tmp_path):
     assert len(kept(tmp_path)) == 1
 
 
-def test_kernels_that_are_optimised_otherwise_are_others(process, compose, tmp_path, monkeypatch):
+def test_kernels_of_other_optimisation_levels_are_distinct(process, compose, tmp_path, monkeypatch):
     process(tmp_path)
     for number, level in enumerate(("none", "default"), 1):
         monkeypatch.setenv("ELVIS_SLANG_OPTIMIZATION", level)
@@ -88,14 +88,14 @@ def test_kernels_that_are_optimised_otherwise_are_others(process, compose, tmp_p
     assert compose() == (1, 0, [])
 
 
-def test_a_level_that_there_is_not_is_told(compose, monkeypatch):
+def test_an_invalid_level_is_reported(compose, monkeypatch):
     monkeypatch.setenv("ELVIS_SLANG_OPTIMIZATION", "most")
     with pytest.raises(DeviceError, match=r"^ELVIS_SLANG_OPTIMIZATION is 'most': expected one of none, default"):
         compose()
 
 
 @pytest.mark.parametrize("damage", ["one bit", "empty"])
-def test_damaged_kernels_are_set_aside_and_made_again(process, compose, tmp_path, damage):
+def test_damaged_kernels_are_moved_aside_and_recompiled(process, compose, tmp_path, damage):
     process(tmp_path)
     compose()
     (file,) = kept(tmp_path)
@@ -115,7 +115,7 @@ def test_damaged_kernels_are_set_aside_and_made_again(process, compose, tmp_path
 
 
 @pytest.mark.parametrize("place", ["a file", "a device"])
-def test_pictures_are_drawn_where_nothing_can_be_kept(process, compose, tmp_path, place):
+def test_pictures_are_drawn_without_a_writable_cache(process, compose, tmp_path, place):
     (tmp_path / "file").touch()
     home = tmp_path / "file" if place == "a file" else Path("/dev/null/here")
     process(home)
@@ -126,7 +126,7 @@ def test_pictures_are_drawn_where_nothing_can_be_kept(process, compose, tmp_path
     assert compose() == (1, 0, remarks)
 
 
-def test_a_full_disk_is_said_and_leaves_no_half_file(process, compose, tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_and_leaves_no_partial_file(process, compose, tmp_path, monkeypatch):
     def full(self, place):
         raise OSError(28, "No space left on device")
 
@@ -150,7 +150,7 @@ def test_without_a_temporary_folder_kernels_are_in_memory(process, compose, tmp_
         )
 
 
-def test_kernels_are_in_memory_where_the_temporary_folder_is_nearly_full(tmp_path, monkeypatch):
+def test_kernels_stay_in_memory_if_the_temporary_folder_is_nearly_full(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=kernel_cache.DATABASE_SIZE))
     cache = kernel_cache.KernelCache(tmp_path / "kept")
@@ -182,7 +182,7 @@ def test_processes_that_run_at_the_same_time(process, compose, tmp_path):
     assert compose() == (1, 0, [])
 
 
-def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
+def test_the_least_recently_used_entries_are_evicted(tmp_path, monkeypatch):
     files = [Store(tmp_path, "kernel", 1 << 20).write(bytes([k]), bytes([k]) * 1000) for k in range(5)]
     now = time.time()
     for age, file in enumerate(files):
@@ -213,7 +213,7 @@ def test_the_use_of_an_old_kernel_is_noted(process, compose, tmp_path):
     assert file.stat().st_mtime == 1e9
 
 
-def test_without_a_home_kernels_are_not_kept(process, compose, tmp_path, monkeypatch):
+def test_kernels_are_not_cached_without_a_home(process, compose, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", "relative")
     monkeypatch.chdir(tmp_path)
     process("")

@@ -108,7 +108,7 @@ def test_every_option_of_the_command_line_is_a_keyword():
         ("reader", "step=3", "reader", {"step": 3}),
     ],
 )
-def test_keywords_say_what_options_say(option, text, given, value):
+def test_keywords_match_options(option, text, given, value):
     """The option's text goes the way of the command line, by click."""
     own = next(each for each in scene_options(()) if each.name == option)
     context = click.Context(click.Command("render", params=[own]))
@@ -118,7 +118,7 @@ def test_keywords_say_what_options_say(option, text, given, value):
     assert scene_of_keywords({given: value}) == composed((), parsed, ())
 
 
-def test_every_word_of_other_programs_names_an_option():
+def test_every_term_of_other_programs_maps_to_an_option():
     """None hides a keyword of ElVis, and each stands for one, or its advice names one."""
     known = keywords()
     assert not (SAME.keys() | INSTEAD.keys()) & known.keys()
@@ -138,13 +138,13 @@ def test_several_of_one_kind():
     assert len(scene_of_keywords({"light": [(1, 0, 0), Light()]}).lights) == 2
 
 
-def test_styles_go_to_every_object():
+def test_styles_apply_to_every_object():
     scene = scene_of_keywords({"plane": CUT, "isosurface": 0.5, "contours": 4, "opacity": 0.5})
     assert [item.style.contours for item in scene.every_object] == [Contours(count=4)] * 2
     assert [type(item) for item in scene.every_object] == [CutSurface, Isosurface]
 
 
-def test_models_of_scenes_stay_what_they_are():
+def test_models_of_scenes_are_not_modified():
     objects = (Faces(("wall",)), Isosurface((0.5,), "v"))
     made = scene_of_keywords({"field": "u", "objects": objects, "bar": ColorBar(unit="Pa"), "samples": 2})
     assert made == Scene("u", objects=objects, bar=ColorBar(unit="Pa"), samples=2)
@@ -195,7 +195,7 @@ def test_wrong_keywords_get_hints(cube, name, told):
         ({"field": "sped"}, "(perhaps speed)"),
     ],
 )
-def test_wrong_values_are_told_by_name(cube, given, told):
+def test_wrong_values_are_reported_by_name(cube, given, told):
     with pytest.raises(SceneError) as raised:
         render(cube, **{"size": (8, 8), **given}, device="reference")
     assert told in str(raised.value)
@@ -210,7 +210,7 @@ def test_wrong_values_are_told_by_name(cube, given, told):
         (("cube", 3), "expected a quantity or a Scene after the data, found 3"),
     ],
 )
-def test_wrong_positions_are_told(cube, positional, told):
+def test_wrong_positions_are_reported(cube, positional, told):
     given = [cube if each == "cube" else each for each in positional]
     with pytest.raises(SceneError) as raised:
         render(*given)
@@ -228,7 +228,7 @@ def test_files_then_a_quantity(cube, tmp_path, monkeypatch):
         render("case.xml", "case.fdl", "u")
 
 
-def test_the_values_are_those_of_the_quantity(cube):
+def test_the_values_match_the_quantity(cube):
     frame = render(cube, "speed", contours=3, colormap="turbo", plane=(POINT, NORMAL), size=(20, 20))
     seen = frame.seen
     assert frame.field[seen] == pytest.approx(np.linalg.norm(frame.position[seen], axis=1), abs=1e-12)

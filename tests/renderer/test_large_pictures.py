@@ -86,7 +86,7 @@ def test_large_pictures_are_saved_in_little_memory(frame, tmp_path, monkeypatch)
     assert large.counts()["certain"] == 16_000_000
 
 
-def test_positions_are_those_of_all_rows_together(frame, draw, linear, monkeypatch):
+def test_positions_match_those_of_all_rows(frame, draw, linear, monkeypatch):
     cut = draw(linear(grid(Shape.HEXAHEDRON, 2)), plane=Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0)), size=(30, 20))
     for one in (frame, cut):
         whole = one.position
@@ -99,7 +99,7 @@ def test_positions_are_those_of_all_rows_together(frame, draw, linear, monkeypat
 @pytest.mark.parametrize(
     ("size", "most"), [((20000, 20000), 1 << 21), ((900, 700), 225 * 175), ((32768, 200), 8192 * 160)]
 )
-def test_glances_are_small(size, most):
+def test_previews_are_small(size, most):
     """Of the same shape as the picture, so that it fits."""
     glances = []
 

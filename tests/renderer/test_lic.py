@@ -103,7 +103,7 @@ def columns_and_rows(frame):
 # the noise
 
 
-def test_the_noise_belongs_to_cells_and_has_the_variance_that_is_said():
+def test_the_noise_is_fixed_to_cells_with_the_stated_variance():
     whole = noise((-40, -30), (400, 500))
     assert np.array_equal(whole[70:90, 45:145], noise((5, 40), (20, 100)))
     large = noise((0, 0), (1000, 1000))
@@ -118,7 +118,7 @@ def test_the_noise_belongs_to_cells_and_has_the_variance_that_is_said():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("angle", [0.0, 0.3])
-def test_means_along_lines_have_the_same_contrast_however_long_they_are(angle):
+def test_means_along_lines_have_the_same_contrast_for_every_length(angle):
     view = View.through(CAMERAS["parallel"], (1500, 1500))
     x, y = np.meshgrid(np.arange(10.0, 1490.0, 9.13), np.arange(10.0, 1490.0, 5.37))
     for length, width in ((3.0, 2.0), (40.0, 2.0), (80.0, 4.0)):
@@ -178,7 +178,7 @@ def test_a_rotation_has_means_along_circles(draw, flat):
     assert np.abs(tone_of(frame) - spokes)[radius > 10].mean() > 0.3
 
 
-def test_streaks_are_as_long_as_they_are_said_to_be_and_as_wide(draw, flat):
+def test_streaks_have_the_stated_length_and_width(draw, flat):
     shown = Faces(style=grey("1+0*x,0*x"))
     frame = draw(flat, field="p", objects=(shown,), size=(240, 200), region=(0.35, 0.65, 0.4, 0.65))
     tone = tone_of(frame)
@@ -239,7 +239,7 @@ def test_lines_end_where_a_surface_hides_another(draw):
 
 
 @pytest.mark.parametrize("velocity", ["0*x,0*x", "sqrt(x-5),0*x", "(x-x)/(y-y),1+0*y"])
-def test_where_nothing_moves_colours_are_those_without_and_are_counted(flat, velocity):
+def test_pixels_without_motion_have_plain_colours_and_are_counted(flat, velocity):
     shown = Faces(style=Style(lic=Lic(velocity), range=(0.0, 1.0)))
     frame = render(flat, field="p", objects=(shown,), size=(40, 40))
     plain = render(flat, field="p", objects=(replace(shown, style=Style(range=(0.0, 1.0))),), size=(40, 40))
@@ -251,13 +251,13 @@ def test_where_nothing_moves_colours_are_those_without_and_are_counted(flat, vel
     assert told in frame.remarks
 
 
-def test_a_velocity_across_the_surface_moves_nothing_in_it(solid):
+def test_a_velocity_normal_to_the_surface_gives_no_streaks(solid):
     cut = CutSurface(Plane((0.5, 0.5, 0.4), (0, 0, 1)), grey("0*x,0*x,1+x"))
     frame = render(solid, field="u", objects=(cut,), size=(30, 30))
     assert np.all(tone_of(frame)[frame.seen] == 0.0)
 
 
-def test_the_record_knows_nothing_of_streaks(solid):
+def test_the_record_is_independent_of_streaks(solid):
     cut = CutSurface(Plane((0.5, 0.5, 0.4), (0, 0.2, 1)))
     plain = render(solid, field="u", objects=(cut,), camera="iso", size=(50, 40))
     frame = render(solid, field="u", objects=(replace(cut, style=Style(lic=Lic())),), camera="iso", size=(50, 40))
@@ -325,7 +325,7 @@ PICTURES = {
 @pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", PICTURES)
-def test_the_reference_draws_the_same_of_other_scenes(draw, solid, name):
+def test_the_reference_matches_on_other_scenes(draw, solid, name):
     scene = {"objects": (Faces(style=grey(length=16.0)),), "size": (64, 48), "camera": CAMERAS["perspective"]}
     scene |= {"field": "u", **PICTURES[name]}
     assert_alike(*(draw(solid, device, **scene) for device in ("vulkan", "reference")))
@@ -353,7 +353,7 @@ def test_surfaces_in_space_show_the_part_along_them(draw):
         (Lic("u,v,q"), "lic: expression 'q': character 1: there is no 'q'"),
     ],
 )
-def test_velocities_that_cannot_be(solid, lic, words):
+def test_invalid_velocities(solid, lic, words):
     with pytest.raises(SceneError, match=words.replace("'", ".")):
         render(solid, field="u", objects=(Faces(style=Style(lic=lic)),), size=(20, 20))
 
@@ -375,7 +375,7 @@ def test_settings_are_in_bounds():
         Lic(width=0.5)
 
 
-def test_scene_files_commands_and_keywords_say_the_same():
+def test_scene_files_commands_and_keywords_agree():
     shown = Faces(("wall",), Style(lic=Lic("u,v,w", length=25.0)))
     scene = composed((), {"faces": (shown,)}, ())
     assert scene_of(table_of(scene)) == scene

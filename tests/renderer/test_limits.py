@@ -39,7 +39,7 @@ def cube(linear):
     return linear(grid(Shape.HEXAHEDRON, 2))
 
 
-def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
+def test_pictures_larger_than_memory_are_rejected(draw, cube, monkeypatch):
     monkeypatch.setattr(canvas, "_free_memory", lambda second: 1e7)
     for scene in ({"objects": (Faces(),)}, {"plane": PLANE}):
         words = r"200 x 100 pixels takes \d\d\.\d MiB of memory, .*; reduce its size, or write only a \.png"
@@ -48,7 +48,7 @@ def test_pictures_larger_than_memory_are_refused(draw, cube, monkeypatch):
         assert draw(cube, camera=NEAR, size=(70, 60), **scene).seen.any()
 
 
-def test_the_need_of_memory_is_that_of_the_record_and_of_what_is_drawn_at_once(monkeypatch):
+def test_the_memory_estimate_covers_record_and_concurrent_work(monkeypatch):
     """400 million pixels: some gigabytes without a record, 80 with one."""
     view = view_of(Scene("u", camera=NEAR, size=(20000, 20000)))
     monkeypatch.setattr(canvas, "_free_memory", lambda second: 6e9)
@@ -61,7 +61,7 @@ def test_free_memory_is_some_but_not_all():
     assert 1e6 < canvas.free_memory() < 1e15
 
 
-def test_large_pictures_keep_colours_alone(renderer, cube, monkeypatch):
+def test_large_pictures_store_only_colours(renderer, cube, monkeypatch):
     """Beyond a band of pixels without exact outputs; the colours and counts are the same."""
     drawing = renderer("vulkan")
     drawing.load(cube, "u")
@@ -87,7 +87,7 @@ def test_time_limits(draw, cube):
 
 @pytest.mark.parametrize("scene", [{"plane": PLANE}, {"objects": (CutSurface(PLANE), Faces())}], ids=["one", "many"])
 @pytest.mark.own_devices
-def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkeypatch, scene):
+def test_a_lost_device_is_reopened_for_smaller_parts(cube, renderer, monkeypatch, scene):
     """A device that fails whenever it has many pixels to draw at once."""
     renderer("vulkan")
     made = device.Device._filled
@@ -111,7 +111,7 @@ def test_a_lost_device_is_opened_again_for_smaller_pieces(cube, renderer, monkey
 
 
 @pytest.mark.own_devices
-def test_a_list_of_which_kernels_do_not_reach_all_is_drawn_in_pieces(cube, renderer, monkeypatch):
+def test_a_list_beyond_kernel_limits_is_drawn_in_parts(cube, renderer, monkeypatch):
     renderer("vulkan")
     scene = Scene("u", objects=(Faces(style=Style(contours=Contours(count=3))),), camera=NEAR, size=(40, 30))
     with Renderer("vulkan") as drawing:
@@ -144,19 +144,19 @@ def test_a_device_that_always_fails_is_given_up(cube, renderer, monkeypatch):
     assert not isinstance(raised.value, DeviceLostError)
 
 
-def test_what_a_driver_says_is_a_sentence():
+def test_driver_errors_give_one_line():
     with pytest.raises(DeviceLostError, match="the device failed: vkQueueSubmit: lost"), device.WORKING:
         raise RuntimeError("vkQueueSubmit:\n  lost")
 
 
-def test_objects_that_show_nothing_are_told(draw, cube):
+def test_objects_that_show_nothing_are_reported(draw, cube):
     far = CutSurface(Sphere((9.0, 9.0, 9.0), 0.5))
     frame = draw(cube, plane=PLANE, objects=(far,), camera=NEAR, size=(30, 20))
     assert frame.stats["remarks"] == ["objects[0] is not visible"]
     assert draw(cube, plane=PLANE, objects=(Faces(),), camera=NEAR, size=(30, 20)).stats["remarks"] == []
 
 
-def test_values_outside_the_range_are_told_with_the_range(draw, cube):
+def test_values_outside_the_range_are_reported_with_the_range(draw, cube):
     """The field runs from -3 to 3."""
     styled = Faces(style=Style(contours=Contours(values=(-9.0, 0.0, 7.5))))
     (remark,) = draw(cube, objects=(styled,), camera=NEAR, size=(40, 30)).stats["remarks"]
@@ -165,7 +165,7 @@ def test_values_outside_the_range_are_told_with_the_range(draw, cube):
         draw(cube, objects=(Isosurface((0.5, 5.0)),), camera=NEAR, size=(16, 12))
 
 
-def test_constant_fields_have_colours_and_no_contours(draw, cube):
+def test_constant_fields_have_colours_but_no_contours(draw, cube):
     blocks = [replace(block, coefficients=0.0 * block.coefficients) for block in cube.fields[0].blocks]
     flat = replace(cube, fields=(Field("u", tuple(blocks)),))
     style = Style(contours=Contours(count=4), lit=False)
@@ -175,7 +175,7 @@ def test_constant_fields_have_colours_and_no_contours(draw, cube):
     assert len(np.unique(constant.color[constant.seen], axis=0)) == 1
 
 
-def test_what_is_undefined_has_its_own_colour(draw, cube):
+def test_undefined_values_have_a_separate_colour(draw, cube):
     frame = draw(cube, field="0/(x-x)", objects=(Faces(style=Style(lit=False)),), camera=NEAR, size=(40, 30))
     assert frame.counts()["not_a_number"] == frame.seen.sum() > 0
     assert (frame.color[frame.seen] == NOT_A_NUMBER).all()
@@ -235,7 +235,7 @@ def test_a_saved_scene_makes_the_same_bytes(run, tmp_path):
         assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
 
-def test_a_terminal_is_told_what_is_known_of_the_pixels(run, tmp_path, monkeypatch):
+def test_a_terminal_gets_a_summary_of_pixels(run, tmp_path, monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     status, err, _ = run("--faces", "all", "--size", "30x20", "-o", tmp_path / "a.png")
     assert status == 0

@@ -235,7 +235,7 @@ def test_waves_of_five_pixels(cut, values):
     assert np.abs(difference)[inner].max() < 0.025
 
 
-def test_jumps_stay_open(cut):
+def test_jumps_leave_gaps(cut):
     """A field that steps from element to element: lines end at the steps, and no line is drawn along them."""
     step = lambda points: points[..., 1] + 0.25 * np.floor(2 * points[..., 0])  # noqa: E731
     lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), step))
@@ -252,7 +252,7 @@ def test_jumps_stay_open(cut):
 
 
 @pytest.mark.parametrize("camera", ["straight on", "perspective"])
-def test_contours_in_bent_elements(cut, camera):
+def test_contours_in_curved_elements(cut, camera):
     mesh = shuffled(mixed_volume(seed=5), seed=2)
     dataset = with_field(curved(mesh, bent_volume, 3), lambda points: cubic(straightened_volume(points)), 4)
     plane = Plane((1.4, 0.9, 0.6), (0.1, 0.2, 1.0))
@@ -316,7 +316,7 @@ def test_mesh_lines_of_curved_elements(cut, size):
     check(hits, lines.mesh(view, hits, 1.5).coverage, distances(view, points), 1.5)
 
 
-def test_mesh_lines_of_bent_volumes(cut):
+def test_mesh_lines_of_curved_volumes(cut):
     mesh = curved(grid(Shape.HEXAHEDRON, 3), bent_volume, 3)
     dataset = with_field(mesh, lambda p: p[..., 0], 2)
     camera = Camera((0.5, 0.6, 4.0), (0.5, 0.6, 0.6), (0.0, 1.0, 0.0), height=1.4)
@@ -377,7 +377,7 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
 @pytest.mark.parametrize("camera", ["oblique", "perspective"])
-def test_contours_on_curved_faces_are_those_of_the_face_itself(renderer, shape, camera):
+def test_contours_on_curved_faces_match_the_face(renderer, shape, camera):
     # two fields with the same values on the bent upper face, of which one rises steeply towards it from below
     mesh, view = curved(grid(shape, 2), bent_volume, 3), View.through(CAMERAS[camera], SIZE)
     drawn = []
@@ -406,7 +406,7 @@ def _inside(mask, steps):
     return mask
 
 
-def test_nothing_is_drawn_of_what_is_not_a_number(cut):
+def test_nan_values_have_no_lines(cut):
     lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 2), lambda p: p[..., 0]))
     hits.field = np.full_like(hits.field, np.nan)
     far = lines.contours(view, hits, np.array([7.0]), 1.0)
@@ -414,7 +414,7 @@ def test_nothing_is_drawn_of_what_is_not_a_number(cut):
     assert (far.number == -1).all()
 
 
-def test_limits_are_told(cut):
+def test_limits_are_reported(cut):
     lines, view, hits = cut(with_field(grid(Shape.HEXAHEDRON, 1), lambda p: p[..., 0]))
     with pytest.raises(SceneError, match="at most 1024 contour values are drawn at once, found 1025"):
         lines.contours(view, hits, np.linspace(0, 1, 1025), 1.0)

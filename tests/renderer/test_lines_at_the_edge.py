@@ -63,7 +63,7 @@ def test_a_picture_is_a_part_of_a_larger_one(draw):
     assert np.abs(every[0][12:36, 15:45] - every[1]).max() < 1e-6
 
 
-def test_what_lies_beyond_the_edge_is_not_what_is_seen(draw, monkeypatch):
+def test_surfaces_beyond_the_edge_do_not_affect_lines(draw, monkeypatch):
     """Neither in ranges nor in counts, of whole pictures and of bands."""
     data = with_field(grid(Shape.QUADRILATERAL, 3), lambda points: points[..., 0] - 0.5, 2)
     camera = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=0.4)

@@ -39,7 +39,7 @@ def loaded():
     return lambda part: DeviceVolume(device, SimpleNamespace(parts=[part], dimension=3, shader_folder=None))
 
 
-def test_bounds_are_asked_for_once(loaded):
+def test_bounds_are_computed_once(loaded):
     part = Part()
     volume = loaded(part)
     for quantity in (None, "p"):

@@ -45,7 +45,7 @@ def noted(frame, folder):
 @pytest.mark.sampled
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("name", SCENES)
-def test_some_have_nothing(bent, name, whole, tmp_path):
+def test_some_ranks_have_no_rows(bent, name, whole, tmp_path):
     """Eight ranks, two rows of tiles, six elements; ``whole``: each has all elements."""
     scene = replace(SCENES[name], field="u", size=(40, 12))
     with Pictures(bent, "vulkan") as pictures:

@@ -128,7 +128,7 @@ def test_triangle_files_cut(draw, cube, tmp_path, suffix):
         assert len(columns) == 0 or np.ptp(columns) == len(columns) - 1
 
 
-def test_implicit_cuts_are_spheres_where_they_say_so(draw, data):
+def test_implicit_cuts_of_spheres_match_spheres(draw, data):
     x, y, z = CENTER
     text = f"(x-{x})^2+(y-{y})^2+(z-{z})^2-0.35^2"
     frame = draw(data, objects=(CutSurface(Implicit(text)),), camera=NEAR, size=(24, 20))
@@ -155,14 +155,14 @@ def test_clips_take_one_side_away(draw, cube, name, away):
     assert (rest.depth[gone] > whole.depth[gone]).all()
 
 
-def test_a_cut_is_not_clipped_by_itself(draw, cube):
+def test_a_cut_does_not_clip_itself(draw, cube):
     sphere = SURFACES["sphere"]
     alone = draw(cube, objects=(CutSurface(sphere),), camera=NEAR, size=(40, 40))
     clipped = draw(cube, objects=(CutSurface(sphere),), camera=NEAR, size=(40, 40), clip=(Clip(sphere, "outside"),))
     assert np.array_equal(alone.seen, clipped.seen)
 
 
-def test_faces_shine_through_one_another(draw, cube):
+def test_transparent_faces_show_those_behind(draw, cube):
     """Seen along y, the cube has two faces over each pixel; colours add up by the formula of transparency."""
     camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
     style = Style(color=(1.0, 0.0, 0.0), opacity=0.3, lit=False)
@@ -179,7 +179,7 @@ def test_faces_shine_through_one_another(draw, cube):
     assert np.abs(frame.field - value(frame.position)).max() < 1e-12
 
 
-def test_two_planes_are_each_seen_where_it_is_nearer(draw, data):
+def test_each_of_two_planes_is_visible_where_it_is_nearer(draw, data):
     planes = [Plane((0.5, 0.5, 0.5), (1.0, 0.1, 0.0)), Plane((0.5, 0.5, 0.5), (0.1, 0.0, 1.0))]
     both = draw(data, objects=tuple(map(CutSurface, planes)), camera=NEAR, size=(60, 50))
     one, two = (draw(data, plane=plane, camera=NEAR, size=(60, 50)) for plane in planes)
@@ -201,7 +201,7 @@ def test_a_plane_with_a_style_has_the_record_of_a_plain_one(draw, data):
     assert plain.range == styled.range
 
 
-def test_quantities_of_their_own(draw, cube):
+def test_objects_with_separate_quantities(draw, cube):
     """Each object its quantity, its map and its range."""
     one = Style(quantity="x*y", palette="gray", range=(0.0, 1.0))
     objects = (CutSurface(Plane((0.5, 0.5, 0.5), (0, 0, 1)), one), CutSurface(Plane((0.5, 0.5, 0.2), (0, 0, 1))))
@@ -248,7 +248,7 @@ def test_colours_are_means_over_samples(draw, cube):
         assert np.allclose(frame.color[20, :, 0], 1.0 - covered, atol=1e-12)
 
 
-def test_ranges_of_what_is_seen_and_of_all(draw, data):
+def test_ranges_of_the_visible_part_and_of_all(draw, data):
     plane = Plane(tuple(CENTER), (0, 0, 1))
     for scene in ({"plane": plane}, {"objects": (CutSurface(plane, Style(opacity=0.9)),)}):
         seen = draw(data, **scene, size=(40, 40))
@@ -271,7 +271,7 @@ def test_light_falls_by_the_cosine(draw, cube):
         assert np.allclose(frame.color, 0.25 + 0.5 * cosine, atol=1e-12)
 
 
-def test_views_are_fitted_to_what_the_objects_show(draw, cube):
+def test_views_are_fitted_to_the_visible_objects(draw, cube):
     sphere = Sphere((0.9, 0.9, 0.9), 0.05)
     for objects in ((CutSurface(sphere),), (Faces(),)):
         frame = draw(cube, objects=objects, camera="iso", size=(80, 60))
@@ -281,14 +281,14 @@ def test_views_are_fitted_to_what_the_objects_show(draw, cube):
         assert not frame.seen[:, [0, -1]].any()
 
 
-def test_objects_that_miss_are_told(draw, cube):
+def test_objects_outside_the_data_are_reported(draw, cube):
     with pytest.raises(
         SceneError, match="the picture is empty: nothing of any object is visible; the domain lies between"
     ):
         draw(cube, objects=(CutSurface(Sphere((9.0, 9.0, 9.0), 0.5)),), camera=NEAR, size=(20, 20))
 
 
-def test_flat_data_take_styles_and_no_cuts(draw, linear):
+def test_flat_data_accept_styles_but_no_cuts(draw, linear):
     flat = linear(grid(Shape.QUADRILATERAL, 2))
     frame = draw(flat, objects=(Faces(style=Style(contours=Contours(count=3))),), size=(60, 60))
     plain = draw(flat, size=(60, 60))
@@ -301,7 +301,7 @@ def test_flat_data_take_styles_and_no_cuts(draw, linear):
         draw(flat, objects=(CutSurface(Sphere((0, 0, 0), 1.0)),), size=(60, 60))
 
 
-def test_rays_and_triangles_meet_wherever_the_eye_is(tmp_path):
+def test_rays_and_triangles_intersect_for_every_eye_position(tmp_path):
     """An eye within a tetrahedron sees a side in every direction, also of triangles that reach behind it."""
     import trimesh
 
@@ -321,7 +321,7 @@ def test_rays_and_triangles_meet_wherever_the_eye_is(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"solid\nendsolid\n", b"nonsense"])
-def test_files_without_triangles_are_refused(tmp_path, content):
+def test_files_without_triangles_are_rejected(tmp_path, content):
     (tmp_path / "a.stl").write_bytes(content)
     with pytest.raises(FormatError, match=r"a\.stl: expected (a triangle mesh|triangles), found none"):
         hits(TriangleMesh(str(tmp_path / "a.stl")), View.through(NEAR, (4, 4)))
@@ -336,7 +336,7 @@ def test_pictures_of_objects_have_their_legends(draw, cube):
     assert (frame.status[~frame.seen] == Status.MISS).all()
 
 
-def test_fog_lies_before_and_behind_surfaces(draw, linear):
+def test_volumes_lie_in_front_of_and_behind_surfaces(draw, linear):
     """Density 2 all over the cube, seen along y, with a half opaque plane in its middle: closed form."""
     camera = Camera((0.507, -3.0, 0.5), (0.507, 0.5, 0.5), height=0.6)
     straight = linear(grid(Shape.TETRAHEDRON, 1))
@@ -354,7 +354,7 @@ def test_fog_lies_before_and_behind_surfaces(draw, linear):
     assert np.allclose(both.position[..., 1], 0.5)
 
 
-def test_hits_are_not_found_again_behind_themselves(draw, linear):
+def test_hits_are_not_found_twice(draw, linear):
     """A transparent isosurface that every ray meets once has one fragment: one colour all over."""
     style = Style(color=(1.0, 0.0, 0.0), opacity=0.5, lit=False)
     camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
@@ -365,7 +365,7 @@ def test_hits_are_not_found_again_behind_themselves(draw, linear):
     assert np.allclose(frame.color[frame.seen], [1.0, 0.5, 0.5], atol=1e-12)
 
 
-def test_surfaces_in_space_show_themselves(draw, shared):
+def test_surfaces_in_space_are_shown_by_default(draw, shared):
     """Positions and values are those of map and field at the reference coordinates."""
     sphere = shared("sphere_manifold")
     name = sphere.fields[0].name

@@ -37,7 +37,7 @@ def spoilt(dataset, value, elements):
 @pytest.mark.sampled
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_not_a_number_has_its_own_colour(draw, linear, device, value):
+def test_nan_values_have_a_separate_colour(draw, linear, device, value):
     sound = linear(grid(Shape.HEXAHEDRON, 2))
     dataset = spoilt(sound, value, 4)
     bad = dataset.fields[0].blocks[0].element_ids[:4]
@@ -52,7 +52,7 @@ def test_what_is_not_a_number_has_its_own_colour(draw, linear, device, value):
     assert np.isfinite(frame.range).all()
 
 
-def test_nothing_but_nan_is_a_picture_too(draw, linear, tmp_path):
+def test_all_nan_data_give_a_picture(draw, linear, tmp_path):
     frame = draw(spoilt(linear(grid(Shape.QUADRILATERAL, 2)), np.nan, 4), size=(60, 50))
     assert frame.counts()["not_a_number"] == frame.seen.sum() > 0
     frame.save(tmp_path / "nan.png")
@@ -73,7 +73,7 @@ def test_mirrored_elements_are_drawn(same_on, linear, shape):
     assert np.abs(frame.field[frame.seen] - expected).max() < 1e-12
 
 
-def test_a_folded_element_shows_only_what_is_in_it(draw, linear):
+def test_a_folded_element_shows_only_its_inside(draw, linear):
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.2, 0.3, 0], [0, 1, 0]], float)
     frame = draw(linear(connected(corners, {Shape.QUADRILATERAL: np.array([[0, 1, 2, 3]])}, 2)), size=(90, 90))
     right = frame.position[frame.seen] @ [1.0, 2.0, -3.0]
@@ -113,7 +113,7 @@ def vertex_values(block):
 
 
 @pytest.mark.parametrize("scale", [2.0**-40, 2.0**30])
-def test_scale_does_not_matter(same_on, linear, scale):
+def test_pictures_are_independent_of_scale(same_on, linear, scale):
     mesh = curved(mixed_volume(seed=1), ripple(0.05, seed=3), 3)
     curves = {
         name: replace(getattr(mesh, name), points=frozen_floats(getattr(mesh, name).points * scale))
@@ -135,7 +135,7 @@ def test_far_from_the_origin(same_on, linear):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_elements_without_the_field_are_left_out(draw, linear, device):
+def test_elements_without_the_field_are_skipped(draw, linear, device):
     whole = linear(grid(Shape.HEXAHEDRON, 2))
     block = whole.fields[0].blocks[0]
     few = Block(block.expansion, block.element_ids[::2], frozen_floats(block.coefficients[::2]))
@@ -146,12 +146,12 @@ def test_elements_without_the_field_are_left_out(draw, linear, device):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_field_of_no_element_is_refused(draw, linear, device):
+def test_a_field_without_elements_is_rejected(draw, linear, device):
     with pytest.raises(SceneError, match="nothing to draw"):
         draw(replace(linear(grid(Shape.HEXAHEDRON, 1)), fields=(Field("u", ()),)), device, plane=PLANE)
 
 
-def test_a_map_that_is_given_as_fields_is_drawn(draw, linear):
+def test_a_map_given_as_fields_is_drawn(draw, linear):
     """The same element maps from curves and from fields show the same picture."""
     bent = linear(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.06, seed=3), 4))
     maps = tuple(
@@ -165,7 +165,7 @@ def test_a_map_that_is_given_as_fields_is_drawn(draw, linear):
         assert np.allclose(frame.field, frames[0].field, rtol=0, atol=1e-12, equal_nan=True)
 
 
-def test_a_glance_has_no_record(renderer, linear, tmp_path):
+def test_a_preview_has_no_record(renderer, linear, tmp_path):
     """Without reference coordinates pictures are the same, but exact records are refused."""
     device, dataset = renderer("vulkan"), linear(grid(Shape.PRISM, 2))
     device.load(dataset, "u")
@@ -181,7 +181,7 @@ def test_a_glance_has_no_record(renderer, linear, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
-def test_fields_that_give_the_map_are_nobody_s_colours(draw):
+def test_fields_of_the_map_are_not_used_as_colours(draw):
     """A mesh alone whose map travels as fields is a mesh alone; of more fields the first of the others is shown."""
     mesh = curved(grid(Shape.HEXAHEDRON, 1), ripple(0.05), 3)
     plain = Dataset(mesh)

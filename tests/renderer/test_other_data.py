@@ -59,7 +59,7 @@ def jumping():
 
 
 @pytest.mark.parametrize("name", SURFACES)
-def test_one_function_on_two_meshes_differs_nowhere(draw, own, name):
+def test_one_function_on_two_meshes_has_zero_difference(draw, own, name):
     """Nor does its derivative; outer faces of both meshes are one, and yet certain."""
     both = own.with_others(ref=with_field(grid(Shape.HEXAHEDRON, 3), cubic, 4))
     assert not both.shared
@@ -71,7 +71,7 @@ def test_one_function_on_two_meshes_differs_nowhere(draw, own, name):
 
 
 @pytest.mark.parametrize("name", ["plane", "sphere"])
-def test_where_the_other_has_nothing_there_is_no_value(draw, own, jumping, name):
+def test_points_outside_the_other_mesh_have_no_value(draw, own, jumping, name):
     frame = draw(
         own.with_others(ref=jumping), field="ref:u + 0 * u", objects=SURFACES[name], camera="iso", size=(60, 40)
     )
@@ -85,7 +85,7 @@ def test_where_the_other_has_nothing_there_is_no_value(draw, own, jumping, name)
 
 
 @pytest.mark.parametrize("kind", ["plane", "faces"])
-def test_borders_of_the_others_elements_are_ambiguous(draw, own, jumping, kind):
+def test_borders_of_the_other_mesh_are_ambiguous(draw, own, jumping, kind):
     """Every third column of pixels lies on the border at x = 1/4, where the other field jumps."""
     cut = (CutSurface(Plane((0.5, 0.5, 0.4), (0.0, 0.0, 1.0))),) if kind == "plane" else (Faces(),)
     frame = draw(own.with_others(ref=jumping), field="u - ref:u", objects=cut, camera="-z", size=(61, 61), zoom=1.0)
@@ -110,7 +110,7 @@ def test_on_one_mesh_differences_are_drawn_by_coefficients(draw, own):
     assert frame.counts()["certain"] > 300
 
 
-def test_what_is_not_drawn_is_refused(draw, own, jumping):
+def test_unsupported_drawing_is_rejected(draw, own, jumping):
     both, text = own.with_others(ref=jumping), "u - ref:u"
     scenes = {
         "a quantity of one mesh for an isosurface, which this one colours": {"objects": (Isosurface((0.1,)),)},
@@ -131,7 +131,7 @@ def test_what_is_not_drawn_is_refused(draw, own, jumping):
 @pytest.mark.sampled
 @pytest.mark.parametrize("first", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("second", [Shape.TRIANGLE, Shape.QUADRILATERAL])
-def test_in_the_plane_bent_elements_of_both_have_their_own_places(draw, first, second):
+def test_curved_plane_elements_of_both_meshes_are_located(draw, first, second):
     """x - x^2 on other shapes and orders; beyond the border of the second, bent otherwise, there is no value."""
     own = with_field(curved(grid(first, 2), ripple(0.05), 3), lambda p: p[:, 0], 4)
     theirs = with_field(curved(grid(second, 3), ripple(-0.03), 4), lambda p: p[:, 0], 7)
@@ -155,7 +155,7 @@ def test_inverted_elements_of_the_other_have_values(draw, own, name):
     assert frame.counts()["failed"] == 0
 
 
-def test_files_of_others_in_scenes_and_keywords(own, jumping, tmp_path):
+def test_files_of_other_data_in_scenes_and_keywords(own, jumping, tmp_path):
     """Names of files in scenes are relative to them."""
     ours, theirs = ([tmp_path / f"{name}.xml", tmp_path / f"{name}.fld"] for name in ("own", "other"))
     write(own, *ours)

@@ -32,7 +32,7 @@ def scene_of(folder, *lines):
     return folder / "s.toml"
 
 
-def test_a_scene_replaces_its_own_files_of_every_format(folder):
+def test_a_scene_replaces_files_it_wrote_in_every_format(folder):
     """Twice the same scene: each file bears the mark by which it may be replaced."""
     outputs = [name for name in NAMES if name not in ("axes.png", "s.json")]
     scene = scene_of(folder, f"outputs = {outputs}", 'stats = "s.json"')
@@ -44,7 +44,7 @@ def test_a_scene_replaces_its_own_files_of_every_format(folder):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_scene_does_not_replace_what_others_wrote(folder, name):
+def test_a_scene_does_not_replace_foreign_files(folder, name):
     (folder / name).write_bytes(b'{"name": "mine", "author": "ElVis"}')
     key = f'stats = "{name}"' if name == "s.json" else f'outputs = ["{name}"]'
     scene = scene_of(folder, key)
@@ -65,14 +65,14 @@ def test_names_on_the_command_line_are_the_users(folder):
     assert is_own(folder / "p.png")
 
 
-def test_a_link_and_a_folder_of_that_name_stay(folder):
+def test_a_link_and_a_folder_of_that_name_are_preserved(folder):
     (folder / "p.png").symlink_to("nothing.png")
     with pytest.raises(SceneError, match=r"p\.png: not written"):
         command("render", scene_of(folder, 'outputs = ["p.png"]'))
     assert not (folder / "nothing.png").exists()
 
 
-def test_pictures_of_steps_spare_what_others_wrote(folder):
+def test_pictures_of_steps_do_not_replace_foreign_files(folder):
     """``elvis watch`` and `Session` check the first step's files at once, the others before each is written."""
     (folder / "p1.png").write_text("mine")
     scene = scene_of(folder, 'outputs = ["p{step}.png"]')

@@ -97,7 +97,7 @@ def test_every_group_is_in_one_dispatch(monkeypatch, seconds):
         assert end == count
 
 
-def test_dispatches_are_as_long_as_the_work_before_tells(monkeypatch):
+def test_dispatch_sizes_follow_measured_work(monkeypatch):
     """The groups in the middle take a thousand times as long as all others; their work says fifty times."""
     clock, pace, taken = Clock(), Pace(), []
     monkeypatch.setattr(pacing, "perf_counter", clock)
@@ -129,7 +129,7 @@ def test_a_picture_in_many_dispatches_is_the_same(draw, linear, dispatches, tiny
 
 @pytest.mark.parametrize("shares", [2, 7])
 @pytest.mark.parametrize("count", [1, 5, 400, 1001])
-def test_shares_are_about_as_much_work(shares, count):
+def test_shares_have_similar_work(shares, count):
     """Rows take turns at what rises, what is even stays; here a share is a column and two turns longer at most."""
     for work in (np.arange(count) ** 2, np.full(count, 3)):
         columns, rows, turn = grid_of(count, rows_of(work, shares))
@@ -142,7 +142,7 @@ def test_shares_are_about_as_much_work(shares, count):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("shares", "row"), [(1, 7), (3, 32768), (64, 5)])
-def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeypatch, shares, row):
+def test_pictures_are_independent_of_the_distribution_of_groups(draw, cube, monkeypatch, shares, row):
     """Grids of one row or several, also where the last column isn't full."""
     monkeypatch.setattr(Adapter, "shares", shares)
     monkeypatch.setattr(pacing, "UNEVEN", 0.0)
@@ -158,7 +158,7 @@ def test_pictures_are_the_same_however_groups_are_shared_out(draw, cube, monkeyp
 
 
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
-def test_time_limits_are_noticed_within_a_step(draw, cube, dispatches, tiny, monkeypatch, scene):
+def test_time_limits_are_checked_within_a_step(draw, cube, dispatches, tiny, monkeypatch, scene):
     """Each dispatch takes a second of a clock of its own."""
     made, before = dispatches
     clock = Clock()
@@ -194,7 +194,7 @@ def test_after_an_interrupt_the_next_picture_is_right(renderer, cube, dispatches
         assert np.array_equal(again.color, whole.color)
 
 
-def test_faces_are_cut_into_patches_anew_after_an_interrupt(renderer, cube, monkeypatch):
+def test_faces_are_subdivided_again_after_an_interrupt(renderer, cube, monkeypatch):
     drawing = renderer("vulkan")
     drawing.load(cube, "u")
     scene = Scene("u", camera=NEAR, size=(40, 30), objects=(Faces(),))
@@ -210,7 +210,7 @@ def test_faces_are_cut_into_patches_anew_after_an_interrupt(renderer, cube, monk
     assert drawing.render(scene).seen.any()
 
 
-def test_the_time_is_looked_at_while_faces_are_cut_into_patches(draw, cube, dispatches, monkeypatch):
+def test_the_time_limit_is_checked_while_faces_are_subdivided(draw, cube, dispatches, monkeypatch):
     clock, plain = Clock(), faces.face_patches
 
     def late(space, nets, view):

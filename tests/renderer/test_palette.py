@@ -48,7 +48,7 @@ def test_places_beyond_the_unit_interval_are_scaled(tmp_path):
     assert points_in(str(path)) == [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 1.0)]
 
 
-def test_scenes_name_files_beside_them(rainbow, tmp_path, monkeypatch):
+def test_scenes_refer_to_files_next_to_them(rainbow, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path.parent)
     scene = Scene("u", palette=rainbow)
     write_scene(scene, tmp_path / "scene.toml")
@@ -78,7 +78,7 @@ BOMB = '<!DOCTYPE x [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><ColorMap>&c;</ColorMa
         (RAINBOW.replace('r="1"', 'r="255"'), "r, g, b from 0 to 1"),
     ],
 )
-def test_what_is_no_colour_map_is_said(tmp_path, text, sentence):
+def test_invalid_colour_maps_are_reported(tmp_path, text, sentence):
     path = tmp_path / "map.xml"
     path.write_text(text)
     with pytest.raises(SceneError, match=sentence) as said:
@@ -86,7 +86,7 @@ def test_what_is_no_colour_map_is_said(tmp_path, text, sentence):
     assert str(said.value).startswith(str(path))
 
 
-def test_a_missing_file_is_said(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(FormatError, match=r"nowhere\.xml: there is no such file"):
         Palette.of_name(str(tmp_path / "nowhere.xml"), 0.0, 1.0)
     (tmp_path / "binary.xml").write_bytes(b"\xff\xfe<\x00")

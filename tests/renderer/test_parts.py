@@ -143,7 +143,7 @@ def written(renderer, dataset, scene, folder):
 
 @pytest.mark.sampled(least=2, free=("name",))
 @pytest.mark.parametrize("name", SCENES)
-def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path):
+def test_pictures_of_parts_match_those_of_the_whole(renderer, bent, name, tmp_path):
     scene = replace(SCENES[name], field="u", size=(96, 72))
     drawn = renderer("vulkan")
     expected = written(drawn, bent, scene, tmp_path)
@@ -154,7 +154,7 @@ def test_pictures_of_parts_are_those_of_the_whole(renderer, bent, name, tmp_path
 
 @pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", [*(name for name in SCENES if name != "plane"), "clipped volume"])
-def test_pictures_in_bands_are_those_in_one(renderer, bent, name, tmp_path, monkeypatch):
+def test_pictures_in_bands_match_whole_pictures(renderer, bent, name, tmp_path, monkeypatch):
     """To the last bit, of two and six bands of rows; a plane alone is drawn in another way."""
     ball = Clip(Sphere((0.5, 0.5, 0.6), 0.3))
     volume = (*SCENES["volume"].objects, CutSurface(UPRIGHT, Style(opacity=0.5)))
@@ -214,7 +214,7 @@ OF_RANKS = SCENES | {
 @pytest.mark.sampled(least=2, free=("name", "cut"))
 @pytest.mark.parametrize("cut", range(4))
 @pytest.mark.parametrize("name", OF_RANKS)
-def test_pictures_of_ranks_are_those_of_one_process(bent, name, cut, tmp_path):
+def test_pictures_of_ranks_match_those_of_one_process(bent, name, cut, tmp_path):
     """Of two, three and eight ranks, whose parts are compact, at random or like combs."""
     scene = replace(OF_RANKS[name], field="u", size=(24, 150), stats="counts.json")
     expected = by_one_process(bent, scene, tmp_path)
@@ -232,7 +232,7 @@ def test_ranks_draw_the_elements_of_their_rows(name, tmp_path):
 
 
 @pytest.mark.thorough
-def test_figures_of_ranks_are_those_of_one_process(bent, tmp_path):
+def test_figures_of_ranks_match_those_of_one_process(bent, tmp_path):
     """Lines that are curves go on from one rank's rows to the next one's."""
     surfaces = Faces(("all",), replace(LINES, opacity=0.6)), Isosurface((0.35,), style=LINES)
     scene = Scene(field="u", objects=surfaces, camera=GIVEN, size=(48, 60), outline=True, outputs=("a.svg",))
@@ -253,7 +253,7 @@ def test_figures_of_ranks_are_those_of_one_process(bent, tmp_path):
     assert (tmp_path / "a.svg").read_text().count("<path") > 50
 
 
-def test_what_is_counted_is_that_of_all(tmp_path):
+def test_counts_cover_all_ranks(tmp_path):
     """Elements without numbers, and inverted ones, are told of though few ranks draw them."""
     dataset = with_field(grid(Shape.TETRAHEDRON, 4), function, 2)
     (block,) = dataset["u"].blocks
@@ -277,7 +277,7 @@ def test_pictures_of_all_shapes_and_orders(renderer, mixed, tmp_path):
     assert all(written(drawn, in_parts(mixed, scene, own), scene, tmp_path) == expected for own in cuts(mixed)[2:])
 
 
-def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
+def test_pictures_in_bricks_match_whole_pictures(renderer, bent, tmp_path):
     scene = Scene(field="u", plane=TILTED, size=(96, 72))
     expected = written(renderer("vulkan"), bent, scene, tmp_path)[:2]
     whole = 4 * Portion.whole(bent).bytes
@@ -292,7 +292,7 @@ def test_pictures_in_bricks_are_those_without(renderer, bent, tmp_path):
             pictures.draw(replace(scene, memory=500.0))
 
 
-def test_bricks_of_files_are_drawn_as_all(bent, tmp_path, monkeypatch):
+def test_bricks_of_files_match_the_whole(bent, tmp_path, monkeypatch):
     """One is read after the other, the whole never; where all elements count nothing is found."""
     files = write(bent, tmp_path / "a.xml", mesh_format="hdf5", field_format="hdf5")
     read = [path for path in files if path.suffix != ".nekg"]
@@ -372,7 +372,7 @@ def drawn_by_command(command, folder, told=""):
     return [name.read_bytes() for name in names]
 
 
-def test_a_cut_asks_for_few_elements(bent):
+def test_a_cut_requests_few_elements(bent):
     scene = Scene(field="u", plane=TILTED, size=(96, 72))
     count = sum(map(len, in_parts(bent, scene, along_curve(bent, 2)).mesh.elements.values()))
     assert count < 100
@@ -393,7 +393,7 @@ def test_portions_are_united_to_the_whole(shape):
         assert united["u"].blocks[0].coefficients.tobytes() == dataset["u"].blocks[0].coefficients.tobytes()
 
 
-def test_faces_between_parts_are_inner_ones():
+def test_faces_between_parts_are_inner_faces():
     dataset = with_field(grid(Shape.HEXAHEDRON, 2), lambda points: points[:, 0], 2)
     outer = []
     for part in portions(dataset, along_curve(dataset, 8)):
@@ -414,7 +414,7 @@ VIEW = "2.9,-2.1,1.9:0.5,0.5,0.5:0,0,1:40"
 
 
 @pytest.mark.thorough
-def test_ranks_write_what_one_process_writes(files, started, monkeypatch):
+def test_ranks_write_the_files_of_one_process(files, started, monkeypatch):
     arguments = ("render", "bent.xml", "bent.fld", "--faces", "all", "--camera", VIEW, "--size", "96x72")
     monkeypatch.chdir(files)
     alone = CliRunner().invoke(elvis, [*arguments, "-o", "1.png", "-o", "1.npz"], standalone_mode=False)
@@ -424,7 +424,7 @@ def test_ranks_write_what_one_process_writes(files, started, monkeypatch):
         assert (files / f"2.{suffix}").read_bytes() == (files / f"1.{suffix}").read_bytes()
 
 
-def test_ranks_with_pictures_of_their_own_are_told(files, started):
+def test_ranks_with_different_pictures_are_reported(files, started):
     one, other = (
         ["render", "bent.xml", "bent.fld", "--faces", "all", "-o", name] for name in ("none1.png", "none2.png")
     )
@@ -435,7 +435,7 @@ def test_ranks_with_pictures_of_their_own_are_told(files, started):
 
 
 @pytest.mark.thorough
-def test_what_a_rank_starts_draws_its_own_picture(files, started):
+def test_child_processes_of_a_rank_draw_separate_pictures(files, started):
     shown = ["--faces", "all", "--size", "96x72", "--camera", VIEW]
     render = [*started.elvis, "render", "bent.xml", "bent.fld", *shown, "-o", "own.png"]
     starts = f"import subprocess, sys; sys.exit(subprocess.run({render!r}).returncode)"

@@ -42,7 +42,7 @@ def place(release, time):
 
 
 @pytest.mark.parametrize("device", ["vulkan", "reference"])
-def test_paths_and_streaks_are_where_particles_are(device, files, renderer):
+def test_pathlines_and_streaklines_match_particles(device, files, renderer):
     renderer("vulkan")
     look = {"time": 1.3, "camera": "top", "size": (120, 120), "device": device}
     for releases, places in (
@@ -62,7 +62,7 @@ def test_paths_and_streaks_are_where_particles_are(device, files, renderer):
         assert area > 100
 
 
-def test_a_film_begins_with_the_seeds(files, renderer):
+def test_an_animation_begins_with_the_seeds(files, renderer):
     renderer("vulkan")
     lines = Streamlines(("point:0.3,0.5",), radius=RADIUS, since=0.5)
     frame = render(*files, objects=[lines], time=0.5, camera="top", size=(120, 120))
@@ -71,7 +71,7 @@ def test_a_film_begins_with_the_seeds(files, renderer):
     assert np.linalg.norm(seen - (0.3, 0.5, 0), axis=1) == pytest.approx(RADIUS, abs=1e-10)
 
 
-def test_what_has_no_paths(files):
+def test_data_without_paths(files):
     for settings, given, sentence in (
         ({"since": 0.2, "wall": "all"}, {}, "since: expected no wall, ribbon, arrows, duration and direction with it"),
         ({"releases": 5}, {}, "releases: expected since with it"),
@@ -92,7 +92,7 @@ def test_what_has_no_paths(files):
 
 
 @pytest.mark.thorough
-def test_films_read_the_fields_of_velocities_that_nothing_names(files, tmp_path):
+def test_animations_read_the_fields_of_default_velocities(files, tmp_path):
     """Of native files only fields that are needed are read: u is drawn, lines, arrows and streaks need v as well."""
     lines = Streamlines(("point:0.3,0.5",), radius=RADIUS)
     arrows = Glyphs(("plane:0,0,0:0,0,1:4",), length=0.1)

@@ -22,7 +22,7 @@ def frame(draw, linear):
 
 
 @given(FINITE, st.floats(1e-9, 1e12), st.integers(3, 12))
-def test_ticks_are_round_and_few(low, span, most):
+def test_ticks_are_few_round_numbers(low, span, most):
     span = max(span, 1e-9 * abs(low))
     values = ticks(low, low + span, most)
     assert 1 <= len(values) <= most
@@ -37,7 +37,7 @@ def test_ticks_are_round_and_few(low, span, most):
 
 
 @given(FINITE, st.floats(1e-9, 1e12), st.integers(3, 12))
-def test_labels_tell_ticks_apart_and_are_near_them(low, span, most):
+def test_labels_distinguish_ticks_and_are_near_them(low, span, most):
     span = max(span, 1e-9 * abs(low))
     values = ticks(low, low + span, most)
     texts = labels(values)
@@ -84,13 +84,13 @@ def test_the_shortest_text_of_a_number_is_that_number(value):
         (Contours(count=1), "contours of u at 0.142857"),
     ],
 )
-def test_contours_have_the_digits_that_were_typed_or_that_tell_them_apart(draw, linear, contours, sentence):
+def test_contour_labels_have_the_typed_or_distinguishing_digits(draw, linear, contours, sentence):
     ends = (-3.0, 3.0) if contours.count != 1 else (0.0, 2 / 7)
     frame = draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=(Faces(style=Style(contours=contours)),), range=ends)
     assert notes(frame, 1000, ImageFont.load_default(10)) == [sentence]
 
 
-def test_colours_go_through_the_table_in_equal_steps():
+def test_colours_traverse_the_table_in_equal_steps():
     palette = Palette.of_name("viridis", 2.0, 4.0)
     assert palette.table.shape == (STEPS, 3)
     middles = 2.0 + (np.arange(STEPS) + 0.5) * 2 / STEPS
@@ -101,7 +101,7 @@ def test_colours_go_through_the_table_in_equal_steps():
     assert not (palette.table == NOT_A_NUMBER).all(axis=1).any()
 
 
-def test_unknown_colour_maps_are_refused():
+def test_unknown_colour_maps_are_rejected():
     with pytest.raises(
         SceneError, match=r"colour map 'rainbowish' \(perhaps rainbow\): expected an \.xml file or a name of"
     ):
@@ -131,7 +131,7 @@ def test_the_plain_picture_is_the_colours(frame):
     assert (np.asarray(image)[~frame.seen] == 255).all()
 
 
-def test_the_framed_picture_holds_the_plain_one_a_bar_and_words(frame):
+def test_the_framed_picture_contains_the_plain_one_a_colour_bar_and_text(frame):
     plain, framed = np.asarray(picture(frame, plain=True)), np.asarray(picture(frame))
     assert framed.shape[0] > 60
     assert framed.shape[1] > 80
@@ -187,7 +187,7 @@ def solid(draw, linear):
     return draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=objects, camera="iso", size=(240, 200))
 
 
-def test_every_quantity_has_its_bar_and_its_contours(solid):
+def test_every_quantity_has_its_colour_bar_and_contours(solid):
     framed = np.asarray(picture(solid)).astype(int)
     assert [legend.title for legend in solid.legends] == ["u", "x*y"]
     assert [len(legend.marks) for legend in solid.legends] == [2, 30]
@@ -235,7 +235,7 @@ def test_legends_fit_at_any_size(draw, linear, size):
     assert (framed[:, :2] == 255).all()
 
 
-def test_numbers_beside_a_bar_of_any_height_stay_apart(draw, linear):
+def test_numbers_next_to_a_colour_bar_never_overlap(draw, linear):
     """Rows of a bar's ticks, each with its number, lie as far from one another as numbers are high."""
     framed = np.asarray(picture(draw(linear(grid(Shape.QUADRILATERAL, 1)), size=(3, 2), range=(-1.0, 1.0))))
     dark = (framed[26:, 46:] < 120).all(axis=2).any(axis=1)
@@ -244,7 +244,7 @@ def test_numbers_beside_a_bar_of_any_height_stay_apart(draw, linear):
     assert np.diff(numbers).min() >= 12
 
 
-def test_axes_keep_clear_of_the_data(draw, linear):
+def test_axes_do_not_cover_the_data(draw, linear):
     """They stand in a corner where nothing is seen, at the lower left if they can; else a pale disc lies under them."""
     data = linear(grid(Shape.HEXAHEDRON, 1))
 
@@ -301,7 +301,7 @@ def test_long_names_of_fields_fit_above_bars_and_in_notes(draw, linear):
     assert framed.height < 400
 
 
-def test_texts_from_outside_have_a_greatest_length(linear):
+def test_external_texts_have_a_maximum_length(linear):
     with pytest.raises(SceneError, match=r"title: expected a text of at most 10000 characters, found 10001"):
         Scene(title="x" * 10_001)
     with pytest.raises(FormatError, match=r"expected a name of at most 1000 characters for a field, found 1001: 'ffff"):

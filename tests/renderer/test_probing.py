@@ -114,14 +114,14 @@ def test_any_number_of_points(linear, renderer):
         assert part.field.tobytes() == whole.field[:count].tobytes()
 
 
-def test_points_that_are_none(linear, renderer):
+def test_invalid_points(linear, renderer):
     device = renderer("vulkan")
     device.load(linear(grid(Shape.HEXAHEDRON, 2)), "u")
     places = device.probe(np.array([[np.nan, 0.5, 0.5], [np.inf, 0, 0], [0.3, 0.3, 0.3], [1e300, 0, 0]]))
     assert places.status.tolist() == [Status.MISS, Status.MISS, Status.CERTAIN, Status.MISS]
 
 
-def test_nothing_to_probe(linear, renderer):
+def test_no_points_to_probe(linear, renderer):
     renderer("vulkan")
     with Renderer("vulkan") as device:
         with pytest.raises(ElvisError, match="no dataset is loaded"):

@@ -6,7 +6,7 @@ from elvis.renderer.relevance import meets
 from elvis.scene import Cone
 
 
-def test_boxes_that_a_cone_meets_are_few():
+def test_a_cone_meets_few_boxes():
     """Of boxes of a grid all that hold a point of it, and others near by."""
     cone = Cone((0.4, 0.5, 0.1), (0.0, 0.0, 2.0), 25.0)
     low = np.stack(np.meshgrid(*[np.arange(20) / 20.0] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

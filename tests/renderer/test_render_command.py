@@ -70,7 +70,7 @@ def test_devices_draw_the_same_automatic_picture(render, tmp_path):
 
 
 @pytest.mark.parametrize("case_name", [CUBE, "bfs_tq7"])
-def test_the_automatic_size_follows_what_is_seen(render, tmp_path, case_name):
+def test_the_automatic_size_follows_the_visible_part(render, tmp_path, case_name):
     options = PLANE if case_name == CUBE else ()
     assert render(case_name, *options, "--device", "vulkan")[0] == 0
     record = arrays_of(tmp_path / "a.npz")
@@ -118,7 +118,7 @@ def test_every_kind_of_view(render, view):
         ((*PLANE, "--device", "vulkan:99"), "elvis: error: no device 'vulkan:99': found "),
     ],
 )
-def test_what_cannot_be_drawn_is_said_in_a_sentence(render, options, sentence):
+def test_undrawable_input_gives_a_one_line_error(render, options, sentence):
     status, err, files = render(CUBE, *options, outputs=("a.npz", "a.png"))
     assert (status, files) == (1, [])
     assert err.startswith(sentence)
@@ -127,7 +127,7 @@ def test_what_cannot_be_drawn_is_said_in_a_sentence(render, options, sentence):
 
 @pytest.mark.parametrize("device_name", ["vulkan", "reference"])
 @pytest.mark.parametrize("camera", ["fit", "5,5,5:6,6,6:0,0,1:10"])
-def test_an_empty_picture_is_refused_by_every_device(render, device_name, camera):
+def test_an_empty_picture_is_rejected_by_every_device(render, device_name, camera):
     status, err, files = render(CUBE, "--plane", "0,0,7:0,0,1", "--camera", camera, "--device", device_name)
     assert (status, files) == (1, [])
     assert err.startswith("elvis: error: the picture is empty: nothing of the plane through (0, 0, 7)")
@@ -165,20 +165,20 @@ def test_a_usage_error_is_two(render, options, part):
         (("a.npz", "nowhere/b.png"), "there is no folder"),
     ],
 )
-def test_a_bad_output_stops_before_any_is_written(render, outputs, sentence):
+def test_a_bad_output_fails_before_any_is_written(render, outputs, sentence):
     status, err, files = render(CUBE, *PLANE, outputs=outputs)
     assert (status, files) == (1, [])
     assert sentence in err
     assert err.count("\n") == 1
 
 
-def test_a_picture_that_stood_there_survives_a_failure(render, tmp_path):
+def test_an_existing_picture_survives_a_failure(render, tmp_path):
     (tmp_path / "a.png").write_bytes(b"before")
     assert render(CUBE, "--plane", "0,0,7:0,0,1", outputs=("a.png",))[0] == 1
     assert (tmp_path / "a.png").read_bytes() == b"before"
 
 
-def test_a_mesh_alone_and_a_field_alone(elvis, shared_files, tmp_path):
+def test_a_mesh_without_fields_and_a_field_without_mesh(elvis, shared_files, tmp_path):
     mesh, field = shared_files(CUBE)
     status, out, err = elvis("render", field, *PLANE, "-o", tmp_path / "a.png")
     assert (status, out) == (1, "")
@@ -199,7 +199,7 @@ def test_quasi_3d_data_are_cut(render, device_name):
 
 @pytest.mark.parametrize("device_name", ["vulkan", "reference"])
 @pytest.mark.parametrize("case_name", [CUBE, "chan3dh1d"])
-def test_3d_data_alone_show_their_outer_faces(render, case_name, device_name, tmp_path):
+def test_3d_data_show_their_outer_faces_by_default(render, case_name, device_name, tmp_path):
     """And say so in a line."""
     options = ("--size", "40x30", "--device", device_name)
     status, err, _ = render(case_name, *options)
@@ -225,7 +225,7 @@ def test_data_without_pictures(render, case_name, options, sentence):
     assert err.count("\n") == 1
 
 
-def test_plane_data_take_no_plane(render):
+def test_plane_data_reject_planes(render):
     status, err, _ = render("quad4", *PLANE)
     assert (status, err) == (1, "elvis: error: 2D data are drawn in their own plane: remove the cut plane\n")
 
@@ -242,7 +242,7 @@ def test_devices_are_listed(elvis, renderer):
     assert all(row["label"] for row in listed)
 
 
-def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):
+def test_the_working_folder_stays_clean(render, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     assert render(CUBE, *PLANE, "--size", "20x20")[0] == 0
@@ -264,7 +264,7 @@ def test_nothing_is_left_in_the_working_folder(render, tmp_path, monkeypatch):
         (("--stats", "mine.py"), "mine.py: not written: it is an input"),
     ],
 )
-def test_outputs_have_names_of_their_own(elvis, tmp_path, monkeypatch, options, sentence):
+def test_outputs_have_distinct_names(elvis, tmp_path, monkeypatch, options, sentence):
     """No two the same, and none that of an input; said before anything is read."""
     monkeypatch.chdir(tmp_path)
     for name in ("box.npz", "body.stl", "map.xml", "mine.py"):

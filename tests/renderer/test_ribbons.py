@@ -227,7 +227,7 @@ SCENES = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("scene", SCENES)
-def test_pictures_are_those_of_the_reference(draw, screws, scene):
+def test_pictures_match_those_of_the_reference(draw, screws, scene):
     frame, other = (draw(screws, device, **VIEW, **SCENES[scene]) for device in ("vulkan", "reference"))
     assert np.array_equal(frame.element, other.element)
     assert frame.counts()["certain"] > 0.95 * frame.seen.sum() > 200
@@ -247,7 +247,7 @@ def altered(dataset, factor):
     return Dataset(dataset.mesh, tuple(fields))
 
 
-def test_where_the_velocity_jumps_strips_hang_together(draw):
+def test_strips_are_connected_at_velocity_jumps(draw):
     # w is 0.2 or 0.3: the line bends at borders, and the strip, which is across w, turns there in one place
     mesh = curved(grid(Shape.HEXAHEDRON, 3), ripple(0.03), 3)
     whole = altered(data(mesh, u=constant(0.3), v=constant(0), w=constant(0.2)), 1.5)
@@ -267,7 +267,7 @@ def test_where_the_velocity_jumps_strips_hang_together(draw):
     assert runs.max() == 1
 
 
-def test_scenes_commands_and_python_say_the_same():
+def test_scenes_commands_and_python_agree():
     made = streamlines("random:5;ribbon=0.1;across=0,0,1")
     assert made == Streamlines(("random:5",), ribbon=0.1, across=(0.0, 0.0, 1.0))
     scene = composed((), {"streamlines": (made,), "contours": None}, ())
@@ -284,6 +284,6 @@ def test_scenes_commands_and_python_say_the_same():
         ({"wall": "boundary"}, "ribbons: expected lines in elements, found lines on the wall boundary"),
     ],
 )
-def test_what_is_refused(draw, screws, given, match):
+def test_invalid_input_is_rejected(draw, screws, given, match):
     with pytest.raises(SceneError, match=match):
         draw(screws, objects=(Streamlines(**{"seeds": ("point:1,0.5,0.5",), "ribbon": 0.1, **given}),), size=(8, 8))

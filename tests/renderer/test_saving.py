@@ -45,7 +45,7 @@ def test_npz_is_the_exact_record(frame, tmp_path):
         assert np.array_equal(record[name], getattr(frame, name), equal_nan=record[name].dtype == np.float64)
 
 
-def test_what_stands_where_nothing_is_seen(frame, tmp_path):
+def test_values_of_empty_pixels(frame, tmp_path):
     frame.save(tmp_path / "a.npz")
     record = arrays_of(tmp_path / "a.npz")
     nothing = record["element"] == -1
@@ -111,13 +111,13 @@ def test_the_same_frame_makes_the_same_file(frame, tmp_path, suffix):
 
 
 @pytest.mark.parametrize("name", ["a.bmp", "a", "a.npz.gz", "nowhere/a.png"])
-def test_what_cannot_be_written_leaves_nothing(frame, tmp_path, name):
+def test_failed_writes_leave_no_file(frame, tmp_path, name):
     with pytest.raises(ElvisError, match=r"expected a name that ends in \.png|there is no folder"):
         frame.save(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupted_file_is_not_left_behind(frame, tmp_path, monkeypatch):
+def test_an_interrupted_file_is_removed(frame, tmp_path, monkeypatch):
     """A file that stood there before stays as it was."""
     (tmp_path / "a.npz").write_bytes(b"before")
 
@@ -149,7 +149,7 @@ def test_a_full_disk_names_the_file(frame, tmp_path, suffix):
         assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_picture_tells_what_it_is_and_shows_itself_in_a_notebook(frame):
+def test_a_picture_has_a_repr_and_a_notebook_display(frame):
     counts = frame.counts()
     assert repr(frame) == (
         f"<Frame 70 x 50 of {frame.scene.field}: pixels {counts['certain']} certain, "

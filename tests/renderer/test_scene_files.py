@@ -195,7 +195,7 @@ CUT = 'objects = [{{kind = "cut", surface = {}}}]'
         ("x = " + "[" * 3000, "cannot be read as TOML: "),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, content, sentence):
+def test_faults_are_named(tmp_path, content, sentence):
     path = tmp_path / "s.toml"
     path.write_text(content)
     with pytest.raises(SceneError) as raised:
@@ -223,13 +223,13 @@ def test_what_is_wrong_is_named(tmp_path, content, sentence):
         ("s.json", b'{"data": [' + b'"a",' * 10_000 + b'"a"]}'),
     ],
 )
-def test_files_that_hold_no_scene(tmp_path, name, content):
+def test_files_without_a_scene(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(SceneError, match=r"s\.(json|yaml|toml): "):
         read_scene(tmp_path / name)
 
 
-def test_aliases_of_yaml_are_refused_at_once(tmp_path):
+def test_aliases_of_yaml_are_rejected_at_once(tmp_path):
     lines = ['a: &a ["lol"]', *(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghijklmn"))]
     (tmp_path / "laugh.yaml").write_text("\n".join([*lines, "background: *n"]))
     with pytest.raises(
@@ -238,14 +238,14 @@ def test_aliases_of_yaml_are_refused_at_once(tmp_path):
         read_scene(tmp_path / "laugh.yaml")
 
 
-def test_a_file_that_is_not_there_and_one_in_no_language(tmp_path):
+def test_a_missing_file_and_an_unknown_format(tmp_path):
     with pytest.raises(FormatError, match=r"none\.toml: there is no such file"):
         read_scene(tmp_path / "none.toml")
     with pytest.raises(SceneError, match=r"expected a scene's name that ends in \.toml"):
         write_scene(Scene("u"), tmp_path / "s.ini")
 
 
-def test_yaml_reads_numbers_as_people_write_them(tmp_path):
+def test_yaml_reads_common_number_formats(tmp_path):
     (tmp_path / "s.yaml").write_text("ambient: 1e-3\nrange: [-1e5, 2.5E+3]\n")
     scene = read_scene(tmp_path / "s.yaml")
     assert (scene.ambient, scene.range) == (1e-3, (-1e5, 2500.0))

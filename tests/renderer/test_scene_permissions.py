@@ -79,7 +79,7 @@ LINK = "a name without links out of the scene's folder"
     ],
 )
 @pytest.mark.parametrize("key", ["outputs", "stats"])
-def test_a_scene_writes_beside_itself_or_below(folder, key, name, expected):
+def test_a_scene_writes_only_to_its_folder_or_below(folder, key, name, expected):
     if key == "stats":
         name = name.replace(".png", ".json")
         expected = expected.replace(".png, .jpg, .jpeg, .svg, .pdf, .exr, .npz", ".json")
@@ -102,7 +102,7 @@ def test_good_places(folder):
     assert [os.path.relpath(name, folder) for name in scene.outputs] == ["o.png", "below/o.EXR", "in/o.npz", "b.png"]
 
 
-def test_the_command_line_goes_further(folder):
+def test_the_command_line_has_more_permissions(folder):
     path = scene_in(folder, 'outputs = ["/etc/o.png"]\nstats = "../s.json"\nplugin = "x.py"')
     options = {"outputs": ("../mine.png",), "stats": "mine.json", "plugin": "y.py"}
     scene = composed((path,), options, ())
@@ -114,7 +114,7 @@ def test_the_command_line_goes_further(folder):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_scene_that_is_written_can_be_read(folder, suffix):
+def test_a_written_scene_can_be_read(folder, suffix):
     """What it may not say is left out, and told."""
     scene = Scene("u", outputs=("mine.png",), stats=str(folder / "s.json"), plugin="x.py")
     assert write_scene(scene, folder / f"w{suffix}") == ("plugin", "outputs")
@@ -123,14 +123,14 @@ def test_a_scene_that_is_written_can_be_read(folder, suffix):
 
 @pytest.mark.parametrize("text", [r"\ud800", r"\udc80.xml", r"a\u0000b"])
 @pytest.mark.parametrize("key", ['{"title": "%s"}', '{"data": ["%s"]}', '{"palette": "%s"}'])
-def test_texts_that_no_file_name_and_no_utf8_holds(folder, key, text):
+def test_texts_invalid_as_file_names_or_utf8(folder, key, text):
     (folder / "s.json").write_text(key % text)
     with pytest.raises(SceneError, match=r"s\.json: \S+: expected text in UTF-8 without zeros"):
         read_scene(folder / "s.json")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_names_that_are_no_text_stand_in_no_scene_file(folder, suffix):
+def test_names_that_are_not_text_are_not_written_to_scene_files(folder, suffix):
     """YAML and JSON would write escapes, which are refused when they are read."""
     with pytest.raises(SceneError, match=rf"w\{suffix}: data\[0\]: expected text in UTF-8"):
         write_scene(Scene("u", data=(os.fsdecode(b"\xff.xml"),)), folder / f"w{suffix}")

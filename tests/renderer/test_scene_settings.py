@@ -57,13 +57,13 @@ def test_every_setting_is_described():
         assert all(setting.help.endswith(".") for setting in settings(model).values())
 
 
-def test_the_page_and_the_schema_are_those_of_the_models(made):
+def test_the_page_and_the_schema_match_the_models(made):
     """Else: make pages."""
     assert (REPOSITORY / "docs" / "scene.md").read_text(encoding="utf-8") == made["page"]()
     assert json.loads((REPOSITORY / "docs" / "scene.schema.json").read_text(encoding="utf-8")) == scene_schema()
 
 
-def test_the_page_has_every_key_and_its_links_lead_somewhere(made):
+def test_the_page_has_every_key_and_valid_links(made):
     text = made["page"]()
     for model in models():
         assert all(f"| `{name}` |" in text for name in settings(model))
@@ -76,7 +76,7 @@ def test_the_scene_of_the_page_is_read(made, tmp_path):
     assert len(read_scene(tmp_path / "s.toml").objects) == 4
 
 
-def test_the_schema_has_names_bounds_and_sentences():
+def test_the_schema_has_names_bounds_and_descriptions():
     """Against JSON Schema's own words, not ours."""
     found = scene_schema()
     style = found["$defs"]["Style"]
@@ -115,7 +115,7 @@ def test_the_help_on_geometry_describes_every_surface_and_seed():
 
 
 @pytest.mark.parametrize("cls", models())
-def test_a_bound_refuses_what_is_beyond_it(cls):
+def test_a_bound_rejects_values_beyond_it(cls):
     for name, setting in settings(cls).items():
         beyond = [bound for bound in (setting.gt, setting.lt) if bound is not None]
         beyond += [setting.ge - 1] if setting.ge is not None else []
@@ -139,7 +139,7 @@ def test_models_are_plain_frozen_dataclasses():
     assert all(is_dataclass(model) and model.__dataclass_params__.frozen for model in models())
 
 
-def test_a_scene_shows_what_is_not_its_default():
+def test_a_scene_prints_nondefault_values():
     scene = Scene("u", objects=(Faces(("wall",)),), camera=Camera((0, 0, 1), (0, 0, 0), fov=30.0))
     shown = "Scene(field='u', camera=Camera(eye=(0, 0, 1), at=(0, 0, 0), fov=30.0), objects=(Faces(select=('wall',)),))"
     assert repr(scene) == shown
@@ -163,7 +163,7 @@ def test_a_scene_shows_what_is_not_its_default():
         ("s.toml", "[[objects]]\nkind='cut'\nsurfce={}", "unknown key 'objects[0].surfce', did you mean surface?"),
     ],
 )
-def test_further_faults_are_named_too(tmp_path, name, content, sentence):
+def test_further_faults_are_also_named(tmp_path, name, content, sentence):
     (tmp_path / name).write_text(content)
     with pytest.raises(SceneError) as raised:
         read_scene(tmp_path / name)
@@ -180,7 +180,7 @@ plain = st.recursive(
 
 @given(data=st.data())
 @settings_of_hypothesis(max_examples=150)
-def test_whatever_a_table_holds_is_a_scene_or_one_sentence(page, data):
+def test_every_table_is_a_scene_or_a_one_line_error(page, data):
     """The scene of the page with one value replaced by any other, wherever it stands."""
     table = tomllib.loads(page.split("```toml")[1].split("```")[0])
     node, place = table, []

@@ -114,7 +114,7 @@ FILMS = {
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FILMS)
-def test_films(folder, name, tmp_path, parts_alone):
+def test_animations(folder, name, tmp_path, parts_alone):
     """Frames that are there are kept by all ranks."""
     kind, count, words = FILMS[name]
     command = ["animate", *steps(folder, kind)[: count + 1], *words, *CUT]
@@ -143,7 +143,7 @@ PRINTED = {
 
 @pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", PRINTED)
-def test_what_is_printed(folder, name, parts_alone, capsys):
+def test_printed_output(folder, name, parts_alone, capsys):
     kind, *words = PRINTED[name]
     command = [*words, *steps(folder, kind), *(beside(folder) if "ref:u" in words[-1] else ())]
     run(*command, size=3)

@@ -30,7 +30,7 @@ def test_a_clear_background_is_a_fourth_number(dataset):
     assert set(np.unique(frame.image[..., 3])) == {0, 255}
 
 
-def test_a_notebook_gets_a_picture_and_a_line(dataset):
+def test_a_notebook_shows_a_picture_and_a_line(dataset):
     frame = render(dataset, size=(40, 30))
     assert Image.open(BytesIO(frame._repr_png_())).width > 40
     assert repr(frame).startswith("<Frame 40 x 30 of u: pixels ")

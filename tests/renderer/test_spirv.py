@@ -80,7 +80,7 @@ def of_kind(words, *kinds):
     return [place for number, place in instructions(words) if number in kinds]
 
 
-def test_kernels_ask_for_what_devices_are_asked_for(kernels):
+def test_kernels_require_only_checked_features(kernels):
     """Not for 64-bit integers either, though addresses of buffers have 64 bits."""
     declared = {words[place + 1] for words in kernels for place in of_kind(words, CAPABILITY)}
     assert declared - ALLOWED.keys() == set()
@@ -89,7 +89,7 @@ def test_kernels_ask_for_what_devices_are_asked_for(kernels):
     assert widths == {32}
 
 
-def test_kernels_share_no_memory_and_know_no_size_of_subgroups(kernels):
+def test_kernels_use_no_shared_memory_or_subgroup_size(kernels):
     """Threads of a group share nothing and don't wait for one another; what lanes vote on doesn't hang on how many."""
     for words in kernels:
         assert all(words[place + 3] != WORKGROUP for place in of_kind(words, VARIABLE))

@@ -177,7 +177,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_pictures_are_those_of_the_reference(draw, helices, scene):
+def test_pictures_match_those_of_the_reference(draw, helices, scene):
     frame, truth = (draw(helices, device, **VIEW, **SCENES[scene]) for device in ("vulkan", "reference"))
     assert np.array_equal(frame.element, truth.element)
     assert frame.counts()["certain"] > 0.95 * frame.seen.sum() > 200
@@ -186,7 +186,7 @@ def test_pictures_are_those_of_the_reference(draw, helices, scene):
     assert np.abs(frame.color - truth.color).max() < 1e-7
 
 
-def test_scenes_commands_and_python_say_the_same():
+def test_scenes_commands_and_python_agree():
     text = "random:5;seeds.csv;direction=both;radius=0.01;velocity=u,v,w+0.1;steps=50"
     made = streamlines(text)
     assert made == Streamlines(("random:5", "seeds.csv"), "u,v,w+0.1", direction="both", steps=50, radius=0.01)
@@ -211,7 +211,7 @@ def test_scenes_commands_and_python_say_the_same():
         ({"seeds": ("-",)}, "expected the name of a table, found -"),
     ],
 )
-def test_what_is_refused(draw, helices, given, match):
+def test_invalid_input_is_rejected(draw, helices, given, match):
     with pytest.raises(SceneError, match=match):
         draw(helices, objects=(Streamlines(**{"seeds": ("point:1,0.5,0.5",), **given}),), size=(8, 8))
 
@@ -229,7 +229,7 @@ def test_several_objects_are_prepared_once_for_a_view(renderer, helices, monkeyp
 
 
 @pytest.mark.parametrize("size", [{"radius": 0.05}, {"ribbon": 0.1, "arrows": 0.1}])
-def test_lines_that_do_not_move_are_told(draw, size):
+def test_stagnant_lines_are_reported(draw, size):
     still = data(grid(Shape.HEXAHEDRON, 1), u=constant(0), v=constant(0), w=constant(0))
     shown = Streamlines(("random:3",), **size)
     for device in ("vulkan", "reference"):

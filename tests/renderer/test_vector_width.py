@@ -98,5 +98,5 @@ def check_equal(one, other):
 @pytest.mark.thorough
 @pytest.mark.sampled
 @pytest.mark.parametrize("width", WIDTHS)
-def test_records_are_those_of_128_bits(records, width):
+def test_records_match_those_of_128_bits(records, width):
     check_equal(records("128", *CASES), records(width, *CASES))

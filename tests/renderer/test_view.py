@@ -100,7 +100,7 @@ def test_a_fitted_camera_shows_all_of_an_extent(name):
     assert ((corners - shown.eye) @ forward > 0).all()
 
 
-def test_the_plane_seen_straight_on():
+def test_the_plane_seen_head_on():
     for plane in PLANES:
         camera = face_on(plane)
         assert np.allclose(camera.basis()[2], -plane.basis()[2])
@@ -130,6 +130,6 @@ def test_the_axes_of_a_plane_are_right_handed(normal):
         (lambda: Scene("u", range=(0.0, np.inf)), "from a smaller to a greater value, found 0 to inf"),
     ],
 )
-def test_what_is_no_scene_is_refused(make, sentence):
+def test_invalid_scenes_are_rejected(make, sentence):
     with pytest.raises(SceneError, match=sentence):
         make()

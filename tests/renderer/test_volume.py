@@ -135,7 +135,7 @@ def test_inverted_elements_are_drawn(integrate):
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_curved_elements_turned_inside_out_have_the_same_chords(integrate, shape):
+def test_inverted_curved_elements_have_the_same_chords(integrate, shape):
     """The mirror image of a bent mesh, seen in the mirror: all its Jacobians are negative."""
     mesh, mirrored = (curved(grid(shape, 2), lambda p, k=k: sheared(p) * [1, 1, k], 3) for k in (1, -1))
     lengths = []
@@ -148,7 +148,7 @@ def test_curved_elements_turned_inside_out_have_the_same_chords(integrate, shape
     assert lengths[0].max() > 0.99
 
 
-def test_curved_elements_beside_the_picture_send_no_light(integrate):
+def test_curved_elements_outside_the_picture_emit_no_light(integrate):
     """No tile of the picture has an element in it."""
     view = View.through(Camera((9.0, 9.0, 5.0), (9.0, 9.0, 0.0), (0.0, 1.0, 0.0), height=0.9), SIZE)
     light = integrate(with_field(curved(grid(Shape.HEXAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 3), view, EVEN)
@@ -158,7 +158,7 @@ def test_curved_elements_beside_the_picture_send_no_light(integrate):
 
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_integrals_in_curved_elements_converge_with_the_error_asked_for(integrate, shape):
+def test_integrals_in_curved_elements_converge_with_the_requested_error(integrate, shape):
     """Heights s become z = 1.3 s - 0.3 s^2, so that s bends along the ray; density and red are 3 s, seen from above."""
     mesh = curved(grid(shape, 2), lambda p: p + np.outer(0.3 * p[:, 2] * (1 - p[:, 2]), [0, 0, 1]), 3)
     data = with_field(mesh, lambda p: (1.3 - np.sqrt(1.69 - 1.2 * np.clip(p[:, 2], 0, 1))) / 0.6, 4)
@@ -198,7 +198,7 @@ def test_light_of_a_ramp_in_closed_form(integrate):
 
 
 @pytest.mark.parametrize("shape", SOLIDS)
-def test_the_error_asked_for_is_kept_across_breakpoints(integrate, shape):
+def test_the_requested_error_is_reached_across_breakpoints(integrate, shape):
     """A thin bright shell in a wavy field, against the same with an error a hundred times smaller."""
     data = with_field(curved(grid(shape, 2), sheared, 3), lambda p: ((p - 0.5) ** 2).sum(axis=1), 4)
     shell = Transfer((0.08, 0.1, 0.11, 0.14), (0.0, 60.0, 5.0, 0.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)))
@@ -256,7 +256,7 @@ def test_surfaces_end_the_march(integrate):
     assert np.abs(1 - both.alpha - through)[here].max() < 1e-8
 
 
-def test_elements_without_numbers_are_left_out_and_counted(integrate):
+def test_nan_elements_are_skipped_and_counted(integrate):
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 2], 2)
     block = data.fields[0].blocks[0]
     values = np.array(block.coefficients)
@@ -269,7 +269,7 @@ def test_elements_without_numbers_are_left_out_and_counted(integrate):
     assert np.abs(light.alpha - (1 - np.exp(hole - chord(view)))).max() < 1e-9
 
 
-def test_what_can_not_be_drawn_is_refused(integrate):
+def test_undrawable_volumes_are_rejected(integrate):
     data, view = with_field(grid(Shape.TETRAHEDRON, 1), lambda p: p[:, 2], 2), View.through(VIEWS["parallel"], (4, 4))
     with pytest.raises(SceneError, match=r"1e\+308 overflows"):
         integrate(data, view, Transfer((0.0,), (1e308,), (WHITE,)))
@@ -285,7 +285,7 @@ def test_what_can_not_be_drawn_is_refused(integrate):
 
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
-def test_rays_the_other_way_have_the_same_segments(integrate, shape):
+def test_reversed_rays_have_the_same_segments(integrate, shape):
     """Seen from behind, columns run backwards."""
     data, lights = with_field(curved(grid(shape, 2), sheared, 3), lambda p: p[:, 0], 4), []
     for side in (1, -1):

@@ -96,6 +96,6 @@ def test_errors_of_values_widen_bounds(order):
         assert sums(*own, point, order)[0] <= found[0, order - 1]
 
 
-def test_polynomials_of_a_greater_degree_are_not_taken_for_those_of_tetrahedra():
+def test_polynomials_of_higher_degree_are_not_treated_as_those_of_tetrahedra():
     lattice = lattice_of(2)
     assert tetrahedron_bends(np.prod(lattice, axis=1)[None, None], np.zeros((1, 1)), 2) is None

@@ -91,7 +91,7 @@ def test_chords_inside_and_outside_of_clips(integrate, kind, camera):
 
 
 @pytest.mark.parametrize("camera", VIEWS)
-def test_what_one_clip_leaves_another_takes(integrate, camera):
+def test_complementary_clips_partition_the_volume(integrate, camera):
     """Out of the sphere, behind the plane, within the cylinder: lengths by counting points along rays."""
     view = View.through(VIEWS[camera], (20, 16))
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: p[:, 0], 3)
@@ -151,7 +151,7 @@ def test_clips_by_a_quantity(integrate, away):
     assert np.abs(light.length - expected).max() < 1e-9
 
 
-def test_two_volumes_of_half_the_density_are_one(integrate):
+def test_two_volumes_of_half_the_density_equal_one(integrate):
     view = View.through(VIEWS["perspective"], SIZE)
     data = with_field(grid(Shape.TETRAHEDRON, 2), lambda p: ((p - 0.5) ** 2).sum(axis=1), 3)
     hues = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -187,7 +187,7 @@ def sheared(points):
     return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
 
 
-def test_curved_elements_are_cut_and_mixed_too(integrate):
+def test_curved_elements_are_also_cut_and_composited(integrate):
     """A sphere well within bent elements."""
     view = View.through(VIEWS["parallel"], SIZE)
     data = with_field(curved(grid(Shape.TETRAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 4)

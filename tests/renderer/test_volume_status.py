@@ -35,7 +35,7 @@ def without_numbers(data, count):
     return Dataset(data.mesh, (replace(data.fields[0], blocks=(replace(block, coefficients=values),)),))
 
 
-def test_elements_without_numbers_are_marked_counted_and_told(draw):
+def test_nan_elements_are_marked_counted_and_reported(draw):
     data = without_numbers(rising(grid(Shape.TETRAHEDRON, 2)), 6)
     whole, holed = (draw(own, camera=CAMERA, size=SIZE, objects=(VOLUME,)) for own in (rising(data.mesh), data))
     marked = holed.status == Status.AMBIGUOUS
@@ -49,7 +49,7 @@ def test_elements_without_numbers_are_marked_counted_and_told(draw):
     assert whole.stats["volume"]["undefined"] == whole.stats["volume"]["inverted_elements"] == 0
 
 
-def test_isosurfaces_without_some_elements_are_marked_counted_and_told(draw):
+def test_isosurfaces_without_some_elements_are_marked_counted_and_reported(draw):
     """Nothing is certain where an element without numbers may hide the surface; all else is as it was."""
     data = without_numbers(rising(grid(Shape.TETRAHEDRON, 2)), 6)
     level = Isosurface((0.3,))
@@ -62,7 +62,7 @@ def test_isosurfaces_without_some_elements_are_marked_counted_and_told(draw):
     assert whole.stats["remarks"] == []
 
 
-def test_an_isosurface_of_a_constant_is_empty_and_the_reason_is_told(draw):
+def test_an_isosurface_of_a_constant_is_empty_with_a_reason(draw):
     data = rising(grid(Shape.TETRAHEDRON, 1))
     block = data.fields[0].blocks[0]
     flat = (replace(data.fields[0], blocks=(replace(block, coefficients=0.0 * block.coefficients),)),)
@@ -71,7 +71,7 @@ def test_an_isosurface_of_a_constant_is_empty_and_the_reason_is_told(draw):
 
 
 @pytest.mark.parametrize("bent", [False, True])
-def test_inverted_elements_are_drawn_and_told(draw, bent):
+def test_inverted_elements_are_drawn_and_reported(draw, bent):
     """Two of three tetrahedra wind the other way; in a curved mesh the status is that of `validity`."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     points = (np.array([[0, 0, 0], [1.2, 0, 0], [0, 1.2, 0]])[:, None] + corners).reshape(-1, 3)
@@ -85,7 +85,7 @@ def test_inverted_elements_are_drawn_and_told(draw, bent):
     assert frame.counts()["certain"] > 100
 
 
-def test_what_is_not_found_fails_and_is_told(draw, monkeypatch):
+def test_unlocated_points_fail_and_are_reported(draw, monkeypatch):
     """One face of each element is kept from the march, in the right half: these pixels fail, with a remark."""
     data = rising(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3), 4)
     found = FaceDrawer.visible_patches
@@ -126,7 +126,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
         (("--volume", "0:1,1:2", "--timeout", "1e-6"), 1, "the picture was not done after 1e-06 s"),
     ],
 )
-def test_bad_volumes_are_one_sentence_and_no_file(renderer, tmp_path, capfd, asked, status, sentence):
+def test_bad_volumes_give_a_one_line_error_and_no_file(renderer, tmp_path, capfd, asked, status, sentence):
     renderer("vulkan")
     files = [tmp_path / "cube.xml", tmp_path / "cube.fld"]
     write(rising(grid(Shape.TETRAHEDRON, 1)), *files)
@@ -138,7 +138,7 @@ def test_bad_volumes_are_one_sentence_and_no_file(renderer, tmp_path, capfd, ask
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cube.fld", "cube.xml"]
 
 
-def test_volume_integrals_converge_with_the_error_asked_for(integrate):
+def test_volume_integrals_converge_with_the_requested_error(integrate):
     """Density 400 z^2, as much red as z^2, from above: D(z) = 400 (1 - z^3) / 3, C the integral of 400 z^4 exp(-D).
 
     Light comes from a layer a hundredth thick.  Asked for, estimated, wrong: the table falls.

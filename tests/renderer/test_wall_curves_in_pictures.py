@@ -50,6 +50,6 @@ def test_tubes_around_an_arc_of_a_sphere(data, device):
         ({"along": "section:all:plane:0,0,0.2:0,0,1", "velocity": "p,p,p"}, "expected no velocity"),
     ],
 )
-def test_what_is_no_curve_is_said(data, settings, reason):
+def test_invalid_curves_are_reported(data, settings, reason):
     with pytest.raises(SceneError, match=reason):
         render(data, objects=[Streamlines(**settings)], size=(8, 8), device="reference")

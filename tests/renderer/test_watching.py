@@ -36,7 +36,7 @@ def run(tmp_path, monkeypatch):
     return folder
 
 
-def test_steps_may_have_files_of_their_own(run, tmp_path, capsys):
+def test_steps_may_have_separate_files(run, tmp_path, capsys):
     """A step in which an isosurface isn't there has no picture, and the run is followed."""
     names = [tmp_path / name for name in ("latest.png", "u_{step:03}.png", "u at {time:.2f}.npz")]
     outputs = [word for name in names for word in ("-o", name)]
@@ -53,12 +53,12 @@ def test_steps_may_have_files_of_their_own(run, tmp_path, capsys):
     assert said.err.count("values of an isosurface: 'u' lies between 0 and 0, found 0.5") == 1
 
 
-def test_a_run_in_which_nothing_is_to_be_seen_is_a_failure(run, tmp_path):
+def test_a_run_without_visible_steps_is_a_failure(run, tmp_path):
     with pytest.raises(ElvisError, match=r"nothing was drawn in 0\.2 s: values of an isosurface: 'u'.* found 7"):
         watch(run, "--isosurface", "7", "--idle", "0.2", "-o", tmp_path / "u.png")
 
 
 @pytest.mark.parametrize("name", ["{stop}.png", "{step.png", "{step[0]}.png", "{time:d}.png", "{}.png"])
-def test_braces_that_mean_nothing_are_said_at_once(run, tmp_path, name):
+def test_meaningless_braces_are_reported_at_once(run, tmp_path, name):
     with pytest.raises(SceneError, match=r"outputs: expected a name with \{step\} or \{time\}"):
         watch(run, "-o", tmp_path / name)

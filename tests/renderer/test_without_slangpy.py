@@ -72,7 +72,7 @@ def test_all_but_drawing_works_without_slangpy(shared_files, tmp_path):
         assert part in work[4][2]
 
 
-def test_a_distance_says_what_it_needs(shared_files, tmp_path):
+def test_a_distance_names_its_requirement(shared_files, tmp_path):
     data = shared_files("gen_allelem_n4")
     ((status, _, words),) = without(("igl",), [("probe", *data, *POINTS, "--field", "distance(all)")], tmp_path)
     assert status == 1
@@ -80,7 +80,7 @@ def test_a_distance_says_what_it_needs(shared_files, tmp_path):
 
 
 @pytest.mark.parametrize("version", ["0.30.0", "0.41.2", "0.9"])
-def test_an_old_slangpy_is_told(monkeypatch, version):
+def test_an_old_slangpy_is_reported(monkeypatch, version):
     monkeypatch.setattr(drawing, "version", lambda name: version)
     drawing._slangpy.cache_clear()
     try:

@@ -321,7 +321,7 @@ def completed(arguments):
 
 
 @pytest.mark.parametrize("trial", EVERY, ids=lambda trial: " ".join(trial.arguments)[:60] or "nothing")
-def test_what_is_said_and_made(trial, place, capfd):
+def test_output_and_files(trial, place, capfd):
     for name in trial.files:
         (place / name).unlink(missing_ok=True)
     with pytest.raises(SystemExit) as ended:
@@ -347,6 +347,6 @@ def test_files_alone_open_the_viewer_where_there_is_a_screen(place, monkeypatch,
     assert "nothing.vtu: there is no such file" in said
 
 
-def test_there_are_enough():
+def test_enough_commands_are_listed():
     assert len(EVERY) >= 60
     assert sum(trial.status != 0 for trial in EVERY) >= 20

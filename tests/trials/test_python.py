@@ -21,7 +21,7 @@ def place(tmp_path_factory):
         yield folder
 
 
-def test_data_tell_what_they_are():
+def test_data_describe_themselves():
     from elvis import ElvisError, read
 
     ds = read("cylinder.xml", "cylinder.fld")
@@ -89,14 +89,14 @@ def test_pictures_take_the_names_of_the_command_line():
         (lambda api: api.render("blocks.xml", "blocks.fld", "wave", plane=((9, 9, 9), (0, 0, 1))), "picture is empty"),
     ],
 )
-def test_mistakes_are_told_with_a_hint(make, words):
+def test_mistakes_are_reported_with_a_hint(make, words):
     import elvis
 
     with pytest.raises(elvis.ElvisError, match=words):
         make(elvis)
 
 
-def test_other_libraries_take_and_give():
+def test_other_libraries_exchange_arrays():
     from elvis import from_arrays, read, sample, to_meshio, to_pyvista
 
     ds = read("blocks.xml", "blocks.fld")
@@ -109,7 +109,7 @@ def test_other_libraries_take_and_give():
     assert sample(square, "u", (0.25, 0.5))["u"] == pytest.approx([0.125])
 
 
-def test_a_dataset_has_the_names_that_people_try():
+def test_a_dataset_has_the_names_that_users_try():
     from elvis import ElvisError, read
 
     ds = read("cylinder.xml", "cylinder.fld")

@@ -65,7 +65,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_words_make_the_scene_again(name):
+def test_copied_commands_recreate_the_scene(name):
     scene, some = SCENES[name]
     words = option_words(scene)
     assert _normal(_read(words)) == _normal(scene)
@@ -82,7 +82,7 @@ def test_lines_of_python_make_the_scene_again(name):
     assert found["scene"] == SCENES[name][0]
 
 
-def test_data_are_named_as_they_were():
+def test_data_keep_their_names():
     assert command_of(Scene(data=("-a.xml", "b c.fld"))) == "elvis render ./-a.xml 'b c.fld' -o picture.png"
     with pytest.raises(SceneError, match="come from Python"):
         command_of(Scene())

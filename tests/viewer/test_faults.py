@@ -115,7 +115,7 @@ def test_ten_tabs_see_the_same(viewer):
     looking(viewer, work, count=10, silent=1)
 
 
-def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tmp_path, monkeypatch, capsys):
+def test_damaged_or_changed_data_are_reported_and_read_again(wave, start, tmp_path, monkeypatch, capsys):
     """The terminal hears of it where nobody looks yet."""
     monkeypatch.setattr(session, "WATCH", 0.1)
     mesh = tmp_path / "mesh.xml"
@@ -143,7 +143,7 @@ def test_data_that_are_damaged_or_change_are_told_and_read_again(wave, start, tm
     looking(viewer, work)
 
 
-def test_files_that_change_or_go_are_told(tmp_path):
+def test_changed_or_removed_files_are_reported(tmp_path):
     names = [tmp_path / "a.xml", tmp_path / "parts"]
     names[1].mkdir()
     inner = names[1] / "P0.xml"
@@ -160,7 +160,7 @@ def test_files_that_change_or_go_are_told(tmp_path):
     assert f"{names[0]} was removed" in files.sentence()
 
 
-def test_a_picture_that_fails_ends_nothing(monkeypatch):
+def test_a_failed_picture_does_not_end_the_session(monkeypatch):
     """Faults and devices that are lost for good come back as sentences; the next picture is drawn."""
     faults = [ValueError("odd"), DeviceError("the device failed: ERROR_DEVICE_LOST"), MemoryError()]
 
@@ -213,7 +213,7 @@ def test_the_end_is_quiet(wave):
     assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nPress Ctrl-C to stop\n", told)
 
 
-def test_a_page_that_goes_while_it_is_sent_something_is_no_fault(viewer, caplog):
+def test_a_page_closed_during_sending_is_not_a_fault(viewer, caplog):
     loop = viewer.loop
     for error in (ConnectionResetError("Cannot write to closing transport"), ValueError("odd")):
         loop.call_soon_threadsafe(loop.call_exception_handler, {"message": "lost", "exception": error})
@@ -221,7 +221,7 @@ def test_a_page_that_goes_while_it_is_sent_something_is_no_fault(viewer, caplog)
     assert [str(record.exc_info[1]) for record in caplog.records] == ["odd"]
 
 
-def test_missing_files_are_told_at_once():
+def test_missing_files_are_reported_at_once():
     from click.testing import CliRunner
 
     from elvis.plugins.command import elvis
@@ -257,7 +257,7 @@ class _Silent:
         self.closed_while_read = self.reading.is_set()
 
 
-def test_a_pipe_is_closed_when_nobody_reads_it(monkeypatch):
+def test_an_unread_pipe_is_closed(monkeypatch):
     silent = _Silent()
     monkeypatch.setattr(drawer, "spawn", lambda: drawing_process.Process(silent, silent, SimpleNamespace(value=0)))
 

@@ -153,7 +153,7 @@ def test_the_range_is_dragged_on_the_colour_bar(page, viewer):
     assert "range" not in viewer.session.table
 
 
-def test_linear_elements_are_shown_beside_the_exact_picture(page, viewer, scene, tmp_path):
+def test_linear_elements_are_shown_next_to_the_exact_picture(page, viewer, scene, tmp_path):
     """To the right of the divider is the picture of `elvis compare`; it goes while something moves."""
     page.get_by_label("linear elements").select_option(index=2)
     page.wait_for_selector(".elvis-divider:not([hidden])")
@@ -182,7 +182,7 @@ def test_linear_elements_are_shown_beside_the_exact_picture(page, viewer, scene,
     page.wait_for_selector(".elvis-divider:not([hidden])")
 
 
-def test_what_is_hidden_in_one_page_is_so_in_all(browser, page, viewer, scene):
+def test_objects_hidden_in_one_page_are_hidden_in_all(browser, page, viewer, scene):
     """The other page is narrow: its panel opens over the picture, which stays where it is."""
     other = browser.new_page(viewport={"width": 390, "height": 500})
     other.set_default_timeout(1000 * PATIENCE)

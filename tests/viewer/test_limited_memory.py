@@ -42,7 +42,7 @@ def told(scene, source):
 
 
 @pytest.mark.own_devices
-def test_bricks_tell_what_the_whole_tells(limited, monkeypatch):
+def test_bricks_report_the_same_as_the_whole(limited, monkeypatch):
     monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 3)
     known, of = [], DatasetParts.of
     monkeypatch.setattr(DatasetParts, "of", lambda own, chosen: known.append(chosen.mean()) or of(own, chosen))

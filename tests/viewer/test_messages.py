@@ -16,7 +16,7 @@ def line(**changes):
     return {"type": "line", "id": 1, "content": content}
 
 
-def test_messages_become_what_they_say():
+def test_messages_are_parsed():
     assert parsed({"type": "pick", "id": 7, "content": {"row": 1, "column": 2}}) == Pick(
         type="pick", id=7, content={"row": 1, "column": 2}
     )
@@ -43,7 +43,7 @@ def test_messages_become_what_they_say():
         ({"type": "copy", "id": 1, "content": "C++"}, "content: Input should be 'command' or 'Python'"),
     ],
 )
-def test_other_messages_are_refused_with_the_reason(message, reason):
+def test_other_messages_are_rejected_with_the_reason(message, reason):
     with pytest.raises(ElvisError, match=reason) as refused:
         parsed(message)
     assert len(str(refused.value)) < 600
@@ -51,7 +51,7 @@ def test_other_messages_are_refused_with_the_reason(message, reason):
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"a": NaN}', "[-Infinity]", "1e999", "[" * 100_000, "\ud800", "9" * 5000])
-def test_texts_that_are_no_json_are_refused(text):
+def test_texts_that_are_not_json_are_rejected(text):
     with pytest.raises(ElvisError, match="expected JSON, found"):
         table_of_text(text)
 
@@ -61,7 +61,7 @@ def test_ids_are_numbers_or_short_texts():
     assert id_of("id") is None
 
 
-def test_a_fault_of_the_program_is_an_answer_too(viewer, monkeypatch):
+def test_internal_errors_are_also_answered(viewer, monkeypatch):
     answers = []
 
     async def send(text):
@@ -80,7 +80,7 @@ def test_a_fault_of_the_program_is_an_answer_too(viewer, monkeypatch):
 @pytest.mark.parametrize(
     ("asked", "size"), [((1e300, 1e6), (8192, 8192)), ((-5, 0), (64, 64)), ((700.9, 9000), (700, 8192))]
 )
-def test_pictures_of_any_size_that_a_page_asks_for_are_within_limits(asked, size):
+def test_requested_picture_sizes_are_limited(asked, size):
     session = SimpleNamespace(size=(100, 100), _wake_up=lambda: None)
     Session._resize(session, asked)
     assert session.size == size

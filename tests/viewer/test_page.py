@@ -73,7 +73,7 @@ DRIVEN = {
 }
 
 
-def test_pictures_at_rest_are_those_of_saved_scenes(page, viewer, tmp_path):
+def test_pictures_at_rest_match_those_of_saved_scenes(page, viewer, tmp_path):
     """Byte for byte: the picture on the page, that of elvis render of the scene, and of what the page copies."""
     page.set_viewport_size({"width": 780, "height": 290})
     begun = {key: viewer.session.table[key] for key in ("field", "plane", "camera")}
@@ -129,7 +129,7 @@ def test_steps_are_undone_and_done_again(page, viewer):
         assert viewer.session.table == wanted
 
 
-def test_values_under_the_pointer_are_those_of_the_solution(page, viewer, scene):
+def test_values_under_the_pointer_match_the_solution(page, viewer, scene):
     width, height = page.evaluate("window.elvis.picture.image.slice(2)")
     page.mouse.move(*canvas_place(page, width // 2, height // 2))
     page.wait_for_function("document.querySelector('.elvis-status output').textContent.includes('certain')")
@@ -144,7 +144,7 @@ def test_values_under_the_pointer_are_those_of_the_solution(page, viewer, scene)
     assert page.evaluate(older) is None
 
 
-def test_values_along_a_line_are_kept_as_a_table(page, viewer, scene):
+def test_values_along_a_line_are_saved_as_a_table(page, viewer, scene):
     """Two clicks are its ends; all its values are those of the solution there. What is long covers no picture."""
     width, height = page.evaluate("window.elvis.picture.image.slice(2)")
     page.get_by_role("button", name="line", exact=True).click()
@@ -220,7 +220,7 @@ def test_keys_turn_and_fit(page, viewer):
     assert viewer.session.current.camera == away
 
 
-def test_an_expression_that_is_none_is_told_while_it_is_typed(page, viewer):
+def test_an_invalid_expression_is_flagged_while_typing(page, viewer):
     field = setting(page, "field")
     field.press_sequentially("+nothing")
     page.wait_for_function("[...document.querySelectorAll('.elvis-note')].some((note) => note.textContent)")
@@ -273,7 +273,7 @@ def test_the_range_is_set_by_values(page, viewer):
     assert "range" not in viewer.session.table
 
 
-def test_the_least_value_is_found_and_cut(page, viewer, scene):
+def test_the_minimum_is_found_and_cut(page, viewer, scene):
     least, _ = extrema(read(*scene.data), "u")
     page.locator("button", has_text="minimum").click()
     page.locator("text.elvis-over").wait_for()
@@ -312,7 +312,7 @@ def test_lines_of_equal_value_are_switched_on_by_a_tick(page, viewer):
     assert (found.values, found.count) == ((), 10)
 
 
-def test_one_turns_about_what_is_seen(page, viewer):
+def test_the_view_rotates_about_the_visible_point(page, viewer):
     """After a look at one corner, a drag turns about what is there: it stays in its place, and something stays."""
     page.get_by_title("View iso").click()
     settled(page, viewer)
@@ -336,7 +336,7 @@ def test_one_turns_about_what_is_seen(page, viewer):
     assert page.locator(".elvis-error").is_hidden()
 
 
-def test_a_view_of_nothing_offers_the_way_back(page, viewer):
+def test_an_empty_view_offers_a_reset(page, viewer):
     camera = {"eye": [9, 9, 9], "at": [9, 9, 0], "up": [0, 1, 0], "height": 1.0}
     change(page, {"camera": camera})
     fit = page.get_by_role("alert").get_by_role("button", name="fit")
@@ -354,7 +354,7 @@ def test_pages_and_files_are_named_after_the_data(page):
     assert started.value.suggested_filename == "wave.toml"
 
 
-def test_names_come_in_chapters_and_are_found_by_what_is_typed(page):
+def test_names_are_grouped_and_found_by_typing(page):
     chapters = (
         page.get_by_label("names: field")
         .locator("optgroup")

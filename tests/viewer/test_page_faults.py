@@ -10,7 +10,7 @@ from driving import PATIENCE, Fragile, picture, setting, settled
 from elvis.viewer.session import Session
 
 
-def test_another_page_follows(browser, page, viewer):
+def test_another_page_is_synchronised(browser, page, viewer):
     other = browser.new_page()
     other.set_default_timeout(1000 * PATIENCE)
     other.goto(viewer.address)
@@ -83,7 +83,7 @@ def test_pictures_are_written_next_to_the_data(page, viewer):
     page.get_by_role("button", name="close").click()
 
 
-def test_a_lost_connection_comes_back_with_the_view(page, viewer):
+def test_a_lost_connection_is_restored_with_the_view(page, viewer):
     """What was asked meanwhile is given up, so that one can go on to ask."""
     page.get_by_title("View +z").click()
     settled(page, viewer)
@@ -97,7 +97,7 @@ def test_a_lost_connection_comes_back_with_the_view(page, viewer):
     page.wait_for_function("document.querySelector('.elvis-status output').textContent.includes('element')")
 
 
-def test_a_file_that_changes_on_disk_is_told_and_read_again(page, viewer):
+def test_a_changed_file_is_reported_and_read_again(page, viewer):
     os.utime(viewer.session.scene.data[0])
     page.get_by_role("button", name="read again").click()
     page.get_by_text("has changed on disk").wait_for(state="hidden")

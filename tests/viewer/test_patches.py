@@ -11,7 +11,7 @@ from elvis.viewer.patches import FIXED, patched, put_back, scene_of_page, withou
 TABLE = {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}
 
 
-def test_a_change_leaves_the_table_as_it_was():
+def test_a_change_does_not_modify_the_table():
     found = patched(TABLE, {"objects[0].values[0]": 2.0, "objects[0].style.opacity": 0.5, "camera": "iso"})
     assert found == {
         "field": "u",
@@ -30,7 +30,7 @@ def test_objects_are_added_at_the_end_and_taken_away():
 
 
 @pytest.mark.parametrize("key", ["plane", "objects[0]", "objects[1]", "clip[0]"])
-def test_hidden_objects_are_put_back_where_they_were(key):
+def test_hidden_objects_are_restored_in_place(key):
     table = {
         "plane": {"point": [0, 0, 0], "normal": [0, 0, 1]},
         "objects": [{"kind": "faces"}, {"kind": "isosurface", "values": [1.0]}],
@@ -41,7 +41,7 @@ def test_hidden_objects_are_put_back_where_they_were(key):
     assert put_back(rest, hidden) == table
 
 
-def test_hidden_objects_have_room_beside_what_came_since():
+def test_hidden_objects_are_restored_next_to_new_ones():
     plane = {"point": [0, 0, 0], "normal": [0, 0, 1]}
     found = put_back({"plane": plane}, {"key": "plane", "item": plane})
     assert found == {"plane": plane, "objects": [{"kind": "cut", "surface": {"kind": "plane", **plane}}]}
@@ -55,20 +55,20 @@ def test_only_objects_are_hidden(key):
 
 
 @pytest.mark.parametrize("key", ["objects[7]", "objects[0].values.x", "field.x", "objects[x]", "title[0]", "axes", ""])
-def test_places_that_there_are_not(key):
+def test_missing_keys(key):
     with pytest.raises(SceneError, match="no such place"):
         patched(TABLE, {key: None})
 
 
 @pytest.mark.parametrize("key", sorted(FIXED))
-def test_what_is_read_run_and_written_is_settled(key):
+def test_paths_read_run_and_written_are_fixed(key):
     with pytest.raises(SceneError, match="cannot be changed"):
         patched(TABLE, {key: "x"})
     own = Scene(data=("mine.xml",))
     assert scene_of_page({"field": "u", key: "other"}, own) == replace(own, field="u")
 
 
-def test_a_page_reads_files_next_to_the_data_alone(tmp_path):
+def test_a_page_reads_only_files_next_to_the_data(tmp_path):
     own = Scene(data=(str(tmp_path / "data" / "mine.xml"),))
 
     def table(file):
@@ -88,7 +88,7 @@ def test_a_page_reads_files_next_to_the_data_alone(tmp_path):
         scene_of_page({"palette": "/etc/map.xml"}, own)
 
 
-def test_a_deformation_keeps_all_but_its_scale():
+def test_only_the_scale_of_a_deformation_changes():
     own = Scene(deform=Deform("u,v", 2.0, undeformed="mesh"))
     assert scene_of_page({"field": "u"}, own).deform == own.deform
     table = patched({"deform": {"displacement": "u,v"}}, {"deform.scale": 3.0, "phase": 30.0})

@@ -31,12 +31,12 @@ def fetch(address, **headers):
 
 @pytest.mark.parametrize("path", ["", "viewer.js", "viewer.css", "socket", "save/scene.toml"])
 @pytest.mark.parametrize("token", ["", "?token=", "?token=wrong", "?token=%C3%A4"])
-def test_nobody_enters_without_the_token(viewer, path, token):
+def test_the_token_is_required(viewer, path, token):
     assert fetch(f"{viewer.root}{path}{token}")[0] == 403
 
 
 @pytest.mark.parametrize("path", ["", "socket", "save/scene.toml"])
-def test_pages_of_other_origins_are_refused(viewer, path):
+def test_pages_of_other_origins_are_rejected(viewer, path):
     token = viewer.server.token
     assert fetch(f"{viewer.root}{path}?token={token}", Origin="http://elsewhere.example")[0] == 403
 
@@ -49,7 +49,7 @@ def test_other_schemes_are_other_origins(viewer):
     assert fetch(viewer.address, **{"Origin": f"http://{authority}", "X-Forwarded-Proto": "https"})[0] == 403
 
 
-def test_unknown_host_names_are_refused(viewer):
+def test_unknown_host_names_are_rejected(viewer):
     status, _, content = fetch(viewer.address, Host="elsewhere.example:80")
     assert status == 403
     assert b"--allow-host elsewhere.example" in content
@@ -78,7 +78,7 @@ def test_malformed_requests_do_not_print_the_token(viewer, capfd, caplog):
     assert viewer.server.token not in "".join(capfd.readouterr()) + caplog.text
 
 
-def test_the_first_page_is_readable_by_its_owner_alone(tmp_path):
+def test_the_first_page_is_readable_only_by_its_owner(tmp_path):
     with access.private_page("http://localhost:1/?token=a&b", tmp_path / "view") as page:
         path = Path(urlsplit(page).path)
         assert "token" not in page
@@ -88,7 +88,7 @@ def test_the_first_page_is_readable_by_its_owner_alone(tmp_path):
     assert not path.exists()
 
 
-def test_the_page_runs_its_own_code_alone(viewer):
+def test_the_page_runs_only_its_code(viewer):
     status, headers, content = fetch(viewer.address)
     assert status == 200
     assert "script-src 'self'" in headers["Content-Security-Policy"]
@@ -117,20 +117,20 @@ def test_the_scene_is_saved(viewer, scene, tmp_path):
         ("samples=two", "samples=NUMBER"),
     ],
 )
-def test_pictures_of_other_sizes_are_refused_with_a_sentence(viewer, how, expected):
+def test_pictures_of_other_sizes_give_a_one_line_error(viewer, how, expected):
     status, _, content = fetch(f"{viewer.root}save/a.png?token={viewer.server.token}&{how}")
     assert status == 400
     assert expected in content.decode()
 
 
 @pytest.mark.parametrize("name", ["scene.exe", "scene", "..%2Fscene.toml.py"])
-def test_other_files_are_not(viewer, name):
+def test_other_files_are_not_served(viewer, name):
     status, _, content = fetch(f"{viewer.root}save/{name}?token={viewer.server.token}")
     assert status == 400
     assert b"expected a name that ends in" in content
 
 
-def test_messages_that_say_nothing_are_answered_with_a_sentence(viewer):
+def test_meaningless_messages_get_a_one_line_answer(viewer):
     from elvis.viewer.viewers import Viewer
 
     answers = []
@@ -165,7 +165,7 @@ def asked(viewer, **message):
     return answers[0]
 
 
-def test_pages_write_files_where_they_may(viewer, tmp_path):
+def test_pages_write_only_permitted_files(viewer, tmp_path):
     """In the folder of the data or below, not over inputs, and over others once that was confirmed."""
     viewer.session.may_write = False
     assert "--allow-writes" in asked(viewer, type="write", content={"name": "a.png"})["text"]
@@ -203,14 +203,14 @@ def test_pages_write_files_where_they_may(viewer, tmp_path):
     assert read_scene(home / "below" / "scene.toml").data == viewer.session.scene.data
 
 
-def test_numbers_that_are_none_go_to_the_page_as_null():
+def test_nan_is_sent_to_the_page_as_null():
     """JSON has no word for them, and browsers refuse what Python would write."""
     from elvis.viewer.drawing_process import _number
 
     assert json.dumps([_number(value) for value in (float("nan"), float("inf"), -1.5)]) == "[null, null, -1.5]"
 
 
-def test_idle_seconds_count_from_the_last_one_who_left(monkeypatch):
+def test_idle_seconds_count_from_the_last_closed_page(monkeypatch):
     """Somebody looks, leaves, looks again, and leaves: what was counted before is no more."""
 
     async def main():
@@ -229,6 +229,6 @@ def test_idle_seconds_count_from_the_last_one_who_left(monkeypatch):
     assert finished(main()) == [True, False]
 
 
-def test_an_address_of_another_machine_is_refused_in_a_sentence():
+def test_an_address_of_another_machine_gives_a_one_line_error():
     with pytest.raises(ElvisError, match=r"on 192\.0\.2\.1:0: not an address of this machine; see --host and --port"):
         finished(Server(None).start("192.0.2.1", 0))

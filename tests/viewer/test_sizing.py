@@ -29,7 +29,7 @@ def turned(sizing, host, pixels, count=100, now=0.0):
     ("host", "pixels", "part"),
     [(0.002, 0.01, 1.0), (0.005, 0.1, 0.5), (0.01, 0.3, 0.25), (0.012, 1.0, 0.125), (0.02, 30.0, 0.0625)],
 )
-def test_drafts_are_as_large_as_time_allows(host, pixels, part):
+def test_draft_sizes_follow_the_time_budget(host, pixels, part):
     """Whatever the whole picture took, which is another work."""
     for whole in (0.1, 5.0, 100.0):
         sizing = Sizing()
@@ -79,7 +79,7 @@ class _Slow:
         pass
 
 
-def test_a_draft_comes_first_and_late_ones_are_given_up(monkeypatch):
+def test_a_draft_comes_first_and_late_ones_are_dropped(monkeypatch):
     """A draft and the whole picture; while something moves, smaller drafts for those that are late, and a whole one."""
     # on a busy machine it may be long from one movement to the next
     monkeypatch.setattr(session, "REST", 3.0)

@@ -79,7 +79,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     context.close()
 
 
-def test_a_run_is_followed_until_another_moment_is_asked_for(files, tmp_path, monkeypatch):
+def test_a_run_is_followed_until_another_time_is_requested(files, tmp_path, monkeypatch):
     monkeypatch.setattr(following, "SOON", 0.0)
     last = tmp_path / "run_2.chk"
     content = last.read_bytes()

@@ -56,7 +56,7 @@ def final(viewer, after=-1):
     raise AssertionError("no picture came")
 
 
-def test_a_page_is_told_what_it_needs_and_gets_the_picture(viewer, tmp_path):
+def test_a_page_receives_its_state_and_the_picture(viewer, tmp_path):
     facts, file = final(viewer)
     kinds = [content["type"] for content, _ in viewer.sent]
     assert kinds[0] == "schema"
@@ -66,7 +66,7 @@ def test_a_page_is_told_what_it_needs_and_gets_the_picture(viewer, tmp_path):
     assert facts["field"] == "u"
 
 
-def test_a_notebook_that_is_only_read_has_the_picture(viewer):
+def test_a_static_notebook_has_the_picture(viewer):
     bundle = viewer._repr_mimebundle_()
     bundle = bundle[0] if isinstance(bundle, tuple) else bundle
     assert base64.b64decode(bundle["image/png"]) == final(viewer)[1]
@@ -84,7 +84,7 @@ def test_the_scene_changes_both_ways(viewer):
     assert (viewer.frame.rgb == render(read(*viewer.scene.data), viewer.scene).rgb).all()
 
 
-def test_files_are_handed_to_the_page(viewer, tmp_path):
+def test_files_are_sent_to_the_page(viewer, tmp_path):
     """In any size and with any samples, as `save` writes them."""
     how = {"size": (48, 31), "samples": 2}
     for number, suffix in ((7, ".toml"), (8, ".exe"), (9, ".png")):
@@ -161,7 +161,7 @@ def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
     page.close()
 
 
-def test_a_notebook_runs_and_keeps_the_picture(scene, tmp_path):
+def test_a_notebook_runs_and_stores_the_picture(scene, tmp_path):
     """By a kernel of its own, as `jupyter execute` does it: the widget, and the picture of what was shown last."""
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

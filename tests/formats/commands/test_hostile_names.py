@@ -76,7 +76,7 @@ def test_files_for_other_programs_can_be_read(files, hostile):
     assert shown in minidom.parse("x.svg").toxml().replace("&lt;", "<").replace("&gt;", ">")
 
 
-def test_names_that_would_be_equal_have_numbers():
+def test_equal_names_are_numbered():
     assert plain_names(["u\x1b", "u\x9b", "u", "u\n"]) == ("u?", "u?_2", "u", "u?_3")
 
 
@@ -110,7 +110,7 @@ def test_reports_show_markup_as_text(tmp_path, monkeypatch):
     assert [Scripts(page.read_text()).found for page in pages] == [[]] * len(pages)
 
 
-def test_the_viewers_page_makes_no_markup_of_texts():
+def test_the_page_of_the_viewer_escapes_texts():
     """All texts enter the page as text: nothing in it parses HTML."""
     script = (Path(elvis.viewer.__file__).parent / "page" / "viewer.js").read_text()
     assert "textContent" in script

@@ -43,7 +43,7 @@ def truth_values(path):
     "case",
     ["chan3d_tet", "gen_allelem_n4", "gen_allelem_ortho", "gen_allelem_var_h5", "gen_pyr_curved", "helmholtz_tq"],
 )
-def test_ranges_and_box_hold_every_true_value(nektar, case):
+def test_ranges_and_box_contain_every_true_value(nektar, case):
     files = [path for path in (nektar / case).iterdir() if path.suffix in (".xml", ".fld")]
     facts = summary(read(*files))
     points, values, names = truth_values(nektar / case / f"{case}.truth.txt")
@@ -58,14 +58,14 @@ def test_ranges_and_box_hold_every_true_value(nektar, case):
         assert column.max() <= found["upper"] + slack
 
 
-def test_fourier_directions_run_over_their_length(nektar, elvis_json):
+def test_fourier_directions_span_their_length(nektar, elvis_json):
     facts = elvis_json("info", nektar / "chan3dh1d" / "chan3DH1D.xml", nektar / "chan3dh1d" / "chan3DH1D.fld")
     assert facts["geometry"]["box"] == {"lower": [0, 0, 0], "upper": [1, 1, 1]}
     assert facts["fields"][0]["expansions"][0]["fourier"] == {"lengths": [1.0], "planes": 8}
     assert facts["time"] == pytest.approx(1)
 
 
-def test_a_mesh_alone(nektar, elvis, elvis_json):
+def test_a_mesh_without_fields(nektar, elvis, elvis_json):
     (mesh,) = (nektar / "scale_compressed").glob("*.xml")
     assert elvis_json("info", mesh)["fields"] == []
     assert "triangle" in elvis("info", mesh)
@@ -84,7 +84,7 @@ def test_numbers_that_are_not_finite_are_counted(nektar):
     assert facts["range"]["upper"] >= 0.9
 
 
-def test_tables_name_what_there_is(elvis, pipe):
+def test_tables_list_names(elvis, pipe):
     text = elvis("info", *pipe[0], pipe[1])
     for word in ("428 tetrahedron", "136 prism", "positive at all quadrature points", "Modified_C", "221 edges"):
         assert word in text
@@ -92,7 +92,7 @@ def test_tables_name_what_there_is(elvis, pipe):
     assert all(line == line.rstrip() for line in text.splitlines())
 
 
-def test_predefined_quantities_are_listed_with_what_the_data_lack(nektar, elvis, elvis_json):
+def test_predefined_quantities_are_listed_with_missing_inputs(nektar, elvis, elvis_json):
     files = nektar / "tet_small" / "smallmesh.xml", nektar / "tet_small" / "smallmesh.fld"
     found = {each["name"]: each for each in elvis_json("info", "--quantities", *files)["quantities"]}
     assert found["q_criterion"]["lacks"] is None
@@ -111,7 +111,7 @@ def test_predefined_quantities_are_listed_with_what_the_data_lack(nektar, elvis,
     assert y_plus["upper"] is None
 
 
-def test_long_tables_are_cut_with_a_word(nektar, elvis):
+def test_long_tables_are_truncated_with_a_note(nektar, elvis):
     case = nektar / "gen_allelem_var_h5"
     files = case / "CubeAllElements.xml", case / "gen_allelem_var_h5.fld"
     assert "shown by --all" in elvis("info", *files)
@@ -132,14 +132,14 @@ def tetrahedron_that_intersects_itself(folder):
     return folder / "bad.xml"
 
 
-def test_jacobians_that_are_positive_are_proved_so(elvis, elvis_json, pipe):
+def test_positive_jacobians_are_proved(elvis, elvis_json, pipe):
     assert elvis("info", "--jacobian", *pipe[0]).startswith("564 of 564 elements have a positive Jacobian everywhere")
     facts = elvis_json("info", "--jacobian", *pipe[0])
     assert (facts["positive"], facts["not_positive"], facts["undecided"], facts["listed"]) == (564, 0, 0, [])
     assert 0 < facts["range"]["lower"] <= facts["range"]["least"]
 
 
-def test_elements_whose_jacobian_fails_are_listed_with_a_place(tmp_path):
+def test_elements_with_negative_jacobian_are_listed_with_a_point(tmp_path):
     path = str(tetrahedron_that_intersects_itself(tmp_path))
     shown = CliRunner().invoke(group, ["info", "--jacobian", path], standalone_mode=False)
     assert str(shown.exception).startswith(
@@ -168,7 +168,7 @@ def test_the_range_of_a_quantity(nektar, elvis):
     assert "d(u,z)" in elvis("info", *channel, "--field", "d(u,z)")
 
 
-def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
+def test_escapes_in_names_are_not_printed(elvis, elvis_json, tmp_path):
     """HDF5 holds any text; tables show it harmless, JSON whole."""
     from dataclasses import replace
 
@@ -188,7 +188,7 @@ def test_escapes_in_names_stay_inside(elvis, elvis_json, tmp_path):
     assert all(character.isprintable() or character == "\n" for character in table)
 
 
-def test_a_map_given_by_fields_is_told_as_a_map_alone(elvis, elvis_json, tmp_path):
+def test_a_map_given_by_fields_is_listed_only_as_map(elvis, elvis_json, tmp_path):
     from elvis.core.testing import approximated, grid
 
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))
@@ -204,7 +204,7 @@ def test_a_map_given_by_fields_is_told_as_a_map_alone(elvis, elvis_json, tmp_pat
     assert elvis_json("info", *files)["metadata"]["GeometryMap"] == "map_x,map_y"
 
 
-def test_extremes_have_places(nektar, elvis, elvis_json):
+def test_extrema_have_positions(nektar, elvis, elvis_json):
     """u = 1 - z^2 on [-1, 1]^3."""
     channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
     found = elvis_json("info", *channel, "--extrema", "--field", "u")
@@ -218,7 +218,7 @@ def test_extremes_have_places(nektar, elvis, elvis_json):
     assert found["greatest"]["value"] == pytest.approx(max((1 - z**2) ** 2 + 0.1 * z for z in turns[1:]), rel=1e-12)
 
 
-def test_points_of_walls_have_kinds(tmp_path, elvis, elvis_json):
+def test_points_on_walls_are_classified(tmp_path, elvis, elvis_json):
     """A fluid that flows to (0.4, 0.6, 0.3) and is at rest on all walls: shear meets on each of them."""
     from elvis.core.testing import approximated, grid
 
@@ -240,7 +240,7 @@ def test_points_of_walls_have_kinds(tmp_path, elvis, elvis_json):
     assert (point["kind"], point["index"]) == ("node in", -1)
 
 
-def test_resolution_of_fields_is_told(elvis_json, pipe):
+def test_resolution_of_fields_is_reported(elvis_json, pipe):
     mesh, field = pipe
     facts = elvis_json("info", *mesh, field, "--resolution", "--field", "u")
     assert [own["name"] for own in facts["fields"]] == ["u"]
@@ -256,7 +256,7 @@ def test_resolution_of_fields_is_told(elvis_json, pipe):
     assert str(wrong.exception) == "--resolution: expected a field of the data (u, v), found u*v"
 
 
-def test_resolution_of_a_series_is_told_for_each_step(elvis, elvis_json, tmp_path):
+def test_resolution_of_a_series_is_reported_for_each_step(elvis, elvis_json, tmp_path):
     """sin(k x) for k = 1 and 4: the error of the second step is larger."""
     mesh = grid(Shape.QUADRILATERAL, 2)
     write(Dataset(mesh), tmp_path / "m.xml")

@@ -27,7 +27,7 @@ def test_the_contract_of_scripts(channel, elvis_json):
     assert all(0 < row["error"] < 1e-12 for row in found)
 
 
-def test_what_nothing_bounds_is_an_estimate(channel, elvis, elvis_json):
+def test_unbounded_errors_are_estimates(channel, elvis, elvis_json):
     """Rules that are compared along a curve don't prove an error."""
     asked = ["integrate", *channel, "--field", "exp(u)", "--over", "line:0,0,-1:0.1,0.2,1"]
     (row,) = elvis_json(*asked)
@@ -56,14 +56,14 @@ def test_files_of_both_kinds(channel, elvis, tmp_path):
     assert float(row["value"]) == archive["value"][0]
 
 
-def test_what_python_says_is_the_same(channel, elvis_json):
+def test_python_gives_the_same_result(channel, elvis_json):
     found = integrate(read(*channel), "p*nx", over="all")
     assert found.value == elvis_json("integrate", *channel, "--field", "p*nx", "--over", "all")[-1]["value"]
     assert repr(found).splitlines()[0].split() == ["over", "integrand", "value", "error", "measure"]
     assert float(found) == found[-1].value == found.of("p*nx").value
 
 
-def test_an_error_that_is_not_reached_is_told(channel, elvis, capsys, monkeypatch):
+def test_an_unreached_tolerance_is_reported(channel, elvis, capsys, monkeypatch):
     told = []
     monkeypatch.setattr("elvis.core.terminal.warn", told.append)
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
@@ -72,7 +72,7 @@ def test_an_error_that_is_not_reached_is_told(channel, elvis, capsys, monkeypatc
     assert "1e-12 was requested" in told[0]
 
 
-def test_what_can_not_be_integrated(channel, elvis):
+def test_unsupported_integrals_are_rejected(channel, elvis):
     with pytest.raises(ElvisError, match=r"there is no boundary 'roof'; there are domain, all, "):
         elvis("integrate", *channel, "--field", "u", "--over", "roof")
     with pytest.raises(Exception, match="expected --field"):
@@ -130,7 +130,7 @@ def interrupted_round(monkeypatch, number):
     monkeypatch.setattr(Summation, "_round", stopped)
 
 
-def test_an_interrupt_ends_with_what_is_known_if_that_is_wanted(channel, monkeypatch):
+def test_an_interrupt_prints_partial_results_on_request(channel, monkeypatch):
     asked = ["integrate", *map(str, channel), "--field", "abs(x - 0.1*y)", "--error", "1e-9"]
     with monkeypatch.context() as patch:
         interrupted_round(patch, 3)
@@ -147,7 +147,7 @@ def test_an_interrupt_ends_with_what_is_known_if_that_is_wanted(channel, monkeyp
             integrate(read(*channel), "abs(x - 0.1*y)", error=1e-9)
 
 
-def test_the_error_reached_is_reported_while_it_takes_long(channel, monkeypatch):
+def test_progress_reports_the_error_reached(channel, monkeypatch):
     from elvis.renderer.commands import integrate as command
 
     lines, reached = [], []

@@ -26,12 +26,12 @@ def test_the_table_shows_the_signed_maximum(nektar, elvis):
     assert float(rows["v"][2]) == pytest.approx(0.0308771, rel=1e-5)
 
 
-def test_a_file_that_is_not_there(tmp_path, elvis):
+def test_a_missing_file(tmp_path, elvis):
     with pytest.raises(ElvisError, match=r"absent\.xml"):
         elvis("norms", tmp_path / "absent.xml")
 
 
-def test_norms_of_quantities_are_their_integrals(nektar, elvis):
+def test_norms_of_quantities_equal_their_integrals(nektar, elvis):
     """u = 1 - z^2 on [-1, 1]^3: du/dz = -2z has the L2 norm sqrt(4 * 8/3); divergence and 2u follow from u alone."""
     channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
     asked = ("--field", "d(u,z)", "--field", "2*u", "--field", "q_criterion")
@@ -46,7 +46,7 @@ def test_norms_of_quantities_are_their_integrals(nektar, elvis):
 @pytest.mark.parametrize(
     ("text", "is_told"), [("1", True), ("-2*pi", True), ("x/x", False), ("u", False), ("0", False)]
 )
-def test_the_norm_of_a_constant_is_not_the_volume_which_is_told(nektar, elvis, monkeypatch, text, is_told):
+def test_the_norm_of_a_constant_is_normalised_and_a_note_says_so(nektar, elvis, monkeypatch, text, is_told):
     """A cube of edge 2."""
     told = []
     monkeypatch.setattr("elvis.core.terminal.warn", told.append)

@@ -36,7 +36,7 @@ def test_a_quarter_of_a_ring(ring, elvis_json):
     assert all(abs(row["value"] - own) <= row["estimate"] < 1e-8 for row, own in zip(found, truth, strict=True))
 
 
-def test_its_sides_and_what_leaves_through_them(ring, elvis_json):
+def test_its_sides_and_the_flux_through_them(ring, elvis_json):
     """The force of p = x on the outer side, r = 2: 12 cos^2 of the angle, over a right angle."""
     fields = ("--field", "area", "--field", "p*nx", "--field", "x*nx + y*ny + z*nz", "--error", "1e-10")
     found = elvis_json("integrate", ring, *fields, "--over", "outer", "--over", "ends", "--over", "all")
@@ -49,7 +49,7 @@ def test_its_sides_and_what_leaves_through_them(ring, elvis_json):
     assert values["all", "x*nx + y*ny + z*nz"] == pytest.approx(27 * pi / 4, rel=1e-12)
 
 
-def test_a_pipe_is_what_mfem_integrates(nektar, elvis_json):
+def test_the_integral_over_a_pipe_matches_mfem(nektar, elvis_json):
     mfem = pytest.importorskip("mfem.ser")
     files = [str(nektar.parent / "solvers" / "mfem" / f"pipe_nurbs.{suffix}") for suffix in ("mesh", "u.gf")]
     mesh = mfem.Mesh(files[0])
@@ -77,7 +77,7 @@ def test_a_pipe_is_what_mfem_integrates(nektar, elvis_json):
         (("--field", "d(p,x)*nx", "--over", "all"), "expected normals times values, without derivatives"),
     ],
 )
-def test_what_can_not_be_integrated(ring, elvis, arguments, sentence):
+def test_unsupported_integrals_are_rejected(ring, elvis, arguments, sentence):
     with pytest.raises(ElvisError) as error:
         elvis("integrate", ring, *arguments)
     assert sentence in str(error.value)

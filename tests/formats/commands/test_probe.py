@@ -50,7 +50,7 @@ def test_rows_as_json(channel, elvis):
         np.testing.assert_array_equal([np.nan if row[name] is None else row[name] for row in rows], column)
 
 
-def test_a_plane_has_u_fastest(channel, elvis):
+def test_the_first_direction_of_a_plane_varies_fastest(channel, elvis):
     found = table(elvis("probe", *channel, "--plane", "0,0,0:0,0,1:0,1,0", "-n", "3x2", "--fields", "u"))
     np.testing.assert_array_equal(found["z"], [0, 0.5, 1, 0, 0.5, 1])
     np.testing.assert_array_equal(found["y"], [0, 0, 0, 1, 1, 1])
@@ -81,7 +81,7 @@ def test_true_values_at_true_points(nektar, tmp_path, elvis, case, mesh, field):
             assert nearest.max() <= 1e-11 * np.ptp(column)
 
 
-def test_what_is_clipped_is_outside(nektar, elvis):
+def test_clipped_points_are_outside(nektar, elvis):
     """A line through the cube [0, 1]^3 in 9 points, of which the ball holds 3; its outside is the rest."""
     case = nektar / "gen_allelem_n4"
     files = case / "CubeAllElements.xml", case / "gen_allelem_n4.fld"
@@ -121,7 +121,7 @@ def test_tables_and_archives_agree(channel, tmp_path, elvis):
         assert archive["element"].dtype == archive["point"].dtype == archive["status"].dtype == np.int64
 
 
-def test_what_was_printed_can_be_asked_again(channel, tmp_path, elvis):
+def test_printed_points_can_be_probed_again(channel, tmp_path, elvis):
     elvis("probe", *channel, "--line", "-1,-1,0:1,1,2", "-o", tmp_path / "first.csv")
     assert elvis("probe", *channel, "--points", tmp_path / "first.csv") == (tmp_path / "first.csv").read_text()
 
@@ -175,7 +175,7 @@ def test_a_failure_leaves_no_file(channel, elvis, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_field_with_the_name_of_a_column_is_left_out(elvis, tmp_path, monkeypatch):
+def test_a_field_with_the_name_of_a_column_is_skipped(elvis, tmp_path, monkeypatch):
     """Exports for other programs have a field of elements' numbers."""
     mesh = Dataset(grid(Shape.QUADRILATERAL, 1))
     fields = [approximated(mesh, name, lambda x: x[:, 0], 1) for name in ("element", "u")]
@@ -216,7 +216,7 @@ def test_expressions_are_probed_like_fields(channel, elvis):
 
 
 @pytest.mark.parametrize("link", ["", "soft", "hard"])
-def test_the_points_are_not_written_over(channel, elvis, tmp_path, link):
+def test_the_input_points_are_not_overwritten(channel, elvis, tmp_path, link):
     points = tmp_path / "p.csv"
     points.write_text("x,y,z\n0.5,0.5,0\n")
     output = tmp_path / f"{link}.csv" if link else points

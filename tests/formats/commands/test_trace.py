@@ -24,7 +24,7 @@ def shear(tmp_path):
 SEEDS = ("--seeds", "line:1,0.25:1,0.75:2", "--seeds", "point:7,7")
 
 
-def test_files_of_all_kinds_hold_the_same_lines(shear, elvis, tmp_path):
+def test_files_of_all_kinds_contain_the_same_lines(shear, elvis, tmp_path):
     dataset, files = shear
     found = trace(dataset, SEEDS[1::2], direction="both", fields=["2*p"])
     for suffix in ("csv", "npz", "vtp"):
@@ -49,7 +49,7 @@ def test_files_of_all_kinds_hold_the_same_lines(shear, elvis, tmp_path):
     assert drawn.GetCell(1).GetNumberOfPoints() == len(found[1])
 
 
-def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
+def test_printed_output(shear, elvis, elvis_json, monkeypatch):
     told = []
     monkeypatch.setattr("elvis.core.terminal.warn", told.append)
     rows = elvis("trace", *shear[1], *SEEDS, "--velocity", "u,0.1", "--duration", "1e-3").splitlines()
@@ -77,7 +77,7 @@ def test_what_is_printed(shear, elvis, elvis_json, monkeypatch):
         ((), "expected --seeds, where lines begin, or --cores"),
     ],
 )
-def test_what_is_refused(shear, elvis, arguments, match):
+def test_invalid_input_is_rejected(shear, elvis, arguments, match):
     with pytest.raises(Exception, match=match) as caught:
         elvis("trace", *shear[1], *arguments)
     assert isinstance(caught.value, ElvisError) or match.startswith("expected --seeds")
@@ -120,6 +120,6 @@ def test_cores(eddy, elvis, elvis_json, tmp_path):
         (("--cores", "-o", "cores.txt"), "expected a name that ends in .csv, .npz or .vtp"),
     ],
 )
-def test_what_is_refused_of_cores(eddy, elvis, arguments, match):
+def test_invalid_input_for_cores_is_rejected(eddy, elvis, arguments, match):
     with pytest.raises(Exception, match=match):
         elvis("trace", *eddy, *arguments)
