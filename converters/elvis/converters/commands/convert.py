@@ -32,6 +32,8 @@ Examples:
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
   elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
   elvis convert a.xml a.fld --onto b.xml -o on_b.fld                                 L2 projection onto another mesh
+  elvis convert a.xml a.fld --stream-function -o psi.fld                             for contours that are streamlines
+  elvis convert a.xml a.fld --add vorticity --continuous -o smooth.fld               without jumps, same integrals
   elvis convert a.xml a.fld --other b=b.xml,b.fld --add "du=u-b:u" --fields u -o du.fld
   elvis convert --list
 """
@@ -148,6 +150,18 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option(
     "--max-error", type=float, help="Fail without output if a relative error beyond rounding exceeds this value."
 )
+@click.option(
+    "--stream-function",
+    "stream",
+    is_flag=True,
+    help="Add the field stream_function of a plane flow, with d(stream_function,y) = u and d(stream_function,x) = -v; "
+    "prints how far its velocity is from the flow's.",
+)
+@click.option(
+    "--continuous",
+    is_flag=True,
+    help="Replace each field, added ones included, by its continuous L2 projection; prints the change.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, with all digits of the numbers.")
 @click.option(
     "--overwrite", is_flag=True, help="Allow outputs to replace inputs, and to replace or remove files of another mesh."
@@ -196,6 +210,8 @@ def _convert(
     max_error: float | None,
     as_json: bool,
     overwrite: bool,
+    continuous: bool,
+    stream: bool,
     **options: Any,
 ) -> None:
     """Convert, report, and write where the errors are in bounds."""
@@ -206,6 +222,10 @@ def _convert(
     more = () if onto is None else tuple(map(Path, onto.split(",")))
     _check_places(output, kind, (*files, *more), overwrite)
     dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
+    if stream:
+        dataset, report = _with_stream_function(dataset, report)
+    if continuous:
+        dataset, report = _made_continuous(dataset, report)
     if as_json:
         print_json(report.facts())
     else:
@@ -279,7 +299,7 @@ def _results(
     outside: str,
     **options: Any,
 ) -> tuple[Dataset, Report]:
-    """The data to write, and the errors of the conversion and of added quantities.
+    """The data to write before they are made continuous, and the errors of the conversion and of added quantities.
 
     Writing only fields requires native files.
     """
@@ -330,6 +350,32 @@ def _projected(
     names = None if fields is None else [part.strip() for part in fields.split(",")]
     found = onto_mesh(source, target, options["order"], outside, names)
     return found.dataset, report_of_transfer(found, (*files, *onto))
+
+
+def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
+    """The data with the stream function, and how far its velocity is from that of the flow."""
+    from elvis.core.errors import ElvisError
+    from elvis.core.resolution.stream_functions import stream_function
+    from elvis.core.terminal import stage
+
+    name = "stream_function"
+    if name in (own.name for own in dataset.fields):
+        raise ElvisError(f"--stream-function: field {name!r} already exists")
+    with stage("computing the stream function"):
+        found = stream_function(dataset, name)
+    sentence = f"the velocity of {name} differs from that of the flow by {found.residual:.2g} of it, in L2"
+    return replace(dataset, fields=(*dataset.fields, found.field)), replace(report, notes=(*report.notes, sentence))
+
+
+def _made_continuous(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
+    """The data with continuous fields, and the change of each as its error."""
+    from elvis.core.terminal import stage
+    from elvis.plugins.continuous_fields import continuous_fields
+
+    with stage("making fields continuous"):
+        found = continuous_fields(dataset)
+    sentence = "fields are continuous; their errors are the changes that this made, measured at points"
+    return found.dataset, replace(report, fields=found.measures, notes=(*report.notes, sentence))
 
 
 def _is_plain(options: dict[str, Any]) -> bool:

@@ -21,11 +21,7 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.resolution.recovery import EXTRA
-
-#: direction along which the points of an entity are sorted: none of a lattice are at the same place along it
-_ALONG = np.array([0.7548776662466927, 0.5698402909980532, 0.3247179572447460])
-#: distance, relative to the size of an element, up to which points of two elements are the same
-_SAME = 1e-8
+from elvis.core.resolution.shared_points import groups_of_points
 
 
 def averaged(dataset: Dataset, field: Field, name: str, axis: int | None = None) -> Field:
@@ -102,13 +98,7 @@ def _means(outer: Sequence[_Outer]) -> list[Floats]:
     entity = np.concatenate([own.entity.reshape(-1, 4) for own in outer])
     lengths = [np.repeat(np.ptp(own.places, axis=1).max(axis=1), own.values.shape[1]) for own in outer]
 
-    # points of one entity, sorted along a direction, are next to their counterparts in other elements
-    order = np.lexsort([places @ _ALONG, *entity.T])
-    is_same = (entity[order][1:] == entity[order][:-1]).all(axis=1)
-    distance = np.linalg.norm(np.diff(places[order], axis=0), axis=1)
-    is_same &= distance <= _SAME * np.concatenate(lengths)[order][1:]
-    group = np.concatenate([[0], np.cumsum(~is_same)])
-    found = np.empty_like(values)
-    found[order] = (np.bincount(group, values[order]) / np.bincount(group))[group]
+    group = groups_of_points(places, entity, np.concatenate(lengths))
+    found = (np.bincount(group, values) / np.bincount(group))[group]
     ends = np.cumsum([own.values.size for own in outer])[:-1]
     return [part.reshape(own.values.shape) for part, own in zip(np.split(found, ends), outer, strict=True)]

@@ -1,0 +1,33 @@
+"""Fields made continuous by ``elvis convert``, and what that changes."""
+
+import numpy as np
+import pytest
+
+from elvis.core.errors import ElvisError
+from elvis.plugins.arrays import from_arrays
+from elvis.plugins.continuous_fields import continuous_fields
+
+SQUARE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float64)
+
+
+def test_two_steps_become_a_line():
+    # u = 0 on the first square and 1 on the second; the nearest function is linear in x on each
+    squares = np.stack([SQUARE, SQUARE + np.array([1, 0])])
+    steps = from_arrays({"quadrilateral": squares}, u=np.array([[0.0] * 4, [1.0] * 4]))
+    found = continuous_fields(steps)
+    mass = np.array([[2, 1, 0], [1, 4, 1], [0, 1, 2]]) / 6
+    ends = np.linalg.solve(mass, [0, 0.5, 0.5])
+    values = found.dataset["u"]([0.0, 1.0, 2.0], [0.3, 0.3, 0.3])
+    np.testing.assert_allclose(values, ends, atol=1e-13)
+
+    (measure,) = found.measures
+    assert measure.max == pytest.approx(abs(ends[1]), rel=0.05)
+    assert measure.l2 == pytest.approx(np.sqrt(1 - ends @ [0, 0.5, 0.5]), rel=1e-12)
+
+
+def test_hanging_nodes_raise_an_error():
+    # a square next to two halves of one; the field is 1 on the first half, and 0 elsewhere
+    halves = [SQUARE * (1, 0.5) + (1, 0), SQUARE * (1, 0.5) + (1, 0.5)]
+    rough = from_arrays({"quadrilateral": np.stack([SQUARE, *halves])}, u=np.repeat([[0.0], [1.0], [0.0]], 4, axis=1))
+    with pytest.raises(ElvisError, match="expected elements that share whole sides"):
+        continuous_fields(rough)
