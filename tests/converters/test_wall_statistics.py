@@ -46,6 +46,21 @@ def test_means_of_shear_that_changes_sign(folder, over):
         assert osi == pytest.approx((1 - mean / size) / 2, rel=1e-9)
 
 
+def test_shear_across_its_mean(tmp_path, monkeypatch):
+    # on the bottom z = 0 the shear is mu (3, s) with s = 1, -1: its mean is mu (3, 0), across it mu
+    monkeypatch.chdir(tmp_path)
+    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
+    for number, side in enumerate((1.0, -1.0)):
+        flow = {"u": lambda p: 3 * p[:, 2], "v": lambda p, s=side: s * p[:, 2], "w": lambda p: 0 * p[:, 0]}
+        fields = tuple(approximated(bare, name, function, 2) for name, function in flow.items())
+        write(Dataset(bare.mesh, fields, time=number), f"run_{number}.xml")
+    status, text = run("average", "run_0.xml", "run_*.fld", "--wall", "all", "--set", f"mu={MU}", "-o", "shear.xml")
+    assert status == 0, text
+    wall = read("shear.xml", "shear.fld")
+    assert wall["transWSS"](0.3, 0.6, 0.0) == pytest.approx(MU, rel=1e-10)
+    assert wall["TAWSS"](0.3, 0.6, 0.0) == pytest.approx(MU * np.sqrt(10), rel=1e-10)
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

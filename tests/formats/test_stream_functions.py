@@ -1,6 +1,5 @@
 """Stream functions of polynomial flows are exact, and flows with sources report what is left."""
 
-import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset

@@ -2,6 +2,8 @@
 
 TAWSS                      mean of the length of the wall shear tau: time-averaged wall shear stress
 shear_x, shear_y, shear_z  mean of tau
+transWSS                   in 3D, mean of the length of the part of tau across the mean of tau: transverse wall shear
+                           stress (Peiffer, Sherwin and Weinberg 2013, Cardiovascular Research 99)
 
 Other measures are expressions of these (Himburg et al. 2004, Annals of Biomedical Engineering 32):
 
@@ -11,6 +13,7 @@ Other measures are expressions of these (Himburg et al. 2004, Annals of Biomedic
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +28,8 @@ from elvis.plugins.series.series import Series
 
 #: name of the mean of the length
 TAWSS = "TAWSS"
+#: name of the mean of the length of the part across the mean
+TRANSVERSE = "transWSS"
 #: steps that are kept in memory; others are read again for each set of points
 _KEPT = 32
 
@@ -50,7 +55,7 @@ def wall_statistics(series: Series, boundary: str, over: str = "steps") -> Conve
 
 
 class WallStatisticsSource(BoundarySource):
-    """The sides of a boundary with means over all steps; each set of points takes one pass over the steps."""
+    """The sides of a boundary with means over all steps; each set of points takes two passes over the steps."""
 
     format = "wall statistics"
 
@@ -63,7 +68,9 @@ class WallStatisticsSource(BoundarySource):
         self._mesh_of = first
         self._weights = _weights(series, over)
         (vector, *_) = self.fields
-        self.fields = [replace(vector, name=TAWSS, is_polynomial=False, key=TAWSS), *self.fields]
+        lengths = [TAWSS, TRANSVERSE] if first.mesh.dimension == 3 else [TAWSS]
+        self._vector = list(self.fields)
+        self.fields = [*(replace(vector, name=own, is_polynomial=False, key=own) for own in lengths), *self._vector]
         self.time = None
         self.metadata = {key: text for key, text in self.metadata.items() if key != "Time"}
         self.metadata |= {"AveragedSteps": str(len(series)), "AveragedOver": over}
@@ -80,15 +87,31 @@ class WallStatisticsSource(BoundarySource):
 
     def _found(self, block: Elements, points: Floats) -> dict[str, Floats]:
         """All means at points of a block's elements."""
-        names = [own.name for own in self.fields]
-        total = {name: np.zeros((len(block), len(points))) for name in names}
+        mean = np.zeros((len(self._vector), len(block), len(points)))
+        length = np.zeros(mean.shape[1:])
+        for weight, shear in self._shear(block, points):
+            mean += weight * shear
+            length += weight * np.linalg.norm(shear, axis=0)
+        found = {TAWSS: length, **dict(zip((own.name for own in self._vector), mean, strict=True))}
+        if TRANSVERSE in (own.name for own in self.fields):
+            found[TRANSVERSE] = self._across(block, points, mean)
+        return found
+
+    def _across(self, block: Elements, points: Floats, mean: Floats) -> Floats:
+        """(n, q) mean lengths of the part of the shear across its mean (d, n, q); all of it where the mean is zero."""
+        size = np.linalg.norm(mean, axis=0)
+        direction = np.divide(mean, size, out=np.zeros_like(mean), where=size > 0)
+        length = np.zeros_like(size)
+        for weight, shear in self._shear(block, points):
+            along = (shear * direction).sum(axis=0)
+            length += weight * np.linalg.norm(shear - along * direction, axis=0)
+        return length
+
+    def _shear(self, block: Elements, points: Floats) -> Iterator[tuple[float, Floats]]:
+        """Weight of each step, and its shear (d, n, q)."""
         for number, weight in enumerate(self._weights.tolist()):
             own = self._source(number)
-            vector = [own.sample(block, component, points) for component in own.fields]
-            for component, values in zip(own.fields, vector, strict=True):
-                total[component.name] += weight * values
-            total[TAWSS] += weight * np.sqrt(sum(values**2 for values in vector))
-        return total
+            yield weight, np.stack([own.sample(block, component, points) for component in own.fields])
 
     def _source(self, number: int) -> BoundarySource:
         """The boundary at a step; some steps are kept."""

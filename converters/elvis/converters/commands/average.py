@@ -66,9 +66,10 @@ def _write_mean_mode(
     files: Sequence[Path], direction: str, output: Path, is_alone: bool, options: dict[str, str]
 ) -> None:
     """Write the mean along a direction of one state."""
-    from elvis.core.terminal import say
+    from elvis.core.terminal import note, say
     from elvis.formats.writing import write
     from elvis.plugins.data import Reading, dataset_of
+    from elvis.plugins.extruded_mean import extruded_mean
     from elvis.plugins.fourier_planes import fourier_mean
     from elvis.plugins.series.series import series_in
 
@@ -79,7 +80,14 @@ def _write_mean_mode(
     reading = Reading(None, options)
     if series_in(files, reading) is not None:
         raise ElvisError("--direction: expected one state, found a series; write its mean first, or one step")
-    found = fourier_mean(dataset_of(files, reading), direction)
+    source = dataset_of(files, reading)
+    if source.mesh.dimension < 3:
+        found = fourier_mean(source, direction)
+    else:
+        conversion = extruded_mean(source, direction)
+        found = conversion.dataset
+        for remark in conversion.report.remarks():
+            note(remark)
     say(f"{', '.join(map(str, write(found, output)))}: mean along {direction}")
 
 
@@ -128,12 +136,13 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
     "--wall",
     metavar="NAME",
     help="Write statistics of the wall shear on a boundary, as separate data, instead of fields: TAWSS (mean "
-    "magnitude) and the mean vector shear_x, shear_y, shear_z.",
+    "magnitude), the mean vector shear_x, shear_y, shear_z and, in 3D, transWSS (mean magnitude across it).",
 )
 @click.option(
     "--direction",
     type=click.Choice(["x", "y", "z"]),
-    help="Average one state along its Fourier direction instead of over steps, exactly, as plane data.",
+    help="Average one state along an axis instead of over steps, exactly, as plane data: the axis of its Fourier "
+    "direction, or one along which its hexahedra and prisms are extruded.",
 )
 @set_option
 @reader_option
