@@ -13,6 +13,7 @@ from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.wall_curves import at_walls
 from elvis.plugins.command import elvis
+from elvis.plugins.fourier_planes import fourier_mean
 
 PERIOD = 2.5
 
@@ -70,6 +71,57 @@ def test_plane_data_have_no_fourier_planes(tmp_path, monkeypatch):
     found = CliRunner().invoke(elvis, ["average", "a.xml", "a.fld", "--direction", "z", "-o", "b.xml"])
     assert found.exit_code == 1
     assert "with a Fourier direction, found none" in str(found.exception)
+
+
+def values_of(data):
+    """Values of u at points of the first element, at heights over three periods."""
+    heights = PERIOD * np.array([0.1, 0.45, 0.8, 1.3, 2.7])
+    return data["u"](np.full(5, 0.3), np.full(5, 0.2), heights)
+
+
+@pytest.mark.parametrize(
+    ("basis", "numbers"),
+    [
+        (Basis.FOURIER, (0, 4, 3)),
+        (Basis.FOURIER_SINGLE_MODE, (0, 1)),
+        (Basis.FOURIER_HALF_MODE_RE, (0,)),
+        (Basis.FOURIER_HALF_MODE_IM, (0,)),
+    ],
+)
+def test_other_waves_are_the_same_functions(tmp_path, monkeypatch, basis, numbers):
+    monkeypatch.chdir(tmp_path)
+    waves = Homogeneous((basis,), (PERIOD,), numbers)
+    whole, _ = spanwise(len(numbers))
+    blocks = [replace(own, expansion=replace(own.expansion, homogeneous=waves)) for own in whole.fields[0].blocks]
+    data = Dataset(whole.mesh, (Field("u", tuple(blocks)),))
+    write(data, "a.xml")
+    for words, period in ((["--full"], PERIOD), (["--stretch", "3"], 3 * PERIOD)):
+        outcome = CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", *words, "-o", "b.xml", "--overwrite"])
+        assert outcome.exit_code == 0, outcome.output
+        found = read("b.xml", "b.fld")
+        np.testing.assert_allclose(values_of(found), values_of(data), atol=1e-12)
+        (expansion,) = {own.expansion.homogeneous for own in found.fields[0].blocks}
+        assert (expansion.bases, expansion.lengths) == ((Basis.FOURIER,), (pytest.approx(period),))
+        assert expansion.z_ids == tuple(range(len(expansion.z_ids)))
+    # waves have the mean zero
+    if basis is not Basis.FOURIER:
+        assert not fourier_mean(data, "z").fields[0].blocks[0].coefficients.any()
+
+
+def test_planes_are_coefficients(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, _ = spanwise(4)
+    write(data, "a.xml")
+    # at z = 0 and at half of the period: mean + cosine, and mean - cosine
+    at = [data["u"](0.3, 0.2, z) for z in (0.0, PERIOD / 2)]
+    for words, expected in ((["--plane", "2"], (at[0] - at[1]) / 2), (["--plane", "0"], (at[0] + at[1]) / 2)):
+        CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", *words, "-o", "b.xml", "--overwrite"])
+        assert read("b.xml", "b.fld")["u"](0.3, 0.2) == pytest.approx(expected, abs=1e-12)
+    CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", "--zero-plane", "2", "-o", "c.xml"])
+    assert read("c.xml", "c.fld")["u"](0.3, 0.2, 0.0) == pytest.approx((at[0] + at[1]) / 2, abs=1e-12)
+    outcome = CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", "--plane", "7", "-o", "d.xml"])
+    assert "--plane 7: expected one of the planes 0, 1, 2, 3" in str(outcome.exception)
+    assert not (tmp_path / "d.xml").exists()
 
 
 def test_points_do_not_snap_to_walls_along_fourier_directions():

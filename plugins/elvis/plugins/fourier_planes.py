@@ -1,4 +1,4 @@
-"""Plane data out of quasi-3D ones: their mean along the Fourier direction, and their values on a plane across it."""
+"""Fourier directions of quasi-3D data: means along them, planes across them, and the same functions in other waves."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
+from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import wave_values
 
 
@@ -35,8 +36,53 @@ def fourier_mean(dataset: Dataset, axis: str) -> Dataset:
         If the data have no Fourier direction along the axis, or two.
     """
     _check(dataset, axis, f"--direction {axis}")
-    # the number of the wave's plane: 0 is the constant, whatever the basis
-    return _combined(dataset, lambda waves: (np.array(waves.z_ids) == 0).astype(np.float64))
+    return _combined(dataset, _is_constant)
+
+
+def fourier_coefficients(dataset: Dataset, number: int) -> Dataset:
+    """The coefficients of one Fourier plane as plane data: 0 the mean, 2k of cos(2 pi k z/L), 2k + 1 of -sin(…).
+
+    Raises ElvisError for data without one Fourier direction, and without this plane.
+    """
+    _check_one(dataset, f"--plane {number}")
+    known = sorted({own for waves in _waves_of(dataset) for own in waves.z_ids})
+    if number not in known:
+        raise ElvisError(f"--plane {number}: expected one of the planes {', '.join(map(str, known))}")
+    return _combined(dataset, lambda waves: (np.array(waves.z_ids) == number).astype(np.float64))
+
+
+def without_plane(dataset: Dataset, number: int) -> Dataset:
+    """All fields with the coefficients of one Fourier plane set to zero; ElvisError as `fourier_coefficients`."""
+    fourier_coefficients(dataset, number)
+    return _rewritten(dataset, lambda waves: (waves, np.diag((np.array(waves.z_ids) != number).astype(np.float64))))
+
+
+def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
+    """The same functions in all Fourier modes of ``periods`` periods, also those of single and half modes.
+
+    The session of the data is left out, as it describes another expansion.
+    ElvisError for data without one Fourier direction.
+    """
+    _check_one(dataset, "--full" if periods == 1 else f"--stretch {periods}")
+
+    def changed(waves: Homogeneous) -> tuple[Homogeneous, Floats]:
+        highest = max(waves.z_ids) // 2 if waves.bases[0] is Basis.FOURIER else 1
+        numbers = tuple(range(2 * (periods * highest + 1)))
+        target = Homogeneous((Basis.FOURIER,), (periods * waves.lengths[0],), numbers)
+
+        # factors of old functions in terms of new ones, which are whole numbers: fitted to values over all periods
+        places = periods * (np.arange(2 * len(numbers)) + 0.5) / (2 * len(numbers))
+        old = wave_values(waves, 2 * (places % 1)[:, None] - 1)
+        new = wave_values(target, 2 * places[:, None] / periods - 1)
+        return target, np.rint(np.linalg.lstsq(new, old, rcond=None)[0])
+
+    return replace(_rewritten(dataset, changed), session={})
+
+
+def _is_constant(waves: Homogeneous) -> Floats:
+    """(planes,) 1 for the plane whose function is 1, 0 for those with the mean zero."""
+    is_first = np.array(waves.z_ids) == 0
+    return np.asarray(is_first & (waves.bases[0] is Basis.FOURIER), np.float64)
 
 
 def fourier_plane(dataset: Dataset, axis: str, place: float) -> Dataset:
@@ -55,15 +101,42 @@ def fourier_plane(dataset: Dataset, axis: str, place: float) -> Dataset:
 
 def _check(dataset: Dataset, axis: str, what: str) -> None:
     """ElvisError for data without one Fourier direction along an axis."""
-    waves = [block.expansion.homogeneous for own in dataset.fields for block in own.blocks]
-    found = {len(own.lengths) for own in waves if own is not None}
     along = "xyz"[dataset.mesh.dimension] if dataset.mesh.dimension < 3 else ""
+    if _waves_of(dataset) and axis != along:
+        raise ElvisError(f"{what}: expected data with a Fourier direction along {axis}, found one along {along}")
+    _check_one(dataset, what)
+
+
+def _check_one(dataset: Dataset, what: str) -> None:
+    """ElvisError for data without one Fourier direction."""
+    found = {len(own.lengths) for own in _waves_of(dataset)}
     if not found:
         raise ElvisError(f"{what}: expected data with a Fourier direction, found none")
-    if axis != along:
-        raise ElvisError(f"{what}: expected data with a Fourier direction along {axis}, found one along {along}")
     if found != {1}:
         raise ElvisError(f"{what}: expected one Fourier direction, found {max(found)}")
+
+
+def _waves_of(dataset: Dataset) -> list[Homogeneous]:
+    """The Fourier directions of all blocks that have some."""
+    waves = (block.expansion.homogeneous for own in dataset.fields for block in own.blocks)
+    return [own for own in waves if own is not None]
+
+
+def _rewritten(dataset: Dataset, change: Callable[[Homogeneous], tuple[Homogeneous, Floats]]) -> Dataset:
+    """Fields in other waves: ``change`` gives these, and the factors (new planes, planes) of the coefficients."""
+
+    def block_of(block: Block) -> Block:
+        waves = block.expansion.homogeneous
+        if waves is None:
+            return block
+        target, factors = change(waves)
+        planes = block.coefficients.reshape(len(block), len(waves.z_ids), -1)
+        found = np.einsum("kp,npm->nkm", factors, planes).reshape(len(block), -1)
+        expansion = replace(block.expansion, homogeneous=target)
+        return Block(expansion, block.element_ids, frozen_floats(found))
+
+    fields = (replace(own, blocks=tuple(map(block_of, own.blocks))) for own in dataset.fields)
+    return replace(dataset, fields=tuple(fields), expansions=())
 
 
 def _combined(dataset: Dataset, weights: Callable[[Homogeneous], Floats]) -> Dataset:

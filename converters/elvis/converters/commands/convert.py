@@ -33,6 +33,7 @@ Examples:
   elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
   elvis convert a.xml a.fld --onto b.xml -o on_b.fld                                 L2 projection onto another mesh
   elvis convert a.xml a.fld --stream-function -o psi.fld                             for contours that are streamlines
+  elvis convert a.xml a.fld --plane 2 -o cosine.xml                                  one plane of Fourier coefficients
   elvis convert a.xml a.fld --add vorticity --continuous -o smooth.fld               without jumps, same integrals
   elvis convert a.xml a.fld --other b=b.xml,b.fld --add "du=u-b:u" --fields u -o du.fld
   elvis convert --list
@@ -151,6 +152,21 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--max-error", type=float, help="Fail without output if a relative error beyond rounding exceeds this value."
 )
 @click.option(
+    "--plane",
+    type=click.IntRange(0),
+    metavar="K",
+    help="Coefficients of one plane of a Fourier direction, as plane data: 0 the mean, 2k and 2k+1 cosine and sine of "
+    "wave k.",
+)
+@click.option("--zero-plane", type=click.IntRange(0), metavar="K", help="Set one plane of a Fourier direction to zero.")
+@click.option(
+    "--stretch",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Repeat a Fourier direction N times: the same functions in all waves of a period N times as long.",
+)
+@click.option("--full", is_flag=True, help="Write single and half Fourier modes as full Fourier expansions.")
+@click.option(
     "--stream-function",
     "stream",
     is_flag=True,
@@ -218,10 +234,12 @@ def _convert(
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json
 
+    waves = {key: options.pop(key) for key in ("plane", "zero_plane", "stretch", "full")}
     onto = options["onto"]
     more = () if onto is None else tuple(map(Path, onto.split(",")))
     _check_places(output, kind, (*files, *more), overwrite)
     dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
+    dataset = _in_other_waves(dataset, **waves)
     if stream:
         dataset, report = _with_stream_function(dataset, report)
     if continuous:
@@ -350,6 +368,19 @@ def _projected(
     names = None if fields is None else [part.strip() for part in fields.split(",")]
     found = onto_mesh(source, target, options["order"], outside, names)
     return found.dataset, report_of_transfer(found, (*files, *onto))
+
+
+def _in_other_waves(
+    dataset: Dataset, plane: int | None, zero_plane: int | None, stretch: int | None, full: bool
+) -> Dataset:
+    """The data with a changed Fourier direction, or one of its planes."""
+    from elvis.plugins.fourier_planes import fourier_coefficients, in_full_waves, without_plane
+
+    if zero_plane is not None:
+        dataset = without_plane(dataset, zero_plane)
+    if full or stretch is not None:
+        dataset = in_full_waves(dataset, stretch or 1)
+    return dataset if plane is None else fourier_coefficients(dataset, plane)
 
 
 def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
