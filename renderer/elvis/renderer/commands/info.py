@@ -14,6 +14,7 @@ from elvis.core.arguments import field_option, json_option, top_modes_option
 from elvis.core.ranks import Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.info_extrema import print_extrema
+from elvis.renderer.commands.info_quality import print_quality
 from elvis.renderer.commands.info_resolution import print_resolution, print_resolution_over_time
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
 from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source
@@ -42,6 +43,7 @@ Examples:
   elvis info wing.xml wing.fld --critical
   elvis info wing.xml wing.fld --critical --wall wing
   elvis info wing.xml wing.fld --resolution --field p
+  elvis info wing.xml wing.fld --quality
   elvis info beam.xml beam.fld --deform u,v,w --largest-scale
   elvis info wing.xml wing_*.chk
   elvis info wing.xml wing_*.chk --time 0.25
@@ -81,6 +83,11 @@ Examples:
     "and advice.",
 )
 @click.option(
+    "--quality",
+    is_flag=True,
+    help="Measure the shapes and sizes of elements, list the worst, and give the time step of CFL number 1.",
+)
+@click.option(
     "--largest-scale", is_flag=True, help="With --deform: find the smallest scale at which an element folds, certified."
 )
 @click.option("--wall", metavar="NAME", help="With --critical: zeros of the wall shear on this boundary.")
@@ -99,6 +106,7 @@ def info(
     without_top_modes: bool,
     critical: bool,
     resolution: bool,
+    quality: bool,
     largest_scale: bool,
     wall: str | None,
 ) -> None:
@@ -115,7 +123,7 @@ def info(
     """
     many = None if everything else _MANY
     _check_options(
-        strict + jacobian + predefined + extremes + critical + resolution + largest_scale,
+        strict + jacobian + predefined + extremes + critical + resolution + quality + largest_scale,
         wall is None or critical,
         extremes or not without_top_modes,
     )
@@ -133,7 +141,7 @@ def info(
         if not is_idle(ranks):
             print_resolution_over_time(data, quantities, as_json)
         return
-    comes_apart = partial(_is_in_parts, quantities, resolution)
+    comes_apart = partial(_is_in_parts, quantities, resolution or quality)
     if critical:
         comes_apart = partial(_have_all_sides, quantities, wall, ranks)
     source = _opened(data, series, comes_apart, ranks)
@@ -144,6 +152,7 @@ def info(
         (extremes, "--extrema", partial(print_extrema, quantities, as_json, without_top_modes)),
         (critical, "--critical", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
         (resolution, "--resolution", partial(print_resolution, names=quantities, as_json=as_json)),
+        (quality, "--quality", partial(print_quality, as_json=as_json)),
     )
     if _is_done(source, tasks):
         return
@@ -183,7 +192,9 @@ def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSo
 def _check_options(count: int, is_wall_used: bool, are_modes_used: bool) -> None:
     """Raise UsageError for several questions at once, a wall without critical points, and modes without extrema."""
     if count > 1:
-        tasks_text = "--strict, --jacobian, --quantities, --extrema, --critical, --resolution or --largest-scale"
+        tasks_text = (
+            "--strict, --jacobian, --quantities, --extrema, --critical, --resolution, --quality or --largest-scale"
+        )
         raise click.UsageError(f"expected {tasks_text}, found several")
     if not is_wall_used:
         raise click.UsageError("--wall: expected with --critical")
@@ -201,9 +212,9 @@ def _opened(data: Data, series: Series | None, comes_apart: Callable[[Dataset], 
     return data.source() if found is None else found
 
 
-def _is_in_parts(quantities: Sequence[str], resolution: bool, dataset: Dataset) -> bool:
-    """Whether facts are put together from parts; the resolution takes elements and all of their neighbours."""
-    return not resolution and _are_borrowed(quantities, dataset)
+def _is_in_parts(quantities: Sequence[str], is_whole: bool, dataset: Dataset) -> bool:
+    """Whether facts are put together from parts, unless they take all elements together."""
+    return not is_whole and _are_borrowed(quantities, dataset)
 
 
 def _are_borrowed(quantities: Sequence[str], dataset: Dataset) -> bool:
